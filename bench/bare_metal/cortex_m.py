@@ -84,6 +84,8 @@ COUNTED = re.compile(
     r"interrupt to actuators (\d+) at most\n\d+ instants, (\d+) late\nstack (\d+) bytes used$",
     re.MULTILINE,
 )
+UNTIL = re.compile(r"^UNTIL_NS \?= (\d+)$", re.MULTILINE)
+LOOPED_NS = 60 * 10**9
 RUNS = 10
 SLOWEST = 5
 
@@ -113,11 +115,13 @@ def loop_image(package: Package) -> Path:
 def looped(package: Package) -> LoopCounts | None:
     """Ten equal runs of the loop; None where instants are late however fast the emulated core is.
 
-    An instruction takes two to `shift` ns: the more, the finer SysTick counts them.
+    They end when the package's run does, or after LOOPED_NS, as every tick of a loop is emulated. An instruction takes two to `shift` ns: the more, the finer SysTick counts them.
     """
     for shift in range(SLOWEST, -1, -1):
         loop_image(package).unlink(missing_ok=True)
-        words = (f"LOOP=-DSOTER_COUNTED={2**shift}", f"ICOUNT={shift}")
+        until = min(LOOPED_NS, int(UNTIL.findall((package.folder / "Makefile").read_text())[0]))
+        loop = f"LOOP=-DSOTER_COUNTED={2**shift} -DAPP_TRACED_NS=INT64_C({until})"
+        words = (loop, f"ICOUNT={shift}")
         told = COUNTED.search(made(package, "run-loop", *words))
         assert told is not None
         if int(told[4]) == 0:

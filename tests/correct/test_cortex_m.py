@@ -15,13 +15,16 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import pytest
+from bench.bare_metal import cortex_m as figures
 
 import processes
+import soter
 from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
 from long_tests import examples
 from soter.core.steps import lower
+from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram
 from soter.targets.cortex_m.board import SOFT, board_of, read_board
 from soter.targets.cortex_m.cortex_m_package import Replay, cortex_m_package
@@ -38,6 +41,7 @@ if TYPE_CHECKING:
 BOARDS = ("mps2-an386", "mps2-an500")
 """A Cortex-M4, whose doubles are a library's, and a Cortex-M7."""
 INSTANTS = 1000
+VEHICLE = ROOT / "examples" / "wall" / "cart_firmware.soter"
 EXAMPLES = {  # of the surveillance the system that answers its own planner
     "cart": "examples/wall/cart.soter",
     "mountain car": "examples/mountain_car/cliff.soter",
@@ -101,6 +105,104 @@ def test_an_example_has_the_trace_of_the_host(name: str, board: Board, tmp_path:
     assert image.instant_most is not None
     assert image.instant_mean is not None
     assert 0 < image.instant_mean <= image.instant_most
+
+
+@pytest.mark.parametrize("name", [name for name in EXAMPLES if name != "surveillance"])
+def test_a_core_without_mpu_has_the_trace_of_the_host(name: str, tmp_path: Path) -> None:
+    """A Cortex-M0, whose doubles of libgcc pass the test; the surveillance needs more stack."""
+    assert image_of(example(EXAMPLES[name]), wanted("microbit"), tmp_path).same_as_host
+
+
+def test_topics_from_outside_have_the_values_that_the_host_recorded(
+    board: Board, tmp_path: Path
+) -> None:
+    package = soter.load(VEHICLE).build("cortex-m", tmp_path / "out", board=board.name)
+    assert build_image(package, board).same_as_host
+    recording = package.folder / "recording.txt"
+    lines = recording.read_text().splitlines(keepends=True)
+    assert len(lines) > INSTANTS
+    time, _, value = lines[100].partition(" ")
+    others = {
+        "a nanosecond later": [*lines[:100], f"{int(time) + 1} {value}", *lines[101:]],
+        "cut off within a value": [*lines[:100], lines[100][:-5]],
+        "without its beginning": lines[100:],
+        "spoilt": ["no value", *lines],
+    }
+    for what, other in others.items():
+        recording.write_text("".join(other))
+        done = make(package.folder, "run")
+        assert "another trace than on the host" in done.stdout, what
+    recording.unlink()
+    assert "another trace than on the host" in make(package.folder, "run").stdout
+
+
+def test_an_image_that_does_not_end_is_stopped(tmp_path: Path) -> None:
+    """As a loop does not that nobody traces."""
+    package = package_of(example(EXAMPLES["cart"]), wanted("mps2-an500"), tmp_path)
+    done = make(package.folder, "run-loop", "LIMIT_S=1")
+    assert "it has not ended within 1 s: stopped" in done.stdout
+    assert "Error 124" in done.stderr
+
+
+def test_a_run_that_does_not_end_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = wanted("mps2-an500")
+    text = board.text.replace(
+        "void soter_board_start(void) {}",
+        "void soter_board_start(void) {\n  for (volatile int i = 0; i == 0;) {\n  }\n}",
+    )
+    assert text != board.text
+    hung = board_of("hung", text)
+    package = package_of(example(EXAMPLES["cart"]), hung, tmp_path)
+    monkeypatch.setenv("LIMIT_S", "1")
+    with pytest.raises(SoterError) as caught:
+        build_image(package, hung)
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X016"
+    assert "does not end" in diagnostic.message
+
+
+def test_instants_are_counted_from_the_interrupt_to_the_commands(
+    board: Board, tmp_path: Path
+) -> None:
+    package = package_of(example(EXAMPLES["cart"]), board, tmp_path)
+    image = build_image(package, board)
+    said = {
+        make(package.folder, "-s", "run-loop", "LOOP=-DSOTER_COUNTED=32", "ICOUNT=5").stdout
+        for _ in range(3)
+    }
+    assert len(said) == 1
+    told = figures.COUNTED.search(said.pop())
+    assert told is not None
+    most, mean, tick, late, stack = (int(x) for x in told.groups())
+    assert late == 0
+    assert image.instant_most is not None
+    assert image.instant_most < most < 2 * image.instant_most, "the kernel's driver comes on top"
+    assert 0 < tick < mean <= most
+    assert 0 < stack <= board.stack_bytes
+
+
+def test_the_dm_and_the_gate_of_the_cart_are_short() -> None:
+    """On a core that computes doubles; docs/benchmarks.md has the figures of the others."""
+    wanted("mps2-an500")
+    *_, together = figures.gated("mps2-an500")
+    assert 0 < int(together.replace(",", "")) <= 2000
+
+
+@pytest.mark.parametrize(("name", "most"), [("mps2-an500", 10 * 1024), ("mps2-an386", 12 * 1024)])
+def test_the_trusted_cart_is_small_beside_the_test_of_the_arithmetic(
+    name: str, most: int, tmp_path: Path
+) -> None:
+    board = wanted(name)
+    package = soter.load(VEHICLE).build("cortex-m", tmp_path / "out", board=name)
+    make(package.folder, "cart_firmware_loop.elf")
+    flash, ram = figures.sizes(figures.loop_image(package))
+    bare, doubles = figures.without_test(package, tmp_path / "bare")
+    assert (doubles > 0) == (board.core in SOFT)
+    assert bare < flash
+    assert bare <= most, "doubles are counted here"
+    assert ram - board.stack_bytes <= 1024
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

@@ -306,7 +306,8 @@ TRACE ?= {replay.sha256 or "?"}
 RECORDING ?= {RECORDING if replay.recording else ""}
 # longer than that no image runs here
 LIMIT_S ?= {LIMIT_S}
-QEMU = timeout $(LIMIT_S) qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
+LIMIT = $(shell command -v timeout >/dev/null && echo timeout $(LIMIT_S))
+QEMU = $(LIMIT) qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
   -display none -serial none -monitor none -chardev file,id=words,path=run.txt
 # an instruction takes two to this ns: SysTick counts them
 ICOUNT := {ICOUNT}

@@ -105,7 +105,9 @@ class _Tables:
 #include "soter_loop.h"
 {lease}
 #define APP_TICK_NS INT64_C({tick.ns})
+#ifndef APP_TRACED_NS
 #define APP_TRACED_NS INT64_C({until_ns}) /* a run that is compared with another one ends here */
+#endif
 #define APP_COMPONENTS {max(1, len(self.system.components))}
 #define APP_EXTERNS {len(self.nodes)}
 #define APP_LEASES {len(self.modules)}
