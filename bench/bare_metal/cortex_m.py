@@ -115,12 +115,13 @@ def loop_image(package: Package) -> Path:
 def looped(package: Package) -> LoopCounts | None:
     """Ten equal runs of the loop; None where instants are late however fast the emulated core is.
 
-    They end when the package's run does, or after LOOPED_NS, as every tick of a loop is emulated. An instruction takes two to `shift` ns: the more, the finer SysTick counts them.
+    They end when the package's run does, or after LOOPED_NS, as every tick is emulated. An
+    instruction takes two to `shift` ns: the more, the finer SysTick counts them.
     """
     for shift in range(SLOWEST, -1, -1):
         loop_image(package).unlink(missing_ok=True)
         until = min(LOOPED_NS, int(UNTIL.findall((package.folder / "Makefile").read_text())[0]))
-        loop = f"LOOP=-DSOTER_COUNTED={2**shift} -DAPP_TRACED_NS=INT64_C({until})"
+        loop = f"LOOP=-DSOTER_COUNTED={2**shift} -DAPP_TRACED_NS={until}LL"
         words = (loop, f"ICOUNT={shift}")
         told = COUNTED.search(made(package, "run-loop", *words))
         assert told is not None
