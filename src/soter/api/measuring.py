@@ -110,7 +110,8 @@ def measure_on_board(
         place = read_board(board)
         image = build_image(package, place)
     if not image.steps:
-        raise mistake("X004", f"no steps were counted on `{place.name}`: {image.why}")
+        help_ = 'docs/bare-metal.md, "What you need"'
+        raise mistake("X004", f"no steps were counted on `{place.name}`: {image.why}", help_)
     flat = program.flat(system, params)
     counts = {s.name: s for s in image.steps}
     steps = []
