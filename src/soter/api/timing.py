@@ -130,7 +130,7 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
 
 
 def timing_reports(
-    systems: list[System], assumed: Mapping[str, str]
+    systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
     """Of every system whose thread declares execution times, and what does not hold of them.
 
@@ -146,7 +146,8 @@ def timing_reports(
             continue
         report_miss(timing, diagnostics)
         switches = _switches(system, diagnostics)
-        reports.append(replace(_report(timing, switches), assumed=assumed.get(system.name, "")))
+        rests_on = (assumed or {}).get(system.name, "")
+        reports.append(replace(_report(timing, switches), assumed=rests_on))
     return tuple(reports), diagnostics.items
 
 
