@@ -136,6 +136,21 @@ def test_topics_from_outside_have_the_values_that_the_host_recorded(
     assert "another trace than on the host" in make(package.folder, "run").stdout
 
 
+@pytest.mark.parametrize(
+    ("file", "system"), [("mavlink/geofence", "Companion"), ("ros/ground_robot", "Vehicle")]
+)
+def test_records_from_outside_and_in_leases_have_images(
+    file: str, system: str, tmp_path: Path
+) -> None:
+    board = wanted("mps2-an500")
+    vehicle = soter.load(ROOT / "examples" / f"{file}.soter")
+    package = vehicle.build("cortex-m", tmp_path / "out", system, board=board.name)
+    assert build_image(package, board).same_as_host
+    made = make(package.folder, figures.loop_image(package).name, "CFLAGS=-Os -Werror")
+    assert made.returncode == 0, made.stderr
+    assert b"lease" in (package.folder / "soter_loop_app.c").read_bytes()
+
+
 def test_an_image_that_does_not_end_is_stopped(tmp_path: Path) -> None:
     """As a loop does not that nobody traces."""
     package = package_of(example(EXAMPLES["cart"]), wanted("mps2-an500"), tmp_path)
@@ -175,8 +190,8 @@ def test_instants_are_counted_from_the_interrupt_to_the_commands(
     assert len(said) == 1
     told = figures.COUNTED.search(said.pop())
     assert told is not None
-    most, mean, tick, late, stack = (int(x) for x in told.groups())
-    assert late == 0
+    most, mean, tick, longer, stack = (int(x) for x in told.groups())
+    assert longer == 0
     assert image.instant_most is not None
     assert image.instant_most < most < 2 * image.instant_most, "the kernel's driver comes on top"
     assert 0 < tick < mean <= most

@@ -59,8 +59,9 @@ static uint32_t instants;
 #if defined(SOTER_COUNTED) /* ns that an instruction takes, in an emulator */
 static struct {
   uint64_t instants, total, most; /* ns from an interrupt to the commands of its instant */
-  uint64_t late;                  /* instants that began after their tick */
+  uint64_t long_ones;             /* instants that were still going on at the next tick */
   uint64_t tick;                  /* ns from an interrupt until actuators have obeyed, at most */
+  int64_t due;                    /* the tick whose interrupt made the instant due */
 } counted;
 #endif
 
@@ -120,11 +121,12 @@ void soter_check_failed(const char* file, int line, const char* what) {
 }
 
 #if defined(SOTER_COUNTED)
-static void count_instant(int64_t ct) {
-  const uint64_t took = (uint64_t)(clock_ns() - ct);
+static void count_instant(void) {
+  const uint64_t took = (uint64_t)(clock_ns() - counted.due);
   counted.instants++;
   counted.total += took;
   counted.most = took > counted.most ? took : counted.most;
+  counted.long_ones += took >= (uint64_t)APP_TICK_NS ? 1U : 0U;
 }
 
 static void count_tick(int64_t now) {
@@ -146,6 +148,9 @@ void SysTick_Handler(void) {
   unfinished = unfinished > 0U ? unfinished + 1U : 0U;
   if (unfinished == 0U && next_ns <= now) {
     unfinished = 1U;
+#if defined(SOTER_COUNTED)
+    counted.due = now;
+#endif
     SCB_ICSR = PEND_INSTANT;
   }
   if (unfinished < APP_PATIENCE) {
@@ -345,7 +350,7 @@ static void finish(void) {
   soter_say_number("", counted.total / counted.instants / SOTER_COUNTED, " on average\n");
   soter_say_number("interrupt to actuators ", counted.tick / SOTER_COUNTED, " at most\n");
   soter_say_number("", counted.instants, " instants, ");
-  soter_say_number("", counted.late, " late\n");
+  soter_say_number("", counted.long_ones, " longer than a tick\n");
   soter_say_number("stack ", soter_stack_used(), " bytes used\n");
 #endif
 #if defined(SOTER_TRACED)
@@ -372,9 +377,6 @@ static void finish(void) {
 /* What is due at next_ns; gives what PendSV returns to. */
 __attribute__((used)) static uint32_t instant(uint32_t from) {
   const int64_t ct = next_ns;
-#if defined(SOTER_COUNTED)
-  counted.late += tick_time() > ct ? 1U : 0U;
-#endif
   collect(ct);
   end_instant();
 #if defined(SOTER_TRACED) || defined(SOTER_COUNTED)
@@ -394,7 +396,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
     give_lease(i, out);
   }
 #if defined(SOTER_COUNTED)
-  count_instant(ct);
+  count_instant();
 #endif
   ask(ct);
   next_ns = soter_next_instant(APP_PROGRAM, &state);
