@@ -23,6 +23,7 @@ from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
 from long_tests import examples
+from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 BOARDS = ("mps2-an386", "mps2-an500")
 """A Cortex-M4, whose doubles are a library's, and a Cortex-M7."""
 INSTANTS = 1000
+UNTIL_NS = 2_000_000_000
 VEHICLE = ROOT / "examples" / "wall" / "cart_firmware.soter"
 EXAMPLES = {  # of the surveillance the system that answers its own planner
     "cart": "examples/wall/cart.soter",
@@ -149,6 +151,23 @@ def test_records_from_outside_and_in_leases_have_images(
     made = make(package.folder, figures.loop_image(package).name, "CFLAGS=-Os -Werror")
     assert made.returncode == 0, made.stderr
     assert b"lease" in (package.folder / "soter_loop_app.c").read_bytes()
+
+
+def test_another_recording_has_the_trace_of_the_host_too(board: Board, tmp_path: Path) -> None:
+    """Its values were measured between instants, some twice before one, and not all are taken."""
+    vehicle = soter.load(VEHICLE)
+    package = vehicle.build("cortex-m", tmp_path / "out", board=board.name)
+    system = vehicle.flat()
+    own = recorded_inputs(system, UNTIL_NS, 1)
+    chance = random.Random(7)  # noqa: S311 - the same every time
+    moved = sorted((time + chance.randrange(9_000_000), *rest) for time, *rest in own)
+    nan = struct.pack("<dd", float("nan"), 0.0)
+    moved[50::100] = [(time, topic, nan) for time, topic, _ in moved[50::100]]
+    (package.folder / "recording.txt").write_text(recording_text(moved))
+    here = replayed_sha256(NativeProgram(system), moved, UNTIL_NS, 1)
+    assert here != replayed_sha256(NativeProgram(system), own, UNTIL_NS, 1)
+    done = make(package.folder, "run", f"TRACE={here}", f"UNTIL_NS={UNTIL_NS}")
+    assert "the same trace as on the host" in done.stdout
 
 
 def test_an_image_that_does_not_end_is_stopped(tmp_path: Path) -> None:
