@@ -111,9 +111,8 @@ def check_report(
     from soter.simulate.externs.binding_warnings import warnings_of  # noqa: PLC0415 - see `soter.api`
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
-    if times is not None:
-        with_times(flat, times, program.sha256)
-    timings, untimely = timing_reports(list(flat.values()))
+    assumed = {} if times is None else with_times(flat, times, program.sha256)
+    timings, untimely = timing_reports(list(flat.values()), assumed)
     return CheckReport(
         path, program.sha256, systems, warnings, step_reports(program), timings, untimely
     )

@@ -15,6 +15,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
+from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
@@ -142,13 +143,18 @@ def _replay(bindings: Bindings) -> Replay:
     """The run that an image repeats, here; without its trace where somebody has to answer."""
     system = bindings.system
     until, seed = replayed_until(system), 1
-    if system.externals or any(
-        x.extern and not (x.binding or "").startswith("c:") for x in system.components
-    ):
+    if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):
+        return Replay(until, seed)
+    recording = recorded_inputs(system, until, seed)
+    if system.externals and not recording:
         return Replay(until, seed)
     from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
 
-    run = NativeProgram(system, core=bindings.core).run(until, seed, hash_trace=True)
+    native = NativeProgram(system, core=bindings.core)
+    if recording:
+        trace = replayed_sha256(native, recording, until, seed)
+        return Replay(until, seed, trace, recording_text(recording))
+    run = native.run(until, seed, hash_trace=True)
     return Replay(until, seed, run.trace_sha256 or "")
 
 

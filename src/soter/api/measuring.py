@@ -9,12 +9,15 @@ from __future__ import annotations
 import json
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import mistake
-from soter.measure.stopwatch import StepTimes, TimedUnit, timed
+import numpy as np
+
+from soter.api.arguments import mistake, time_ns
+from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, timed, timed_components
 from soter.simulate.externs.bindings import bind
 
 if TYPE_CHECKING:
@@ -29,17 +32,26 @@ NO_BOUND = (
     "a measurement is no bound: it has seen the states, the caches and the interrupts that it "
     "has seen, on this machine"
 )
+COUNTS = (
+    "counts of instructions are no times, and the dearest step may not have been counted: what is "
+    "proved with these times rests on the factor"
+)
+INSTRUCTION_MAX_NS = 10**6
 
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of the steps of one system; `margin`: what the longest was multiplied with."""
+    """The times of the steps of one system; `margin`: what the longest was multiplied with.
+
+    `assumed`: how counts of instructions became times; "" where times were measured.
+    """
 
     system: str
     program_sha256: str
     machine: str
     margin: float
     steps: tuple[StepTimes, ...]
+    assumed: str = ""
 
 
 def measure(
@@ -59,8 +71,7 @@ def measure(
     many steps of each.
     `SoterError` as `Program.simulate`, U001 where the margin is below 1.
     """
-    if not margin >= 1.0 or not margin <= 1e6:
-        raise mistake("U001", f"a margin of {margin:g} is none", "say a number from 1 on")
+    _require_margin(margin)
     run = program.simulate(system, until, seed, params=params, sha256=False, apart=True)
     assert run.trace is not None
     size = run.layout.size
@@ -70,6 +81,55 @@ def measure(
     sha256 = program.sha256
     assert sha256 is not None
     return Measured(run.system.name, sha256, machine(), margin, steps)
+
+
+def measure_on_board(
+    program: Program,
+    board: str,
+    instruction: float | str,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    *,
+    margin: float = MARGIN,
+) -> Measured:
+    """Instructions of single steps on a board that QEMU emulates, times a stated factor.
+
+    `instruction`: how long one takes there at most, as whoever asks says (`"20ns"`).
+    `SoterError` as `Program.build` and `build_image`, U001 where a factor is none, X004 where no
+    image can be made or run here.
+    """
+    from soter.targets.cortex_m.board import read_board  # noqa: PLC0415 - of this function alone
+    from soter.targets.cortex_m.image import build_image  # noqa: PLC0415 - the same
+
+    _require_margin(margin)
+    instruction_ns = time_ns("instruction", instruction)
+    if instruction_ns is None or not 0 < instruction_ns <= INSTRUCTION_MAX_NS:
+        raise mistake("U001", f"no instruction takes `{instruction}`", "say a time: 20ns")
+    with TemporaryDirectory() as folder:
+        package = program.build("cortex-m", Path(folder) / "out", system, params, board=board)
+        place = read_board(board)
+        image = build_image(package, place)
+    if not image.steps:
+        help_ = 'docs/bare-metal.md, "What you need"'
+        raise mistake("X004", f"no steps were counted on `{place.name}`: {image.why}", help_)
+    flat = program.flat(system, params)
+    counts = {s.name: s for s in image.steps}
+    steps = []
+    for c in timed_components(flat):
+        counted = counts[c.name]
+        told = step_times(flat, c, np.array([counted.most * instruction_ns]), margin=margin)
+        steps.append(replace(told, samples=counted.number, percentiles=()))
+    assumed = (
+        f"an instruction takes {instruction_ns} ns at most on {place.name}: stated, not measured"
+    )
+    sha256 = program.sha256
+    assert sha256 is not None
+    return Measured(flat.name, sha256, f"{place.name} in QEMU", margin, tuple(steps), assumed)
+
+
+def _require_margin(margin: float) -> None:
+    if not 1.0 <= margin <= 1e6:
+        raise mistake("U001", f"a margin of {margin:g} is none", "say a number from 1 on")
 
 
 def machine() -> str:
@@ -85,7 +145,8 @@ def document(measurement: Measured) -> dict[str, Any]:
         "program_sha256": measurement.program_sha256,
         "machine": measurement.machine,
         "margin": measurement.margin,
-        "note": NO_BOUND,
+        "note": COUNTS if measurement.assumed else NO_BOUND,
+        "assumed": measurement.assumed,
         "steps": [
             {
                 "name": s.name,

@@ -7,7 +7,7 @@ Non-goals: the analysis (`soter.timing`, `soter.verify.time`), printing (`cli/`)
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,7 +60,8 @@ class TimingReport:
 
     `verdict`: `fits`, `misses` or `undecided`; `busy_ns` of every `hyperperiod_ns` at most;
     `exact`: whether the figures are reached; `schedule`: the steps before a miss; `elsewhere`: who
-    runs in a process of its own; `missing`: who has no `wcet`.
+    runs in a process of its own; `missing`: who has no `wcet`; `assumed`: how counts of
+    instructions became times, where they did.
     """
 
     system: str
@@ -73,10 +74,11 @@ class TimingReport:
     missing: tuple[str, ...]
     schedule: tuple[str, ...]
     switches: tuple[SwitchReport, ...]
+    assumed: str = ""
 
 
-def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
-    """The program (its hash) and the system of a file of times, and `wcet_ns` by component.
+def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
+    """The program (its hash) and the system of a file of times, `wcet_ns` by component, `assumed`.
 
     `SoterError` U011 where it is no such file; OSError where it cannot be read.
     """
@@ -88,6 +90,7 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
             for n, ns in wcet_by_component.items()
         )
         program, system = str(given["program_sha256"]), str(given["system"])
+        assumed = str(given.get("assumed", ""))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
@@ -97,16 +100,17 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
             notes=("`soter measure` writes one",),
         )
         raise SoterError((problem,))
-    return program, system, wcet_by_component
+    return program, system, wcet_by_component, assumed
 
 
-def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> None:
+def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
     """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`.
 
-    Also where these are the times of something else: of another program than that of this hash, of
-    a system or of components that it does not have.
+    Gives what these times assume, by the name of their system. U011 also where they are those of
+    something else: of another program than that of this hash, of a system or of components that it
+    does not have.
     """
-    program, name, times = times_in(path)
+    program, name, times, assumed = times_in(path)
     components = systems[name].components if name in systems else ()
     unknown = [n for n in times if n not in {c.name for c in components}]
     note = ""
@@ -122,12 +126,16 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
         raise SoterError((Diagnostic("U011", what, notes=(note,), helps=helps),))
     for c in components:
         c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
+    return {name: assumed}
 
 
 def timing_reports(
-    systems: list[System],
+    systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
-    """Of every system whose thread declares execution times, and what does not hold of them."""
+    """Of every system whose thread declares execution times, and what does not hold of them.
+
+    `assumed`: what the times of a system assume, by its name.
+    """
     from soter.timing.trusted_thread import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
 
     reports: list[TimingReport] = []
@@ -138,7 +146,8 @@ def timing_reports(
             continue
         report_miss(timing, diagnostics)
         switches = _switches(system, diagnostics)
-        reports.append(_report(timing, switches))
+        rests_on = (assumed or {}).get(system.name, "")
+        reports.append(replace(_report(timing, switches), assumed=rests_on))
     return tuple(reports), diagnostics.items
 
 

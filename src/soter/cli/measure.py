@@ -10,7 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import FINE, CommandOutcome, exit_of
+from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError, exit_of
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
 from soter.cli.terminal.progress import ProgressBar
@@ -26,6 +26,8 @@ EXAMPLES = """\
   soter measure cart.soter --system Protected --until 20s --samples 100000
   soter measure cart.soter --margin 3      wcet: three times the longest that was seen
   soter check cart.soter --times .soter/cart-times.json
+  soter measure cart.soter --board mps2-an500 --instruction 20ns
+                                           instructions in QEMU, times a factor that you state
 
 The compiled steps of the trusted thread (decision modules, safe controllers, other nodes that
 are Soter code) are timed one by one, from states of a run and from states with random reads,
@@ -62,6 +64,10 @@ def parser() -> CommandParser:
         default=MARGIN,
         help=f"what the longest is multiplied with ({MARGIN:g})",
     )
+    made.add_argument("--board", metavar="B", help="count instructions there (docs/bare-metal.md)")
+    made.add_argument(
+        "--instruction", metavar="TIME", help="how long one takes there at most: 20ns"
+    )
     add_settings(made)
     made.add_argument("-o", dest="output", metavar="FILE", help="the file (.soter/...-times.json)")
     return made
@@ -76,36 +82,50 @@ def _factor(text: str) -> float:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Measure."""
-    from soter.api.measuring import document, measure, written  # noqa: PLC0415 - needs NumPy
+    """Measure; UsageError for one of `--board` and `--instruction` alone."""
+    from soter.api.measuring import document, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
 
+    if (args.board is None) != (args.instruction is None):
+        message = "`--board` counts instructions, and `--instruction` makes times of them: say both"
+        raise UsageError(message, parser().format_usage())
     program = loaded(args, console)
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
     try:
         with ProgressBar(console) as progress:
-            measurement = measure(
-                program,
-                args.system,
-                dict(args.params),
-                until=args.until,
-                samples=args.samples,
-                margin=args.margin,
-                seed=args.seed,
-                progress=progress,
-            )
+            if args.board is not None:
+                measurement = measure_on_board(
+                    program,
+                    args.board,
+                    args.instruction,
+                    args.system,
+                    dict(args.params),
+                    margin=args.margin,
+                )
+            else:
+                measurement = measure(
+                    program,
+                    args.system,
+                    dict(args.params),
+                    until=args.until,
+                    samples=args.samples,
+                    margin=args.margin,
+                    seed=args.seed,
+                    progress=progress,
+                )
     except SoterError as error:
         return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     written(measurement, path)
     _say(measurement, path, console)
     told = document(measurement)
-    fields = {k: told[k] for k in ("system", "program_sha256", "machine", "margin", "steps")}
+    keys = ("system", "program_sha256", "machine", "margin", "assumed", "steps")
+    fields = {k: told[k] for k in keys}
     return CommandOutcome(
         FINE, program.diagnostics, {"file": args.file, "times": str(path), **fields}
     )
 
 
 def _say(measurement: Measured, path: Path, console: Console) -> None:
-    from soter.api.measuring import NO_BOUND  # noqa: PLC0415 - as above
+    from soter.api.measuring import COUNTS, NO_BOUND  # noqa: PLC0415 - as above
 
     if not measurement.steps:
         console.say(f"nothing of `{measurement.system}` runs in the trusted thread as Soter code")
@@ -123,4 +143,6 @@ def _say(measurement: Measured, path: Path, console: Console) -> None:
         console.say(f"  {s.line:<14} // {where}: {measurement.margin:g} x the longest{faulted}")
     console.say()
     console.say(f"times   {path}")
-    console.say(f"{NO_BOUND} ({measurement.machine})")
+    if measurement.assumed:
+        console.say(f"assumed: {measurement.assumed}")
+    console.say(f"{COUNTS if measurement.assumed else NO_BOUND} ({measurement.machine})")

@@ -79,8 +79,8 @@ def timed(
     them, and both again with caches swept.
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
-    mine = [c for c in made.system.components if in_thread(c) and not c.extern]
-    step_times = []
+    mine = timed_components(made.system)
+    told = []
     for k, c in enumerate(mine):
         quarter = max(1, samples // 4)
         seen = of_run(trace, quarter)
@@ -92,25 +92,32 @@ def timed(
                 times, wrong = made.times(c, states, swept=swept)
                 took.append(times)
                 faulted += wrong
-        step_times.append(_told(made, c, np.concatenate(took), faulted, margin))
+        told.append(step_times(made.system, c, np.concatenate(took), faulted, margin=margin))
         if progress is not None:
             progress((k + 1) / len(mine))
-    return tuple(step_times)
+    return tuple(told)
 
 
-def _told(
-    made: TimedUnit,
+def timed_components(system: System) -> list[Component]:
+    """Those of the trusted thread that are Soter code."""
+    return [c for c in system.components if in_thread(c) and not c.extern]
+
+
+def step_times(
+    system: System,
     c: Component,
     took: npt.NDArray[np.int64],
-    faulted: int,
+    faulted: int = 0,
+    *,
     margin: float,
 ) -> StepTimes:
+    """What the times of a component, (samples,) in ns, come to; `faulted` of its steps did."""
     longest = int(took.max())
     if c.node is not None:
         declared = c.node.name
     else:
         assert c.module is not None
-        declared = made.system.modules[c.module].symbol.name
+        declared = system.modules[c.module].symbol.name
     return StepTimes(
         name=c.name,
         declared=declared,

@@ -75,6 +75,13 @@ class Library:
         """Time of the next instant in ns; `state` (state_size,)."""
         return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
 
+    def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
+        """A value from outside, measured at `time_ns`; 0, or the fault for which it is refused."""
+        given = self.ffi.cast("void *", self.ffi.from_buffer(value))
+        return int(
+            self.lib.soter_publish(self._program, self._pointer(state), topic, given, time_ns)
+        )
+
     def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
         """Give the answer for the extern step that is due; `state` (state_size,)."""
         data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)

@@ -6,6 +6,7 @@
  * what that may be on a board. Non-goals: assert: it would link printf; telling of faults of steps.
  *
  * -DSOTER_UNCHECKED leaves all checks out; NDEBUG does not: what flies is what was tested.
+ * -DSOTER_UNNAMED_CHECKS leaves out which one failed, for a driver that tells nobody.
  */
 #ifndef SOTER_CHECK_H
 #define SOTER_CHECK_H
@@ -25,8 +26,10 @@ void soter_check_failed(const char* file, int line, const char* what);
 }
 #endif
 
-#ifdef SOTER_UNCHECKED
+#if defined(SOTER_UNCHECKED)
 #define SOTER_CHECK(condition) ((void)0)
+#elif defined(SOTER_UNNAMED_CHECKS)
+#define SOTER_CHECK(condition) ((condition) ? (void)0 : soter_check_failed("", 0, ""))
 #else
 #define SOTER_CHECK(condition) \
   ((condition) ? (void)0 : soter_check_failed(__FILE__, __LINE__, #condition))

@@ -155,3 +155,9 @@ def test_measured_times_are_printed_written_and_taken_by_check(soter: Soter) -> 
 def test_a_margin_below_one_is_a_usage_error(soter: Soter) -> None:
     assert soter("measure", "timed.soter", "--margin", "0.5").exit == 2
     assert soter("measure", "timed.soter", "--margin", "much").exit == 2
+
+
+def test_counts_are_no_times_without_a_factor(soter: Soter) -> None:
+    for alone in (("--board", "mps2-an500"), ("--instruction", "20ns")):
+        done = soter("measure", "timed.soter", *alone, "--json")
+        assert (done.exit, done.codes) == (2, ["U003"])

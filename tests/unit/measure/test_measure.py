@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import json
 import random
-from typing import TYPE_CHECKING
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import soter
-from soter.api.measuring import document, measure, written
+from soter.api.measuring import document, measure, measure_on_board, written
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.sample_states import of_run, varied
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from soter.targets.cortex_m.board import read_board
+from soter.targets.cortex_m.image import build_image, missing_tools
 
 TEXT = """soter 1;
 type Seen = { flag: bool, at: float, many: float[<=3], few: int in [2, 5] };
@@ -162,3 +162,42 @@ def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
     path.write_text("no JSON" if change == "text" else json.dumps(wrong[change]))
     with pytest.raises(SoterError, match="U011"):
         timed_program.check(times=path)
+
+
+CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+
+
+def test_counts_of_a_board_are_times_only_by_a_stated_factor(tmp_path: Path) -> None:
+    if missing_tools(read_board("mps2-an500")) or shutil.which("qemu-system-arm") is None:
+        pytest.skip("there is no cross compiler, or no emulator")
+    cart = soter.load(CART)
+    built = cart.build("cortex-m", tmp_path / "out", "Protected", board="mps2-an500")
+    counts = {s.name: s.most for s in build_image(built, read_board("mps2-an500")).steps}
+    many = measure_on_board(cart, "mps2-an500", "20us", "Protected", margin=3.0)
+    assert [s.name for s in many.steps] == ["SafeCart.dm", "SafeCart.Careful", "SafeCart.Fast"]
+    for timed in many.steps:
+        assert timed.longest_ns == 20_000 * counts[timed.name] > 0
+        assert timed.wcet_ns == 3 * timed.longest_ns
+        assert timed.samples > 0
+        assert timed.percentiles == ()
+    path = written(many, tmp_path / "times.json")
+    (timing,) = [t for t in soter.load(CART).check(times=path).timings if t.system == "Protected"]
+    assert timing.assumed == many.assumed
+    assert "an instruction takes 20000 ns at most on mps2_an500: stated" in timing.assumed
+    assert {r.name: r.wcet_ns for r in timing.rows} == {s.name: s.wcet_ns for s in many.steps}
+
+
+@pytest.mark.parametrize("factor", ["0ns", "-1ns", "2ms", "soon", "20"])
+def test_a_factor_that_is_none_is_refused(factor: str) -> None:
+    with pytest.raises(SoterError) as caught:
+        measure_on_board(soter.load(CART), "mps2-an500", factor)
+    assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_without_an_image_nothing_is_measured_on_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("soter.targets.cortex_m.image.missing_tools", lambda _: "no tools")
+    with pytest.raises(SoterError) as caught:
+        measure_on_board(soter.load(CART), "mps2-an500", "20ns")
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X004"
+    assert "no tools" in diagnostic.message

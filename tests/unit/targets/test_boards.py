@@ -123,6 +123,38 @@ def test_a_stack_that_is_too_small_says_by_how_much() -> None:
     assert diagnostic.notes == ("8,216 bytes: soter_instant > step",)
 
 
+TWO = """soter 1;
+topic pos: float in [-9.0, 9.0] max_age 100ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+topic seen: float;
+extern node Fast period 10ms { subscribes pos; publishes u; }
+node Slow period 10ms { publishes u; step { publish u = 0.0; } }
+extern node Camera period 10ms { publishes seen; failsafe seen = 0.0; }
+rta M { ac Fast; sc Slow; period 50ms; safe true; ttf pos > 1.0; safer pos < 0.0; }
+plant P period 10ms { reads u; drives pos = x; state x: float = 0.0; der x = u; }
+system S { p: P; module M; node Camera; until 1s; }
+"""
+
+
+def notes_of(text: str, board: str, folder: Path) -> str:
+    folder.mkdir(exist_ok=True)
+    (folder / "two.soter").write_text(text, encoding="utf-8")
+    return " ".join(soter.load(folder / "two.soter").build("cortex-m", folder, board=board).notes)
+
+
+def test_two_extern_nodes_have_no_loop_and_the_build_names_them(tmp_path: Path) -> None:
+    one = TWO.replace("extern node Camera period 10ms { publishes seen; failsafe seen = 0.0; }", "")
+    one = one.replace("node Camera;", "")
+    assert "no image for real time" not in notes_of(one, "mps2-an500", tmp_path)
+    told = notes_of(TWO, "mps2-an500", tmp_path / "both")
+    assert "no image for real time: `M.Fast`, `Camera` are extern nodes" in told
+
+
+def test_a_core_without_an_mpu_says_that_nothing_contains_an_extern(tmp_path: Path) -> None:
+    assert "guards no memory: C of `M.Fast`" in notes_of(TWO, "microbit", tmp_path)
+    assert "guards no memory" not in notes_of(TWO, "mps2-an500", tmp_path / "other")
+
+
 def fake_compiler(folder: Path, version: str) -> None:
     path = folder / "arm-none-eabi-gcc"
     path.write_text(f"#!/bin/sh\necho 'arm-none-eabi-gcc (GNU) {version}'\n", encoding="utf-8")

@@ -30,6 +30,8 @@ def say_timing(report: TimingReport, console: Console) -> None:
     if report.elsewhere:
         lines.append(f"in processes of their own: {', '.join(report.elsewhere)}")
     lines += [f"{s.module}: {s.text}" for s in report.switches]
+    if report.assumed:
+        lines.append(f"assumed: {report.assumed}")
     for line in lines:
         console.say(f"    {line}")
 
@@ -48,7 +50,8 @@ def _row(r: ThreadRow) -> list[str]:
 
 TIMING = JsonObject(
     TimingReport,
-    "system verdict busy_ns hyperperiod_ns exact thread=rows elsewhere missing schedule switches",
+    "system verdict busy_ns hyperperiod_ns exact thread=rows elsewhere missing schedule switches "
+    "assumed",
     verdict=one_of(*_WORDS),
     thread=JsonObject(
         ThreadRow,

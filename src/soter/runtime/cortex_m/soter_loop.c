@@ -56,6 +56,14 @@ static soter_sha256 trace;   /* of all of the state */
 static soter_sha256 trusted; /* of modes, stamps, topics, variables: not of who was at fault when */
 static uint32_t instants;
 #endif
+#if defined(SOTER_COUNTED) /* ns that an instruction takes, in an emulator */
+static struct {
+  uint64_t instants, total, most; /* ns from an interrupt to the commands of its instant */
+  uint64_t long_ones;             /* instants that were still going on at the next tick */
+  uint64_t tick;                  /* ns from an interrupt until actuators have obeyed, at most */
+  int64_t due;                    /* the tick whose interrupt made the instant due */
+} counted;
+#endif
 
 /* ------------------------------------------------------------------ the clock */
 
@@ -101,7 +109,7 @@ __attribute__((used)) static uint32_t faulted(uint32_t from) {
 }
 
 __attribute__((naked)) void HardFault_Handler(void) {
-  __asm volatile("mov r0, lr\n push {r4, lr}\n bl faulted\n pop {r4, lr}\n bx r0");
+  __asm volatile("mov r0, lr\n push {r0, lr}\n bl faulted\n pop {r1, r2}\n bx r0");
 }
 
 void soter_check_failed(const char* file, int line, const char* what) {
@@ -112,6 +120,21 @@ void soter_check_failed(const char* file, int line, const char* what) {
   soter_board_end(SOTER_EXIT_DEFECT);
 }
 
+#if defined(SOTER_COUNTED)
+static void count_instant(void) {
+  const uint64_t took = (uint64_t)(clock_ns() - counted.due);
+  counted.instants++;
+  counted.total += took;
+  counted.most = took > counted.most ? took : counted.most;
+  counted.long_ones += took >= (uint64_t)APP_TICK_NS ? 1U : 0U;
+}
+
+static void count_tick(int64_t now) {
+  const uint64_t took = (uint64_t)(clock_ns() - now);
+  counted.tick = took > counted.tick ? took : counted.tick;
+}
+#endif
+
 void SysTick_Handler(void) {
   ticks_low++;
   ticks_high += ticks_low == 0U ? 1U : 0U;
@@ -119,9 +142,15 @@ void SysTick_Handler(void) {
   for (uint32_t i = 0; i < soter_app_lease_count; i++) {
     apply(i, now);
   }
+#if defined(SOTER_COUNTED)
+  count_tick(now);
+#endif
   unfinished = unfinished > 0U ? unfinished + 1U : 0U;
   if (unfinished == 0U && next_ns <= now) {
     unfinished = 1U;
+#if defined(SOTER_COUNTED)
+    counted.due = now;
+#endif
     SCB_ICSR = PEND_INSTANT;
   }
   if (unfinished < APP_PATIENCE) {
@@ -312,11 +341,20 @@ static void end_instant(void) {
 #endif
 }
 
-#if defined(SOTER_TRACED)
-/* The end of a run that is compared with another one. */
+#if defined(SOTER_TRACED) || defined(SOTER_COUNTED)
+/* The end of a run that is compared with another one, or counted. */
 static void finish(void) {
-  char digest[65];
   __asm volatile("cpsid i" ::: "memory");
+#if defined(SOTER_COUNTED)
+  soter_say_number("interrupt to command ", counted.most / SOTER_COUNTED, " at most, ");
+  soter_say_number("", counted.total / counted.instants / SOTER_COUNTED, " on average\n");
+  soter_say_number("interrupt to actuators ", counted.tick / SOTER_COUNTED, " at most\n");
+  soter_say_number("", counted.instants, " instants, ");
+  soter_say_number("", counted.long_ones, " longer than a tick\n");
+  soter_say_number("stack ", soter_stack_used(), " bytes used\n");
+#endif
+#if defined(SOTER_TRACED)
+  char digest[65];
   soter_sha256_end(&trusted, digest);
   soter_board_say("trusted_sha256 ");
   soter_board_say(digest);
@@ -331,6 +369,7 @@ static void finish(void) {
   soter_board_say("trace_sha256 ");
   soter_board_say(digest);
   soter_board_say("\n");
+#endif
   soter_board_end(0);
 }
 #endif
@@ -340,7 +379,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
   const int64_t ct = next_ns;
   collect(ct);
   end_instant();
-#if defined(SOTER_TRACED)
+#if defined(SOTER_TRACED) || defined(SOTER_COUNTED)
   if (ct > APP_TRACED_NS) {
     finish();
   }
@@ -356,6 +395,9 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
     granted(i, start, out);
     give_lease(i, out);
   }
+#if defined(SOTER_COUNTED)
+  count_instant();
+#endif
   ask(ct);
   next_ns = soter_next_instant(APP_PROGRAM, &state);
   unfinished = 0U;
@@ -363,7 +405,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
 }
 
 __attribute__((naked)) void PendSV_Handler(void) {
-  __asm volatile("mov r0, lr\n push {r4, lr}\n bl instant\n pop {r4, lr}\n bx r0");
+  __asm volatile("mov r0, lr\n push {r0, lr}\n bl instant\n pop {r1, r2}\n bx r0");
 }
 
 int main(void) {

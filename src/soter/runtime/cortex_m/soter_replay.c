@@ -1,15 +1,18 @@
 /* soter_replay.c: a program in virtual time on a Cortex-M, its trace and its instructions counted.
  *
  * Purpose: the run that `soter run` makes, on the target: the same `trace_sha256`, and what each
- * instant costs by SysTick, which under `qemu -icount` counts instructions. Non-goals: clocks and
- * devices (soter_loop.c). soter_app.h says which program, and is generated; the words of its
- * command line are the time in ns, the seed, and how long an instruction takes, in ns.
+ * instant costs by SysTick, which under `qemu -icount` counts instructions; then the same run once
+ * more, for what each step costs alone. Topics from outside have the values of a recording.
+ * Non-goals: clocks and devices (soter_loop.c). soter_app.h says which program, and is generated;
+ * the words of its command line are the time in ns, the seed, how long an instruction takes, in ns,
+ * and the file of the recording.
  */
 #include "soter_app.h"
 #include "soter_board.h"
 #include "soter_cortex_m.h"
 #include "soter_loop.h"
 #include "soter_loop_app.h"
+#include "soter_recording.h"
 #include "soter_semihosting.h"
 #include "soter_sha256.h"
 
@@ -17,10 +20,11 @@
 
 typedef struct {
   uint64_t until_ns, seed, instruction_ns;
+  const char* recording; /* a file */
 } settings;
 
 typedef struct {
-  uint64_t instants, ticks, most;
+  uint64_t number, ticks, most; /* of instants, or of the steps of a component */
 } costs;
 
 static uint64_t number(const char** text) {
@@ -34,15 +38,17 @@ static uint64_t number(const char** text) {
 }
 
 static settings read_settings(void) {
-  char room[96];
+  static char room[160];
   const char* words = soter_semihosting_words(room, sizeof room);
   settings s;
   s.until_ns = number(&words);
   s.seed = number(&words);
   s.instruction_ns = number(&words);
+  s.recording = words;
   return s;
 }
 
+static soter_recording recording;
 static volatile uint32_t turns; /* of SysTick */
 
 void SysTick_Handler(void) {
@@ -62,35 +68,102 @@ static uint64_t instructions(uint64_t count, const settings* s) {
   return s->instruction_ns == 0U ? 0U : (ns + s->instruction_ns / 2U) / s->instruction_ns;
 }
 
-/* The step of an extern, in place. */
-static void answer(APP_STATE* state, uint32_t due) {
-  static uint64_t exchanged[2][APP_EXCHANGE_WORDS];
+static void note_cost(costs* c, uint64_t took) {
+  c->number++;
+  c->ticks += took;
+  c->most = took > c->most ? took : c->most;
+}
+
+static void say_cost(const char* before, const costs* c, const settings* s) {
+  const uint64_t mean = c->number == 0U ? 0U : c->ticks / c->number;
+  soter_say_number(before, instructions(c->most, s), " at most, ");
+  soter_say_number("", instructions(mean, s), " on average, ");
+  soter_say_number("", c->number, " times\n");
+}
+
+/* ------------------------------------------------------------------ externs */
+
+/* An extern node; NULL: an extern plant. */
+static const soter_loop_extern* node_of(uint32_t component) {
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
-    const soter_loop_extern* const x = &soter_app_externs[k];
-    if (x->component == due) {
-      (void)memset(exchanged, 0, sizeof exchanged);
-      x->gather(state, exchanged[0]);
-      const bool fine = x->step(exchanged[0], exchanged[1]) == 0;
-      soter_answer(APP_PROGRAM, state, due, fine ? SOTER_OK : SOTER_EXTERN_FAULT, exchanged[1]);
-      return;
+    if (soter_app_externs[k].component == component) {
+      return &soter_app_externs[k];
     }
   }
-  soter_app_answer(state, due);
+  return NULL;
 }
+
+/* What it answers, computed in place; NULL: a fault. */
+static const void* answer_of(const soter_loop_extern* x, const APP_STATE* state) {
+  static uint64_t exchanged[2][APP_EXCHANGE_WORDS];
+  (void)memset(exchanged, 0, sizeof exchanged);
+  x->gather(state, exchanged[0]);
+  return x->step(exchanged[0], exchanged[1]) == 0 ? exchanged[1] : NULL;
+}
+
+static void answer(APP_STATE* state, uint32_t due) {
+  const soter_loop_extern* const x = node_of(due);
+  if (x != NULL) {
+    soter_answer(APP_PROGRAM, state, due, SOTER_OK, answer_of(x, state));
+  } else {
+    soter_app_answer(state, due);
+  }
+}
+
+/* ------------------------------------------------------------------ the run */
 
 static void run(APP_STATE* state, const settings* s, soter_sha256* hash, costs* c) {
   const soter_program* const p = APP_PROGRAM;
-  while (soter_next_instant(p, state) <= (int64_t)s->until_ns) {
+  soter_recording_open(&recording, s->recording);
+  for (int64_t next = soter_next_instant(p, state); next <= (int64_t)s->until_ns;
+       next = soter_next_instant(p, state)) {
     uint32_t due = 0;
+    soter_recording_publish(&recording, p, state, next);
     const uint64_t begin = ticks();
     while (soter_virtual_instant(p, state, &due) == SOTER_EXTERN_DUE) {
       answer(state, due);
     }
-    const uint64_t took = ticks() - begin;
-    c->instants++;
-    c->ticks += took;
-    c->most = took > c->most ? took : c->most;
+    note_cost(c, ticks() - begin);
     soter_sha256_add(hash, state, p->state_size);
+  }
+}
+
+/* The step of a component that is due; of an extern node what is trusted: the gate. */
+static uint64_t step_cost(APP_STATE* state, uint32_t i) {
+  const soter_component_info* const info = &APP_PROGRAM->component[i];
+  const bool latched = soter_components_of(state)[i].latched != 0U;
+  const soter_loop_extern* const x = latched ? NULL : node_of(i);
+  const bool moved = soter_header_of(state)->ct != info->phase_ns;
+  const void* const given = x != NULL ? answer_of(x, state) : NULL;
+  const uint64_t begin = ticks();
+  if (info->is_extern && info->role == SOTER_ROLE_PLANT && !latched && moved) {
+    soter_app_answer(state, i);
+  } else {
+    (void)soter_fire(APP_PROGRAM, state, i, given);
+  }
+  return ticks() - begin;
+}
+
+/* The run once more, step by step. */
+static void count_steps(APP_STATE* state, const settings* s, costs* c) {
+  const soter_program* const p = APP_PROGRAM;
+  uint32_t due = 0;
+  soter_recording_open(&recording, s->recording);
+  for (int64_t next = soter_next_instant(p, state); next <= (int64_t)s->until_ns;
+       next = soter_next_instant(p, state)) {
+    soter_recording_publish(&recording, p, state, next);
+    soter_progress(p, state);
+    for (uint32_t i = 0; i < p->inputs; i++) {
+      if (soter_header_of(state)->ct % p->input[i].every_ns == 0) {
+        p->input[i].draw(state, NULL);
+      }
+    }
+    for (uint32_t i = 0; i < p->components; i++) {
+      if (soter_components_of(state)[i].pending != 0U) {
+        note_cost(&c[i], step_cost(state, i));
+      }
+    }
+    (void)soter_instant(p, state, &due);
   }
 }
 
@@ -113,6 +186,7 @@ void soter_check_failed(const char* file, int line, const char* what) {
 
 int main(void) {
   static APP_STATE state;
+  static costs steps[APP_COMPONENTS];
   const soter_program* const p = APP_PROGRAM;
   const settings s = read_settings();
   costs c = {0, 0, 0};
@@ -133,17 +207,22 @@ int main(void) {
   const uint32_t violations = soter_header_of(&state)->violations;
   soter_board_say(p->name);
   soter_say_number(violations == 0U ? ": safe, " : ": violated, ", violations, " violations, ");
-  soter_say_number("", c.instants, " instants\n");
+  soter_say_number("", c.number, " instants\n");
   for (uint32_t i = 0; i < p->modules; i++) {
     say_module(p, soter_modules_of(p, &state) + i, i);
   }
-  soter_say_number("instructions ", instructions(c.most, &s), " an instant at most, ");
-  const uint64_t mean = c.instants == 0U ? 0U : c.ticks / c.instants;
-  soter_say_number("", instructions(mean, &s), " on average; ");
-  soter_say_number("", instructions(tested, &s), " the self-test\n");
+  say_cost("instructions of an instant ", &c, &s);
+  soter_say_number("instructions of the self-test ", instructions(tested, &s), "\n");
   soter_say_number("stack ", soter_stack_used(), " bytes used\n");
   soter_board_say("trace_sha256 ");
   soter_board_say(digest);
   soter_board_say("\n");
+  soter_start(p, &state, s.seed);
+  count_steps(&state, &s, steps);
+  for (uint32_t i = 0; i < p->components; i++) {
+    soter_board_say("instructions of a step of ");
+    soter_board_say(p->component[i].name);
+    say_cost(" ", &steps[i], &s);
+  }
   return violations == 0U ? 0 : SOTER_EXIT_VIOLATED;
 }

@@ -1,7 +1,11 @@
 /* soter_semihosting.c: see soter_semihosting.h. Numbers: Arm's "Semihosting for AArch32". */
 #include "soter_semihosting.h"
 
+#include <string.h>
+
+#define SYS_OPEN 0x01U
 #define SYS_WRITE0 0x04U
+#define SYS_READ 0x06U
 #define SYS_GET_CMDLINE 0x15U
 #define SYS_EXIT_EXTENDED 0x20U
 #define APPLICATION_EXIT 0x20026U
@@ -29,6 +33,24 @@ const char* soter_semihosting_words(char* room, size_t size) {
     room++;
   }
   return *room == ' ' ? room + 1 : room;
+}
+
+int32_t soter_semihosting_open(const char* name) {
+  const struct {
+    const char* name;
+    uint32_t mode, length;
+  } block = {name, 1U, (uint32_t)strlen(name)}; /* "rb" */
+  return (int32_t)call(SYS_OPEN, &block);
+}
+
+uint32_t soter_semihosting_read(int32_t file, char* room, uint32_t size) {
+  const struct {
+    int32_t file;
+    char* room;
+    uint32_t size;
+  } block = {file, room, size};
+  const uint32_t left = call(SYS_READ, &block);
+  return left <= size ? size - left : 0U;
 }
 
 void soter_semihosting_exit(int code) {

@@ -46,6 +46,7 @@ int soter_unprivileged_result(void) {
   return result;
 }
 
+#if !defined(__ARM_ARCH_6M__)
 /* The exponent of the smallest region that holds so many bytes. */
 static uint32_t region_size(uint32_t bytes) {
   uint32_t log = 5;
@@ -55,10 +56,8 @@ static uint32_t region_size(uint32_t bytes) {
   return (log - 1U) << 1;
 }
 
-void soter_unprivileged_protect(void) {
+static void protect_memory(void) {
   SCB_SHPR1 = 0U;
-  SCB_SHPR2 = LOWEST << 24;
-  SCB_SHPR3 = TICK_PRIORITY << 24 | LOWEST << 16;
   SCB_SHCSR |= 7U << 16;        /* faults of memory, bus, use have handlers */
   SCB_CCR |= 1U << 4 | 1U << 9; /* a division by zero is one; frames begin at multiples of 8 */
 #if defined(__ARM_FP)
@@ -75,6 +74,15 @@ void soter_unprivileged_protect(void) {
   MPU_RASR = READ_WRITE | NEVER_EXECUTED | NORMAL_MEMORY | region_size(own) | ENABLE;
   MPU_CTRL = 1U << 2 | ENABLE; /* whoever is privileged sees all */
   __asm volatile("dsb\n isb" ::: "memory");
+}
+#endif
+
+void soter_unprivileged_protect(void) {
+  SCB_SHPR2 = LOWEST << 24;
+  SCB_SHPR3 = TICK_PRIORITY << 24 | LOWEST << 16;
+#if !defined(__ARM_ARCH_6M__) /* it has one fault, and neither an MPU of this layout nor traps */
+  protect_memory();
+#endif
 }
 
 /* ------------------------------------------------------------------ the thread */
@@ -147,11 +155,13 @@ __attribute__((used)) static uint32_t called(const uint32_t* frame, uint32_t fro
 }
 
 __attribute__((naked)) void SVC_Handler(void) {
-  __asm volatile("mrs r0, psp\n mov r1, lr\n push {r4, lr}\n bl called\n pop {r4, lr}\n bx r0");
+  __asm volatile("mrs r0, psp\n mov r1, lr\n push {r0, lr}\n bl called\n pop {r1, r2}\n bx r0");
 }
 
 uint32_t soter_unprivileged_stopped(uint32_t from) {
+#if !defined(__ARM_ARCH_6M__)
   SCB_CFSR = SCB_CFSR;
+#endif
   now = SOTER_UNPRIVILEGED_FAULT;
   replace((uintptr_t)wait, 0U, 0U, 0U);
   return soter_unprivileged_return(from);

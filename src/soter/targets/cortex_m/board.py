@@ -27,12 +27,15 @@ DEFINE = re.compile(
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
 NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
+    "cortex-m0": ("-mcpu=cortex-m0", "-mfloat-abi=soft"),
     "cortex-m4": ("-mcpu=cortex-m4", "-mfloat-abi=soft"),
     "cortex-m7": ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
 }
-"""Core -> flags of gcc; doubles of the first are computed without hardware."""
+"""Core -> flags of gcc; only the last has doubles in hardware."""
+UNGUARDED = frozenset({"cortex-m0"})
+"""Cores on which extern nodes write where they like."""
 SOFT = {"cortex-m4": "cortex_m4-vfp4d16sp"}
-"""Cores without doubles -> what zig calls them."""
+"""Cores whose doubles of libgcc are rounded wrongly -> what zig calls them."""
 END = 2**32
 LEAST_STACK = 1024
 

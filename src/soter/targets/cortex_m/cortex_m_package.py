@@ -15,7 +15,7 @@ from soter.codegen.unit import generate
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
-from soter.targets.cortex_m.board import SOFT
+from soter.targets.cortex_m.board import SOFT, UNGUARDED
 from soter.targets.cortex_m.loop_tables import apart_nodes, loop_tables, tick_of
 from soter.targets.leases import FILES as LEASES
 from soter.targets.leases import lease_files
@@ -34,16 +34,22 @@ FOLDER = RUNTIME / "cortex_m"
 OWN = (
     *("soter_board.h", "soter_cortex_m.h", "soter_cortex_m.c", "soter_replay.c"),
     *("soter_semihosting.h", "soter_semihosting.c"),
+    *("soter_recording.h", "soter_recording.c"),
     *("soter_loop.h", "soter_loop.c", "soter_unprivileged.h", "soter_unprivileged.c"),
 )
-MAINS = frozenset(("soter_replay.c", "soter_loop.c", "soter_unprivileged.c"))
+REPLAYED = ("soter_replay.c", "soter_recording.c")
+LOOPED = ("soter_loop.c", "soter_unprivileged.c")
+MAINS = frozenset((*REPLAYED, *LOOPED))
 """What is of one of the two images alone."""
 SCRIPT = "soter_image.ld"
+RECORDING = "recording.txt"
 PRODUCTS = "_arm_muldivdf3.o"
 """Of libgcc: `__aeabi_dmul`, `__aeabi_ddiv`."""
 NOTHING_APART = 512
 """Bytes of the thread that waits, where nothing computes in it."""
 INSTANTS = 1000
+LIMIT_S = 100
+"""How long QEMU may take."""
 ICOUNT = 6
 FASTER = 4
 """In `make run` an instruction takes two to this ns (`-icount shift=`): SysTick counts them.
@@ -58,6 +64,8 @@ class Replay:
     until_ns: int
     seed: int
     sha256: str = ""
+    recording: str = ""
+    """Values of topics from outside, as `soter_recording.h` says; "" where there are none."""
 
 
 def replayed_until(system: System) -> int:
@@ -103,6 +111,8 @@ def cortex_m_package(
         PackageFile("board.c", board.text),
         PackageFile(SCRIPT, linker_script(board, board.ac_bytes if apart else NOTHING_APART)),
     ]
+    if replay.recording:
+        package.files.append(PackageFile(RECORDING, replay.recording))
     if stubs or plants:
         text = c99.stubs_text(unit, stubs, plants)
         package.files.append(PackageFile(c99.STUBS, text, yours=True))
@@ -125,6 +135,12 @@ def cortex_m_package(
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
         for name in lawless
     ]
+    if apart and board.core in UNGUARDED:
+        names = ", ".join(f"`{x.name}`" for x in apart)
+        package.notes.append(
+            f"{board.core} guards no memory: C of {names} may write anywhere, and is part of what "
+            "is trusted"
+        )
     if tick.why:
         package.notes.append(f"no image for real time: {tick.why}")
     package.entries = "soter_instant"
@@ -210,9 +226,9 @@ UNTRUSTED := {untrusted}
 OBJECTS := {"untrusted.o" if made.untrusted else ""}
 HEADERS := $(wildcard *.h extern*/*.h) {SCRIPT} Makefile
 {_arithmetic(board)}
-{name}.elf: $(SOURCES) soter_replay.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
-\t$(CC) $(COMPILED) $(PLACED) $(LINKED) -o $@ $(SOURCES) soter_replay.c $(OBJECTS) \\
-\t  $(ARITHMETIC) -lm
+{name}.elf: $(SOURCES) {" ".join(REPLAYED)} $(OBJECTS) $(HEADERS) $(ARITHMETIC)
+\t$(CC) $(COMPILED) $(PLACED) $(LINKED) -o $@ $(SOURCES) {" ".join(REPLAYED)} \\
+\t  $(OBJECTS) $(ARITHMETIC) -lm
 {_untrusted(made)}{_loop(name, tick)}
 Makefile: ; # never made from a Makefile.c
 .PHONY: run run-loop sizes clean
@@ -245,9 +261,9 @@ def _loop(name: str, tick: LoopTick) -> str:
 """
     return f"""\
 LOOP ?=
-{name}_loop.elf: $(SOURCES) soter_loop.c soter_unprivileged.c $(OBJECTS) $(HEADERS) $(ARITHMETIC)
-\t$(CC) $(COMPILED) $(PLACED) $(LOOP) $(LINKED) -o $@ $(SOURCES) soter_loop.c \\
-\t  soter_unprivileged.c $(OBJECTS) $(ARITHMETIC) -lm
+{name}_loop.elf: $(SOURCES) {" ".join(LOOPED)} $(OBJECTS) $(HEADERS) $(ARITHMETIC)
+\t$(CC) $(COMPILED) $(PLACED) -DSOTER_UNNAMED_CHECKS $(LOOP) $(LINKED) \\
+\t  -o $@ $(SOURCES) {" ".join(LOOPED)} $(OBJECTS) $(ARITHMETIC) -lm
 """
 
 
@@ -277,6 +293,8 @@ def _run(name: str, board: Board, replay: Replay) -> str:
 run:
 \t@echo "QEMU does not emulate {board.name}: load {name}.elf onto it"; false
 """
+    ended = """ \\
+\t  if [ $$code = 124 ]; then echo "it has not ended within $(LIMIT_S) s: stopped"; fi;"""
     compared = """ \\
 \t  grep -q "^trace_sha256 " run.txt || exit $$code; \\
 \t  grep -qx "trace_sha256 $(TRACE)" run.txt && echo "the same trace as on the host" || \\
@@ -285,19 +303,23 @@ run:
 UNTIL_NS ?= {replay.until_ns}
 SEED ?= {replay.seed}
 TRACE ?= {replay.sha256 or "?"}
-QEMU = qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
+RECORDING ?= {RECORDING if replay.recording else ""}
+# longer than that no image runs here
+LIMIT_S ?= {LIMIT_S}
+LIMIT = $(shell command -v timeout >/dev/null && echo timeout $(LIMIT_S))
+QEMU = $(LIMIT) qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
   -display none -serial none -monitor none -chardev file,id=words,path=run.txt
 # an instruction takes two to this ns: SysTick counts them
 ICOUNT := {ICOUNT}
-WORDS := arg={name},arg=$(UNTIL_NS),arg=$(SEED),arg={2**ICOUNT}
-# exits 0 safe, 1 not run or another trace, 3 violated, 70 a defect, 71 a fault
+WORDS := arg={name},arg=$(UNTIL_NS),arg=$(SEED),arg={2**ICOUNT},arg=$(RECORDING)
+# exits 0 safe, 1 not run or another trace, 3 violated, 70 a defect, 71 a fault, 124 no end
 run: {name}.elf
 \t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words,$(WORDS) -kernel $<; \\
-\t  code=$$?; cat run.txt;{compared if replay.sha256 else ""} exit $$code
+\t  code=$$?; cat run.txt;{ended}{compared if replay.sha256 else ""} exit $$code
 run-loop: ICOUNT := {FASTER}
 run-loop: {name}_loop.elf
 \t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words -kernel $<; \\
-\t  code=$$?; cat run.txt;{compared if replay.sha256 else ""} exit $$code
+\t  code=$$?; cat run.txt;{ended}{compared if replay.sha256 else ""} exit $$code
 """
 
 

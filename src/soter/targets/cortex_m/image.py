@@ -19,6 +19,7 @@ from soter.native.compiler import Compiler
 from soter.native.compiler_process import CompilerOutput, run_compiler
 from soter.report.printable_text import visible
 from soter.targets.cortex_m.board import SOFT
+from soter.targets.cortex_m.cortex_m_package import LIMIT_S
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,15 +33,28 @@ QEMU = "qemu-system-arm"
 OLDEST = 10
 """The first version of gcc whose `-fcallgraph-info` and linker are those of the Makefile."""
 TIMEOUT_S = 300
-RUN_S = 120
+RUN_S = LIMIT_S + 20
 LARGEST = 5
 OVERFLOW = re.compile(r"region `(FLASH|RAM)' overflowed by (\d+) bytes")
 SYMBOL = re.compile(r"^\S+ (\d+) (\w) (\S+)$", re.MULTILINE)
 COUNTS = re.compile(
-    r"^instructions (\d+) an instant at most, (\d+) on average; (\d+) the self-test$", re.MULTILINE
+    r"^instructions of (?:an instant|a step of (\S+)) (\d+) at most, (\d+) on average, "
+    r"(\d+) times$",
+    re.MULTILINE,
 )
+SELF_TEST = re.compile(r"^instructions of the self-test (\d+)$", re.MULTILINE)
 STACK = re.compile(r"^stack (\d+) bytes used$", re.MULTILINE)
 TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class StepCount:
+    """Instructions of `number` steps of one component; of an extern node those of its gate."""
+
+    name: str
+    most: int
+    mean: int
+    number: int
 
 
 @dataclass(frozen=True)
@@ -53,6 +67,7 @@ class Image:
     instant_most: int | None = None
     instant_mean: int | None = None
     self_test: int | None = None
+    steps: tuple[StepCount, ...] = ()
     trace_sha256: str = ""
     same_as_host: bool | None = None
     compiler: str = ""
@@ -73,6 +88,7 @@ class Image:
             *lines,
             f"{self.stack_used:,} bytes of stack used{same}",
             f"{most:,} instructions an instant at most, {mean:,} on average",
+            *(f"{s.most:,} instructions a step of {s.name} at most" for s in self.steps),
             f"{self.self_test:,} instructions the test of the arithmetic, once at the start",
         ]
 
@@ -135,26 +151,30 @@ def build_image(package: Package, board: Board) -> Image:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
         return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
-    if ran.code is None:
-        raise _refused(f"the run in QEMU does not end within {RUN_S} s")
+    if ran.code is None or "it has not ended within" in ran.text:
+        raise _refused(f"the run in QEMU does not end within {LIMIT_S} s")
     said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
     refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
     if refused is not None:
         raise _refused(f"the image refuses to run: {visible(refused[1])}")
     if re.search("another trace than on the host", ran.text):
         raise _refused("the image computes another trace than this machine")
-    counts, stack, trace = (x.search(said) for x in (COUNTS, STACK, TRACE))
-    if counts is None or trace is None:
+    stack, trace, test = (x.search(said) for x in (STACK, TRACE, SELF_TEST))
+    counts = [
+        StepCount(name, *(int(x) for x in numbers)) for name, *numbers in COUNTS.findall(said)
+    ]
+    if not counts or trace is None or test is None:
         raise _refused(
             f"the image does not run in QEMU: {visible((said or ran.text).strip()[-300:])}"
         )
-    most, mean, test = (int(x) for x in counts.groups())
+    instant, *steps = counts
     return Image(
         **sized,  # type: ignore[arg-type]
         stack_used=None if stack is None else int(stack[1]),
-        instant_most=most,
-        instant_mean=mean,
-        self_test=test,
+        instant_most=instant.most,
+        instant_mean=instant.mean,
+        self_test=int(test[1]),
+        steps=tuple(steps),
         trace_sha256=trace[1],
         same_as_host=True if "the same trace as on the host" in ran.text else None,
     )
