@@ -64,7 +64,10 @@ def _in_the_instants(facts: Facts) -> bool:
 
 
 def _passed_on(facts: Facts) -> bool:
-    """Whether what runs behind SC in its instant runs in its thread and reads commands alone."""
+    """Whether what runs behind SC in its instant runs in its thread, and reads commands alone.
+
+    What one makes of sensors, too, is only known to plants that stand in the place of others.
+    """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [c for c in system.components if c.node is not None and c.name in names]
     told = set(facts.flying_module.outputs)
@@ -72,7 +75,8 @@ def _passed_on(facts: Facts) -> bool:
         assert c.node is not None
         told |= {c.scope.topics[t] for t in c.node.publishes}
     heard = {c.scope.topics[s.topic] for c in nodes if c.node for s in c.node.subscribes}
-    return heard <= told and not any(c.extern and not c.inline for c in nodes)
+    alone = heard <= told or bool(facts.symbol.verify.abstracts)
+    return alone and not any(c.extern and not c.inline for c in nodes)
 
 
 def felt_by(model: CaseModel, group: GroupTables) -> list[int]:
