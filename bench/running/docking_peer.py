@@ -3,11 +3,11 @@
     python -m venv PEER && PEER/bin/pip install run-time-assurance==1.18.6
     .venv/bin/python bench/running/docking_peer.py --peer PEER/bin/python [--flights N]
 
-Purpose: the same craft, the same ACs, the same period: how much of the time all that acts is AC's,
-and for how long a flight is outside of the constraint of their zoo, seen ten times a period. Disturbances
-and errors are drawn within the bounds of the proofs; ours read what is measured, theirs that and
-the truth. Exit code 1 where one of ours leaves the constraint, or where an AC that respects it has
-a smaller share than theirs.
+Purpose: the same craft, the same ACs, the same period: how much of the time all that acts is
+AC's, and for how long a flight is outside of the constraint of their zoo, seen ten times a period.
+Disturbances and errors are drawn within the bounds of the proofs; ours read what is measured,
+theirs that and the truth. Exit code 1 where one of ours leaves the constraint, or where an AC that
+respects it has a smaller share than theirs.
 Non-goals: time (`simplex_peer.py`).
 """
 
@@ -38,6 +38,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PERIOD, LOOKS = 0.1, 10
 """s; a period is seen so many times."""
 N, MASS, V0 = 0.001027, 12.0, 0.2
+LINE = "bench/adversary/docking.soter"
 ORBIT = "bench/running/docking_orbit.soter"
 WAYPOINT_S = {1: 15.0, 2: 150.0, 3: 150.0}
 PEER = """
@@ -85,13 +86,11 @@ class Task:
 
 
 TASKS = {
-    1: Task(1, 1.0, 1.0, 0.0, "bench/adversary/docking.soter", "Loop", (0.6, 5.0), (0.01, 0.01), 0.02),
-    2: Task(
-        2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002
+    1: Task(
+        1, 1.0, 1.0, 0.0, "bench/adversary/docking.soter", "Loop", (0.6, 5.0), (0.01, 0.01), 0.02
     ),
-    3: Task(
-        3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002
-    ),
+    2: Task(2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
+    3: Task(3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
 }
 
 
@@ -144,8 +143,8 @@ class Craft(gymnasium.Env[Any, Any]):
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:  # noqa: ANN401
         """At rest, somewhere."""
-        super().reset(seed=seed)
-        d, (near, far) = self.task.directions, self.task.places
+        super().reset(seed=seed, options=options)
+        d, (_, far) = self.task.directions, self.task.places
         self.state, self.left = np.zeros(2 * d), 0
         self.state[:d] = self.np_random.uniform(-far, far, d) if d > 1 else -far
         return self.state.copy(), {}
@@ -164,46 +163,43 @@ class Craft(gymnasium.Env[Any, Any]):
 # ---------------------------------------------------------------- ACs
 
 
-def towards(task: Task, goal: Array, state: Array, limit: Callable[[Array], Array]) -> Array:
+def towards(task: Task, goal: Array, state: Array, limit: Array) -> Array:
     """A command for a speed along each direction: below its limit, and so that it can stop."""
     d, u = task.directions, task.greatest
     left = goal - state[:d]
-    fast = np.minimum(limit(state[:d]), np.sqrt(1.2 * u * np.abs(left)))
-    wanted = np.sign(left) * fast
+    wanted = np.sign(left) * np.minimum(limit, np.sqrt(1.2 * u * np.abs(left)))
     return np.asarray(np.clip(5.0 * (wanted - state[d:]), -u, u))
 
 
-def each(task: Task, share: float) -> Callable[[Array], Array]:
-    """A share of the limit of each direction alone; on a line there is none."""
-    d = task.directions
-    if d == 1:
-        return lambda r: np.full(1, np.inf)
-    return lambda r: share * (V0 / np.sqrt(d) + task.v1 * np.abs(r))
+def each(task: Task, r: Array) -> Array:
+    """The limit of each direction alone; on a line there is none."""
+    if task.directions == 1:
+        return np.full(1, np.inf)
+    return np.asarray(V0 / np.sqrt(task.directions) + task.v1 * np.abs(r))
 
 
-def together(task: Task, goal: Array, share: float) -> Callable[[Array], Array]:
-    """A share of the limit of all directions, on the straight way to the goal."""
-
-    def limit(r: Array) -> Array:
-        way = goal - r
-        speed = share * (V0 + task.v1 * np.linalg.norm(r))
-        return np.asarray(speed * np.abs(way) / max(float(np.linalg.norm(way)), 1e-9))
-
-    return limit
+def together(task: Task, goal: Array, r: Array) -> Array:
+    """The limit of all directions, on the straight way to the goal."""
+    way = np.abs(goal - r)
+    speed = V0 + task.v1 * np.linalg.norm(r)
+    return np.asarray(speed * way / max(float(np.linalg.norm(way)), 1e-9))
 
 
-def agents(task: Task) -> dict[str, Callable[[Array, float, Array, np.random.Generator], Array]]:
-    """ACs: a command from the state, the time and where it is to go."""
-    u, d = task.greatest, task.directions
-    near: dict[str, Any] = {
-        "near-optimal": lambda s, t, g, rng: towards(task, g, s, each(task, 0.9)),
-    }
-    if d > 1:
-        near["along a line"] = lambda s, t, g, rng: towards(task, g, s, together(task, g, 0.9))
-    return near | {
-        "pushes": lambda s, t, g, rng: u * np.where(g - s[:d] > 0, 1.0, -1.0),
-        "anything": lambda s, t, g, rng: rng.uniform(-u, u, d),
-    }
+AGENTS = ("near-optimal", "on a straight line", "pushes", "anything")
+"""At so much of the limit of each direction, and of all together; the last two know none."""
+BELOW = 0.85
+
+
+def wish(task: Task, name: str, state: Array, goal: Array, rng: np.random.Generator) -> Array:
+    """What an AC would do."""
+    d, u = task.directions, task.greatest
+    if name == "near-optimal":
+        return towards(task, goal, state, BELOW * each(task, state[:d]))
+    if name == "on a straight line":
+        return towards(task, goal, state, BELOW * together(task, goal, state[:d]))
+    if name == "pushes":
+        return u * np.where(goal > state[:d], 1.0, -1.0)
+    return rng.uniform(-u, u, d)
 
 
 def goals(task: Task, rng: np.random.Generator) -> Iterator[Array]:
@@ -228,12 +224,13 @@ class Theirs:
         self, peer: subprocess.Popen[str], kind: str, task: Task, *, measured: bool
     ) -> None:
         self.peer, self.kind, self.task, self.measured = peer, kind, task, measured
+        self.craft = Craft(task)
 
-    def fly(self, craft: Craft, seed: int) -> tuple[Array, Callable[[Array], tuple[Array, bool]]]:
+    def fly(self, seed: int) -> tuple[Array, Callable[[Array], tuple[Array, bool]]]:
         """A state, and what a wish makes of it: (the next state, whether AC's command acted)."""
         v1 = self._asked(f"{self.kind} {self.task.directions}")
         assert abs(v1 - self.task.v1) < 1e-12, "their constraint is another one"
-        state, _ = craft.reset(seed=seed)
+        state, _ = self.craft.reset(seed=seed)
         at = [state]
         rng = np.random.default_rng([seed, 1])
         errors = np.repeat(self.task.errors, self.task.directions) * self.measured
@@ -241,7 +238,7 @@ class Theirs:
         def step(wish: Array) -> tuple[Array, bool]:
             seen = at[0] + rng.uniform(-errors, errors)
             u, theirs = self._asked([list(seen), list(wish * self.task.unit)])
-            at[0], *_ = craft.step(np.array(u) / self.task.unit)
+            at[0], *_ = self.craft.step(np.array(u) / self.task.unit)
             return at[0], not theirs
 
         return state, step
@@ -267,8 +264,8 @@ class Ours:
         self.craft = Craft(task)
         self.env = Protected(path, self.craft, system=task.system, measured=True)
 
-    def fly(self, craft: Craft, seed: int) -> tuple[Array, Callable[[Array], tuple[Array, bool]]]:
-        """As `Theirs.fly`; `craft` is its own."""
+    def fly(self, seed: int) -> tuple[Array, Callable[[Array], tuple[Array, bool]]]:
+        """As `Theirs.fly`."""
         state, _ = self.env.reset(seed=seed)
 
         def step(wish: Array) -> tuple[Array, bool]:
@@ -279,25 +276,24 @@ class Ours:
 
 
 def flown(
-    who: Theirs | Ours, craft: Craft, task: Task, name: str, flights: int, seconds: float
+    who: Theirs | Ours, task: Task, name: str, flights: int, seconds: float
 ) -> tuple[float, float, int]:
     """(share of AC, share of looks outside of the constraint, flights that were there)."""
     count = round(seconds / PERIOD)
     steps = counted = lost = gone = 0
     for seed in range(flights):
         rng = np.random.default_rng([seed, task.directions])
-        wish = agents(task)[name]
-        state, step = who.fly(craft, seed)
+        state, step = who.fly(seed)
         ways = goals(task, rng)
         goal = next(ways)
         for k in range(count):
             if k and k % round(WAYPOINT_S[task.directions] / PERIOD) == 0:
                 goal = next(ways)
-            state, mine = step(wish(state, k * PERIOD, goal, rng))
+            state, mine = step(wish(task, name, state, goal, rng))
             counted += mine
         steps += count
-        lost += craft.left
-        gone += craft.left > 0
+        lost += who.craft.left
+        gone += who.craft.left > 0
     return counted / steps, lost / (steps * LOOKS), gone
 
 
@@ -345,11 +341,10 @@ def _directions(
         "ours, shield 8": Ours(task, folder, shield=True),
     }
     missed = 0
-    for name in agents(task):
+    for name in (a for a in AGENTS if task.directions > 1 or a != AGENTS[1]):
         best = 0.0
         for filtered, who in (others | ours).items():
-            craft = who.craft if isinstance(who, Ours) else Craft(task)
-            share, lost, gone = flown(who, craft, task, name, said.flights, said.seconds)
+            share, lost, gone = flown(who, task, name, said.flights, said.seconds)
             print(
                 f"| {task.directions} | {name} | {filtered} | {share:.2%} | {lost:.3%} "
                 f"| {gone} of {said.flights} |",

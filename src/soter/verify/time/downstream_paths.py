@@ -8,7 +8,7 @@ Three kinds of nodes stand there. One that also reads what comes from a plant is
 its own and belongs, with everything behind it, to what the abstraction stands for: it is named, and
 may not skip a command. One that reads commands only passes them on: its wait is counted, unless
 it is released whenever SC is and declared behind the one before it, without times of its own: then
-it runs behind SC in the module's thread, in the same instant. Below a shield that is said of the
+it runs behind SC in the module's thread, in the same instant. Below a shield that is asked of the
 first one with sensors of its own, too, as it says until when a command of AC is taken over.
 """
 
@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from math import gcd
 from typing import TYPE_CHECKING
 
+from soter.language.model.tree_walk import topic_reads
 from soter.verify.problem.verification_system import sc_reads
 from soter.verify.time.always_publishes import UnfollowedError, must_publish, publishes_always
 
@@ -105,10 +106,14 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
 
 
 def _prompt(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors of its own takes a command over behind SC, at every step."""
+    """Whether a node with sensors of its own takes a command over behind SC, at every step.
+
+    All that it makes of commands and sensors has to be state of the plants of the proof.
+    """
     assert node.node is not None
+    shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
     always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
-    return always and _in_step(place, node)
+    return always and set(node.node.publishes) <= shown.keys() and _in_step(place, node)
 
 
 def _in_step(place: VerificationSystem, node: Component) -> bool:
