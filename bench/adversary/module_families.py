@@ -385,7 +385,7 @@ def pair(seed: int, rng: Rng) -> Module:
 
 
 def coupled(seed: int, rng: Rng) -> Module:
-    """Two that feel each other a little, each on a grid of its own, as directions of an orbit do."""
+    """Two that feel each other a little, each on a grid of its own: directions of an orbit."""
     inner = pair(seed, rng)
     way = [_round(0.2 * c * rng.uniform(-1.0, 1.0)) for c in inner.control]
     a = ((inner.a[0][0], way[0]), (way[1], inner.a[1][1]))
@@ -395,8 +395,9 @@ def coupled(seed: int, rng: Rng) -> Module:
 def sensing(seed: int, rng: Rng) -> Module:
     """A node between module and plant, in SC's instant, that looks at the sensor, too."""
     inner = (integrator, tank, lag)[int(rng.integers(0, 3))](seed, rng)
-    period = inner.times.sc // int(rng.choice([1, 2, 5]))
-    nodes = (PathNode(max(1, period)),)
+    t = inner.times
+    period = int(rng.choice([p for p in range(1, t.sc + 1) if t.sc % p == 0]))
+    nodes = (PathNode(period, t.sc_phase % period),)
     return replace(inner, family=f"sensing {inner.family}", drivers=nodes, in_step=True)
 
 

@@ -198,7 +198,8 @@ system S {{ p: P; module M;{beside} until 10s; }}
         looks, seen = ("y.x0 > 1.0e9 ? 0.0 : ", ", y") if self.in_step else ("", "")
         step = " ".join(f"publish v{i + 1}_{k} = {looks}{read}{k};" for k in range(self.m))
         return (
-            f"node D{i} period {self.ticks(node.period)}{phase} {{ subscribes {self._us(read)}{seen}; "
+            f"node D{i} period {self.ticks(node.period)}{phase} {{ "
+            f"subscribes {self._us(read)}{seen}; "
             f"publishes {self._us(f'v{i + 1}_')}; step {{ {step} }} }}"
         )
 
