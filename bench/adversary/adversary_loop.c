@@ -220,14 +220,16 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         if (fine || m->slip == AFTERWARDS) {
           replaced(&s, wanted, release);
           for (int k = 0; k < m->m; k++) {
-            act(&s, &q[k], k, wanted[k]);
+            if (m->drivers == 0) {
+              act(&s, &q[k], k, wanted[k]);
+            }
           }
         }
       }
     }
     /* nodes behind the module; what AC publishes stands on its topic until SC's replaces it */
     for (int k = 0; k < m->m && s.ac && m->drivers > 0; k++) {
-      s.output[0][k] = advanced(&s, k);
+      s.output[0][k] = m->shield > 0 ? s.published[k] : advanced(&s, k);
     }
     for (int i = 0; i < m->drivers; i++) {
       /* what it publishes now may be read by the next one now, or only later */
@@ -238,7 +240,10 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
       if (due(t, m->driver_period[last], m->driver_phase[last])) {
         driver[last] = (task){1, 0, t, t + choose(&s, LJ_NODE, m->driver_j[last]), 0};
       }
-      if (driver[last].busy && driver[last].phase == 0 && driver[last].start == t) {
+      /* in the module's thread: behind SC and the DM, however late they are */
+      int waits = m->in_step && (sc.busy || dm.busy);
+      int starts = m->in_step ? driver[last].start <= t && !waits : driver[last].start == t;
+      if (driver[last].busy && driver[last].phase == 0 && starts) {
         memcpy(carried[last], s.output[last], sizeof carried[last]);
         driver[last].phase = 1;
         driver[last].done = t + choose(&s, LR_NODE, m->driver_r[last]);

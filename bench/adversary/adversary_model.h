@@ -20,7 +20,7 @@ typedef struct {
   int32_t dm_period, dm_phase, sc_period, sc_phase, sensor_period, sensor_phase;
   int32_t j_dm, r_dm, j_sc, r_sc, acts[U], acts_least[U], max_age, dropout;
   int32_t nodes, node_period[NODES], node_phase[NODES], node_j[NODES], node_r[NODES];
-  int32_t drivers, driver_period[NODES], driver_phase[NODES], driver_j[NODES], driver_r[NODES];
+  int32_t drivers, in_step, driver_period[NODES], driver_phase[NODES], driver_j[NODES], driver_r[NODES];
   int32_t rows, grads;
   int32_t term_kind[TERMS], term_of[TERMS], term_to[TERMS];
   int32_t axes[2], axis[2][3], cells[2][3];

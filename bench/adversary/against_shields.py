@@ -3,13 +3,14 @@
     .venv/bin/python bench/adversary/against_shields.py [--runs N]
     .venv/bin/python bench/adversary/against_shields.py --wrong
 
-Purpose: modules of ten kinds whose commands are judged, with actuators that are late, one that two
-commands move and one that moves in steps among them, and one that is all border, each attacked with
-so many runs: AC may publish anything in its set at any tick, or
-nothing; errors, disturbances, lateness, responses and latencies are at their bounds. A true state
-outside C is a violation, and so is a command that acts on the state behind a judgement, or later,
-and was not among those judged. `--wrong`: every wrong shield must get no proof, be rejected by the
-re-checker, or be one on which the same adversary finds a violation, and finds none without it.
+Purpose: modules of twelve kinds whose commands are judged, with actuators that are late, some that
+two commands move, one that moves in steps and one behind a node with sensors of its own among them,
+and one that is all border, each attacked with so many runs: AC may publish anything in its set at
+any tick, or nothing; errors, disturbances, lateness, responses and latencies are at their bounds.
+A true state outside C is a violation, and so is a command that acts on the state behind a
+judgement, or later, and was not among those judged. `--wrong`: every wrong shield must get no
+proof, be rejected by the re-checker, or be one on which the same adversary finds a violation, and
+finds none without it.
 Exit code 1 where a module is left, or a wrong shield goes unnoticed.
 Non-goals: modules without a shield (`against_proofs.py`), what a shield is worth (`shield.py`).
 """
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from bench.adversary.random_modules import Module
 
 KINDS = ("tank", "integrator", "lag", "mode", "drag", "swing", "pair", "behind", "silent", "map2")
+KINDS += ("coupled", "sensing")
 TRIES = 40
 RUNS = 10_000
 STEPS = 20_000_000

@@ -64,7 +64,7 @@ class Loop(ct.Structure):
         ("acts_least", ct.c_int32 * U),
         *_ints("max_age", "dropout", "nodes"),
         *((n, ct.c_int32 * NODES) for n in ("node_period", "node_phase", "node_j", "node_r")),
-        *_ints("drivers"),
+        *_ints("drivers", "in_step"),
         *((n, ct.c_int32 * NODES) for n in ("driver_period", "driver_phase")),
         *((n, ct.c_int32 * NODES) for n in ("driver_j", "driver_r")),
         *_ints("rows", "grads"),

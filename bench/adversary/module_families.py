@@ -384,6 +384,23 @@ def pair(seed: int, rng: Rng) -> Module:
     return replace(inner, family="pair", a=decay, wind=wind, cells=(300, 300), apart=True)
 
 
+def coupled(seed: int, rng: Rng) -> Module:
+    """Two that feel each other a little, each on a grid of its own: directions of an orbit."""
+    inner = pair(seed, rng)
+    way = [_round(0.2 * c * rng.uniform(-1.0, 1.0)) for c in inner.control]
+    a = ((inner.a[0][0], way[0]), (way[1], inner.a[1][1]))
+    return replace(inner, family="coupled", a=a)
+
+
+def sensing(seed: int, rng: Rng) -> Module:
+    """A node between module and plant, in SC's instant, that looks at the sensor, too."""
+    inner = (integrator, tank, lag)[int(rng.integers(0, 3))](seed, rng)
+    t = inner.times
+    period = int(rng.choice([p for p in range(1, t.sc + 1) if t.sc % p == 0]))
+    nodes = (PathNode(period, t.sc_phase % period),)
+    return replace(inner, family=f"sensing {inner.family}", drivers=nodes, in_step=True)
+
+
 def shielded(seed: int, rng: Rng) -> Module:
     """A module whose commands are judged."""
     kinds = (integrator, tank, lag, mode, drag, swing, pair, behind, silent)
@@ -415,6 +432,8 @@ FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "silent": silent,
     "driven": driven,
     "pair": pair,
+    "coupled": coupled,
+    "sensing": sensing,
     "shielded": shielded,
 }
 SHARES = {

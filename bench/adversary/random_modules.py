@@ -111,6 +111,8 @@ class Module:
     """Cells of each command; 0: no shield."""
     apart: bool = False
     """Every state has a grid of its own."""
+    in_step: bool = False
+    """Nodes behind the module run in its thread, look at the sensor, and show what they pass on."""
 
     @property
     def n(self) -> int:
@@ -193,9 +195,11 @@ system S {{ p: P; module M;{beside} until 10s; }}
     def _driver(self, i: int) -> str:
         node, read = self.drivers[i], f"v{i}_" if i else "u"
         phase = f" phase {self.ticks(node.phase)}" if node.phase else ""
-        step = " ".join(f"publish v{i + 1}_{k} = {read}{k};" for k in range(self.m))
+        looks, seen = ("y.x0 > 1.0e9 ? 0.0 : ", ", y") if self.in_step else ("", "")
+        step = " ".join(f"publish v{i + 1}_{k} = {looks}{read}{k};" for k in range(self.m))
         return (
-            f"node D{i} period {self.ticks(node.period)}{phase} {{ subscribes {self._us(read)}; "
+            f"node D{i} period {self.ticks(node.period)}{phase} {{ "
+            f"subscribes {self._us(read)}{seen}; "
             f"publishes {self._us(f'v{i + 1}_')}; step {{ {step} }} }}"
         )
 
@@ -283,7 +287,8 @@ system S {{ p: P; module M;{beside} until 10s; }}
         if self.apart:
             clause = " ".join(f"grid {r};" for r in ranges)
         if self.abstract:
-            values = ", ".join(f"x{i}: p.truth.x{i}" for i in range(self.n))
+            shown = " + 0.0 * v1_0" if self.in_step else ""
+            values = ", ".join(f"x{i}: p.truth.x{i}{shown}" for i in range(self.n))
             clause += f"\n    abstracts p by q: Q = {{ {values} }};"
         return clause
 
@@ -296,7 +301,7 @@ system S {{ p: P; module M;{beside} until 10s; }}
         for k, node in enumerate(self.nodes):
             late.append(f"N{k} {self.ticks(node.late)}")
             took.append(f"N{k} {self.ticks(node.response)}")
-        for k, node in enumerate(self.drivers):
+        for k, node in enumerate(() if self.in_step else self.drivers):
             late.append(f"D{k} {self.ticks(node.late)}")
             took.append(f"D{k} {self.ticks(node.response)}")
         clauses = f"    late {', '.join(late)};\n    response {', '.join(took)};\n"
@@ -357,7 +362,7 @@ system S {{ p: P; module M;{beside} until 10s; }}
         c.j_dm, c.r_dm, c.j_sc, c.r_sc = t.late_dm, t.response_dm, t.late_sc, t.response_sc
         for k in range(self.m):
             c.acts[k] = t.acts
-        c.drivers = len(self.drivers)
+        c.drivers, c.in_step = len(self.drivers), int(self.in_step)
         for k, node in enumerate(self.drivers):
             c.driver_period[k], c.driver_phase[k] = node.period, node.phase
             c.driver_j[k], c.driver_r[k] = node.late, node.response

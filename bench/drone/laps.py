@@ -2,7 +2,8 @@
 
 Purpose: the first three rows and the speed row of issue 2's "Must reach", from one command:
 `python bench/drone/laps.py` flies 1,000 laps of each arm with wind and measurement errors
-drawn within their declared bounds; `--adversaries` flies hostile ACs under the module instead.
+drawn within their declared bounds; `--adversaries` flies hostile ACs under the module instead, and
+`--shield` two ACs under the module and under one with a shield (laps_shield.soter).
 Non-goals: pictures (`make demo`).
 """
 
@@ -14,14 +15,20 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.language.front_end import check_file, system_of
 from soter.report.terminal_tables import table
 from soter.simulate.run import NativeProgram
+from soter.verify.deploy.computed_predicates import complete
+
+if TYPE_CHECKING:
+    from soter.language.model.types import Value
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
+SHIELDED = Path(__file__).with_name("laps_shield.soter")
 ARMS = ("AdvancedOnly", "Protected", "SafeOnly")
 HOSTILE = ("Twitching", "Jerking", "Pushing", "Ramming", "Failing")
 FIRST_SEED = 10_000
@@ -42,10 +49,14 @@ class Lap:
     flown_s: float
 
 
-def fly(task: tuple[str, str, range, bool]) -> list[Lap]:
-    """Every seed of one chunk: (file, system, seeds, whether AC share is that of the whole run)."""
-    file, name, seeds, whole = task
-    system = system_of(check_file(str(DRONE / file)), name)
+def fly(task: tuple[str, str, range, bool, dict[str, Value]]) -> list[Lap]:
+    """Every seed of one chunk.
+
+    `task`: (file, system, seeds, whether AC share is that of the whole run, parameters).
+    """
+    file, name, seeds, whole, params = task
+    system = system_of(check_file(str(DRONE / file)), name, params)
+    complete(system)
     program = NativeProgram(system)
     lap_topic = next(t.name for t in system.topics if t.name.rsplit(".", 1)[-1] == "lap")
     assert system.until_ns is not None
@@ -72,12 +83,21 @@ def fly(task: tuple[str, str, range, bool]) -> list[Lap]:
 
 
 def campaign(
-    pool: multiprocessing.pool.Pool, file: str, name: str, count: int, *, whole: bool
+    pool: multiprocessing.pool.Pool,
+    file: str,
+    name: str,
+    count: int,
+    *,
+    whole: bool,
+    params: dict[str, Value] | None = None,
 ) -> list[Lap]:
     """`count` runs of a system, spread over the cores."""
     chunk = max(1, min(50, count // (2 * (os.cpu_count() or 1))))
     ends = range(FIRST_SEED, FIRST_SEED + count, chunk)
-    tasks = [(file, name, range(a, min(a + chunk, FIRST_SEED + count)), whole) for a in ends]
+    tasks = [
+        (file, name, range(a, min(a + chunk, FIRST_SEED + count)), whole, params or {})
+        for a in ends
+    ]
     return [lap for part in pool.map(fly, tasks, chunksize=1) for lap in part]
 
 
@@ -126,7 +146,7 @@ def arms(pool: multiprocessing.pool.Pool, count: int) -> int:
     violated = sum(lap.violations > 0 for lap in protected)
     share = float(np.mean([lap.ac_share for lap in protected]))
     one_core = fly(
-        ("motion_primitive.soter", "Protected", range(1, 1 + min(count, SPEED_RUNS)), False)
+        ("motion_primitive.soter", "Protected", range(1, 1 + min(count, SPEED_RUNS)), False, {})
     )
     speed = float(np.median([lap.flown_s / lap.wall_s for lap in one_core]))
     unfinished = sum(lap.lap_s is None for lap in [*protected, *safe])
@@ -188,15 +208,39 @@ def adversaries(pool: multiprocessing.pool.Pool, count: int) -> int:
     return total
 
 
+def shields(pool: multiprocessing.pool.Pool, count: int) -> int:
+    """Print what a shield is worth to an eager AC and to a gentle one; the number of violations."""
+    rows = []
+    violations = 0
+    for who, eager in (("eager", True), ("gentle", False)):
+        for arm, file, name, prefix in (
+            ("AC alone", "motion_primitive.soter", "AdvancedOnly", ""),
+            ("state alone", "motion_primitive.soter", "Protected", ""),
+            ("shield", str(SHIELDED), "Laps", "lap."),
+        ):
+            params: dict[str, Value] = {f"{prefix}AGGRESSIVE": eager}
+            laps = campaign(pool, file, name, count, whole=False, params=params)
+            broken = sum(lap.violations > 0 for lap in laps)
+            violations += broken if arm != "AC alone" else 0
+            share = float(np.mean([lap.ac_share for lap in laps]))
+            switches = float(np.mean([lap.switches for lap in laps]))
+            lap_s = f"{mean_lap_s(laps):.2f} s"
+            rows.append((who, arm, str(broken), lap_s, f"{share:.2%}", f"{switches:.2f}"))
+    print(table(("AC", "arm", "with violation", "mean clean lap", "AC share", "takeovers"), rows))
+    return violations
+
+
 def main() -> int:
     """Read the command line, fly, print; exit code 1 when a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--laps", type=int, default=1000, help="runs of each system (1000)")
     parser.add_argument("--adversaries", action="store_true", help="hostile ACs instead")
+    parser.add_argument("--shield", action="store_true", help="with and without a shield instead")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (all cores)")
     chosen = parser.parse_args()
     with multiprocessing.Pool(chosen.jobs) as pool:
-        missed = (adversaries if chosen.adversaries else arms)(pool, chosen.laps)
+        what = adversaries if chosen.adversaries else shields if chosen.shield else arms
+        missed = what(pool, chosen.laps)
     return 1 if missed else 0
 
 

@@ -454,3 +454,42 @@ def test_a_controller_between_module_and_plants_is_refused_twice(
     monkeypatch.setattr(extract, "_shield", lambda *_: None)
     soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason
+
+
+def test_a_node_with_sensors_is_followed_where_the_plants_of_the_proof_show_what_it_says(
+    tmp_path: Path,
+) -> None:
+    """It runs in SC's instant, so W is that of a node which reads commands alone."""
+    path = tmp_path / "shown.soter"
+    text = (
+        PASSED_ON.replace(
+            "subscribes speed;\n  publishes passed;", "subscribes speed, at;\n  publishes passed;"
+        )
+        .replace("passed = speed;", "passed = at > 9.0 ? 0.0 : speed;")
+        .replace("{ x: c.truth.x }", "{ x: c.truth.x + 0.0 * passed }")
+    )
+    path.write_text(text, "utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert report["Keep"].verdict == "proved", report["Keep"]
+    assert soter.recheck(tmp_path / "cert").accepted
+    told = {a.key: a.text for a in report["Keep"].problem.assumptions}
+    assert "Pass" in told["in step"]
+    path.write_text(text.replace("node Pass period 5ms", "node Pass period 4ms"), "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+
+
+def test_check_tells_of_a_shield_whose_group_two_commands_move(tmp_path: Path) -> None:
+    path = tmp_path / "two.soter"
+    turning = (
+        SMALL.replace("topic speed: float in [-1.0, 1.0]", "topic speed: Vec3 in [-1.0, 1.0]")
+        .replace("publish speed = sin(5.0 * time)", "publish speed = vec3(1.0, 0.0, 0.0)")
+        .replace(
+            "publish speed = clamp(-2.0 * at, -1.0, 1.0)", "publish speed = vec3(-at, 0.0, 0.0)"
+        )
+        .replace("der x = speed", "der x = speed.x")
+    )
+    path.write_text(turning, "utf-8")
+    assert "W033" not in [d.code for d in soter.load(path).check().warnings]
+    path.write_text(turning.replace("der x = speed.x", "der x = speed.x + sin(speed.y)"), "utf-8")
+    assert [d.code for d in soter.load(path).check().warnings] == ["W033"]

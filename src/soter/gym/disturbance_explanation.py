@@ -19,7 +19,7 @@ from soter.gym.memory_offsets import LeafBuffer, places
 from soter.gym.outside_roles import wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
-from soter.language.model.types import ArrayType, FloatType, leaf_count, leaves
+from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_count, leaves
 from soter.native.build import library
 
 if TYPE_CHECKING:
@@ -172,5 +172,7 @@ def _alone(system: System, plant: Component) -> System:
 def _zero(t: Type) -> Value:
     if isinstance(t, ArrayType):
         return (_zero(t.element),) * t.size
+    if isinstance(t, RecordType):
+        return tuple(_zero(field) for _, field in t.fields)
     assert isinstance(t, FloatType), t
     return 0.0

@@ -185,11 +185,19 @@ def in_turn(pushes: Iterator[Any], _: Any) -> Any:
     return np.array([next(pushes)])
 
 
+OF_A_RECORD = (
+    TWO.replace("d: float[2]", "d: { x: float, y: float }")
+    .replace("d[0]", "d.x")
+    .replace("d[1]", "d.y")
+)
+
+
+@pytest.mark.parametrize("text", [TWO, OF_A_RECORD], ids=["array", "record"])
 @pytest.mark.parametrize("seed", range(4))
-def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int) -> None:
+def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int, text: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "two.soter"
-        path.write_text(TWO)
+        path.write_text(text)
         program = soter.load(path)
     rng = np.random.default_rng(seed)
     pushes = rng.uniform(-1.0, 1.0, 400)

@@ -25,15 +25,18 @@ from soter.certificate.inclusions.predicates import drifts
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.problem import number_of
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import NDArray
 
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
+    from soter.language.model.system import Component
+    from soter.language.model.typed import TopicSymbol
 
     Show = Callable[[Block], Iterator[Block]]
 
@@ -64,15 +67,32 @@ def _in_the_instants(facts: Facts) -> bool:
 
 
 def _passed_on(facts: Facts) -> bool:
-    """Whether what runs behind SC in its instant runs in its thread and reads commands alone."""
+    """Whether what runs behind SC in its instant runs in its thread, and reads commands alone.
+
+    What reads sensors, too, has to show all that it makes of them to the plants of the proof.
+    """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [c for c in system.components if c.node is not None and c.name in names]
+    shown = topic_reads(*(link.value for link in facts.symbol.verify.abstracts))
     told = set(facts.flying_module.outputs)
     for c in nodes:
         assert c.node is not None
         told |= {c.scope.topics[t] for t in c.node.publishes}
-    heard = {c.scope.topics[s.topic] for c in nodes if c.node for s in c.node.subscribes}
-    return heard <= told and not any(c.extern and not c.inline for c in nodes)
+    return all(_there(c) and (_heard(c) <= told or _is_shown(c, shown)) for c in nodes)
+
+
+def _there(c: Component) -> bool:
+    return c.inline or not c.extern
+
+
+def _heard(c: Component) -> set[int]:
+    assert c.node is not None
+    return {c.scope.topics[s.topic] for s in c.node.subscribes}
+
+
+def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:
+    assert c.node is not None
+    return set(c.node.publishes) <= set(shown)
 
 
 def felt_by(model: CaseModel, group: GroupTables) -> list[int]:

@@ -193,13 +193,15 @@ def _shield(
     """R007 for a shield where its meaning is not settled.
 
     A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
-    which W covers; one that reads sensors, too, or runs elsewhere may be as late as it likes.
+    which W covers; one that runs at other times, or elsewhere, may be as late as it likes. One that
+    reads sensors, too, belongs with all behind it to the plants of the proof, as it does for SC.
     """
     symbol = at.module.symbol
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
-    behind = behind or any(w.inner or not all(map(in_thread, w.in_step)) for w in ways)
+    behind = behind or any(not all(map(in_thread, w.in_step)) for w in ways)
+    behind = behind or any(w.inner and w.inner[0] not in w.in_step for w in ways)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,

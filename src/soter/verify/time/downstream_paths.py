@@ -8,7 +8,8 @@ Three kinds of nodes stand there. One that also reads what comes from a plant is
 its own and belongs, with everything behind it, to what the abstraction stands for: it is named, and
 may not skip a command. One that reads commands only passes them on: its wait is counted, unless
 it is released whenever SC is and declared behind the one before it, without times of its own: then
-it runs behind SC in the module's thread, in the same instant.
+it runs behind SC in the module's thread, in the same instant. Below a shield that is asked of the
+first one with sensors of its own, too, as it says until when a command of AC is taken over.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from dataclasses import dataclass
 from math import gcd
 from typing import TYPE_CHECKING
 
+from soter.language.model.tree_walk import topic_reads
 from soter.verify.problem.verification_system import sc_reads
-from soter.verify.time.always_publishes import UnfollowedError, must_publish
+from soter.verify.time.always_publishes import UnfollowedError, must_publish, publishes_always
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -82,6 +84,8 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
         if node.role != "node":
             raise UnfollowedError(node, "the AC of another module may publish anything there")
         if _reads_sensors(place, node, set(nodes[: k + 1])):
+            if place.module.symbol.shield is not None and not counted and node.index > before:
+                in_step += [node] if _prompt(place, node) else []
             return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
         if any(
             place.flat.topics[node.scope.topics[s.topic]].queue_of is not None
@@ -99,6 +103,17 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
         else:
             counted.append(node)
     return DownstreamPath(tuple(counted), tuple(in_step))
+
+
+def _prompt(place: VerificationSystem, node: Component) -> bool:
+    """Whether a node with sensors of its own takes a command over behind SC, at every step.
+
+    All that it makes of commands and sensors has to be state of the plants of the proof.
+    """
+    assert node.node is not None
+    shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
+    always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
+    return always and set(node.node.publishes) <= shown.keys() and _in_step(place, node)
 
 
 def _in_step(place: VerificationSystem, node: Component) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from bench.adversary import against_shields, wrong_shields
 from bench.adversary.closed_loop import SLIPS
+from bench.adversary.module_families import FAMILIES, of_commands
 from bench.adversary.policy_search import Run, attack
 from bench.adversary.proofs import armed, prove
 from bench.adversary.random_modules import of_json
@@ -29,6 +30,17 @@ def test_a_module_with_a_shield_is_not_left(make: object) -> None:
     assert told.violations == 0
     assert told.closest > 0.9  # it came to the border
     assert told.switches > 100
+
+
+def test_what_a_node_with_sensors_passes_on_is_counted_until_it_does() -> None:
+    """It runs in SC's instant: W holds a period of SC, and less of it is too little."""
+    rng = np.random.default_rng([4, 1])
+    proof = prove(of_commands(FAMILIES["sensing"](1, rng), rng))
+    assert proof.proved, proof.why
+    assert attack(armed(proof), proof.module, STEPS, 1).violations == 0
+    short = armed(proof)
+    short.c.acted -= proof.module.times.sc
+    assert attack(short, proof.module, STEPS, 1).found is not None
 
 
 @pytest.mark.parametrize("slip", SLIPS)

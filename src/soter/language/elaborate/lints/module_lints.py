@@ -26,6 +26,7 @@ from soter.language.elaborate.lints.refuted_at_once import (
     doubt_start,
     doubt_trials,
 )
+from soter.language.elaborate.lints.several_commands import doubt_shield
 from soter.language.elaborate.lints.silent_sc import doubt_publications
 from soter.language.elaborate.lints.step_ranges import doubt_steps
 from soter.language.model.durations import show_ns
@@ -67,6 +68,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         doubt_publications(system, module, diagnostics)
         doubt_readers(system, module, diagnostics)
         doubt_ages(system, module, diagnostics)
+        doubt_shield(system, module, diagnostics)
         if number < TRIED_MAX:
             doubt_start(system, module, diagnostics)
             trials = tried(system, module)
