@@ -177,12 +177,23 @@ class Shield:
     of each cell until when (s) a command of it was held. `held` is its next value where a command
     is published, `permits` whether all commands that may act then may do so until SC's first
     output acts; both None until they are computed.
+
+    With `toward sc` there is a second hidden topic, `proposed`: the numbers that AC published last,
+    whether or not it was in control and before they were moved, and behind them SC's. `moved` has
+    for each number what AC publishes in the place of it.
     """
 
     cells: int
     topic: int
     held: TypedExpr | None = None
     permits: TypedExpr | None = None
+    proposed: int | None = None
+    moved: tuple[TypedExpr, ...] = ()
+
+    @property
+    def topics(self) -> tuple[int, ...]:
+        """The hidden topics."""
+        return (self.topic,) if self.proposed is None else (self.topic, self.proposed)
 
 
 @dataclass(eq=False)

@@ -120,8 +120,10 @@ def _carry_shield(
     if m.shield is None or proved.shield is None or proved.shield.held is None:
         return []
     m.shield.held, m.shield.permits = proved.shield.held, proved.shield.permits
-    scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
-    return list(topic_reads(m.shield.held, m.shield.permits))
+    m.shield.moved = proved.shield.moved
+    for mine, theirs in zip(m.shield.topics, proved.shield.topics, strict=True):
+        scope[there.topics[theirs].symbol] = mine
+    return list(topic_reads(m.shield.held, m.shield.permits, *m.shield.moved))
 
 
 def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
@@ -152,10 +154,11 @@ def _shield(
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
-    shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
-    topic = flat.topics[shield.topic]
-    scope = {**scope, topic.symbol: topic.index}
-    for symbol in topic_reads(shield.held, shield.permits):
+    shield.held, shield.permits, ttf, shield.moved = shield_expressions(
+        problem, flat, shield, grids
+    )
+    scope = {**scope, **{flat.topics[i].symbol: i for i in shield.topics}}
+    for symbol in topic_reads(shield.held, shield.permits, *shield.moved):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
     return ttf
@@ -249,6 +252,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         sorted(problem.times.declared),
         problem.levels,
         None if problem.module.shield is None else problem.module.shield.cells,
+        problem.module.symbol.toward_sc,
         problem.has_core_hint,
         sorted(problem.topic_leaf_of_state.items()),
         sorted(seen(problem)),
