@@ -11,18 +11,17 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from soter.core.layout import group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
-from soter.simulate.decisions import DecisionStepRecord, changes, margins
+from soter.simulate.decisions import DecisionStepRecord, changes, margins, moved, numbers_of
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    import numpy as np
     import numpy.typing as npt
 
     from soter.core.layout import StateLayout
@@ -286,6 +285,17 @@ class Run:
         (system_module,) = [m for m in self.system.modules if m.name == module]
         return margins(self.system, system_module, trace)
 
+    def moved(self, module: str) -> npt.NDArray[np.bool_]:
+        """At which instants a shield `toward sc` moved the command that AC published, (n,).
+
+        What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
+        trace has only parts.
+        """
+        trace = self.require_trace()
+        self.mode(module)  # is there such a module?
+        (system_module,) = [m for m in self.system.modules if m.name == module]
+        return moved(self.system, system_module, trace)
+
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
 
@@ -351,23 +361,13 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
         t, values = fields[part], values[part]
     if has_list(t):
         raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
-    numbers = _numbers(t, values)
+    numbers = numbers_of(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 
 
 def _names(run: Run) -> list[str]:
     truths = [f"{x.name}.truth" for x in run.system.components if x.plant is not None]
     return [*(t.name for t in run.system.topics), *truths]
-
-
-def _numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(..., k): the k numbers of every value."""
-    if isinstance(t, RecordType):
-        return np.concatenate([_numbers(f, values[n]) for n, f in t.fields], axis=-1)
-    if isinstance(t, ArrayType):
-        parts = _numbers(t.element, values)
-        return parts.reshape(*parts.shape[:-2], -1)
-    return values.astype(np.float64)[..., np.newaxis]
 
 
 # ---------------------------------------------------------------- what a person should know

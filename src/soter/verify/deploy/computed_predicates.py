@@ -154,9 +154,7 @@ def _shield(
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
-    shield.held, shield.permits, ttf, shield.moved = shield_expressions(
-        problem, flat, shield, grids
-    )
+    shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
     scope = {**scope, **{flat.topics[i].symbol: i for i in shield.topics}}
     for symbol in topic_reads(shield.held, shield.permits, *shield.moved):
         module.scope.topics.setdefault(symbol, scope[symbol])

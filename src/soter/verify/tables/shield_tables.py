@@ -200,14 +200,15 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
-) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr, tuple[t.TypedExpr, ...]]:
-    """(held, permits) of a module's `Shield`, `ttf`: its DM sees by itself what is old; `moved`."""
+) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
+    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old.
+
+    Fills in `shield.moved`, where commands are moved.
+    """
     w = ShieldWriter(problem, system, shield)
     ends = w.ends()
     permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
     ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
-    permits = w.chain("&&", [*w.fresh(), permitted])
-    if shield.proposed is None:
-        return w.held(), permits, ttf, ()
-    proposals = system.topics[shield.proposed]
-    return w.held(), permits, ttf, tuple(toward_sc.moved(w, proposals, tables, ends))
+    if shield.proposed is not None:
+        shield.moved = tuple(toward_sc.moved(w, system.topics[shield.proposed], tables, ends))
+    return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf

@@ -12,6 +12,7 @@ Where no cell of the way is fine SC's command is taken if it is permitted, else 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 def moved(
     w: ShieldWriter, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
-    """What AC publishes in the place of each number, in the order of proposals, which `topic` has."""
+    """What AC publishes in the place of each number, in the order of `topic`: proposals."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
     problem = w.problem
     places = [
@@ -125,8 +126,8 @@ def _entrances(
     """Of a cell the least number that is looked up there, and the greatest."""
     edges = w.edges[control]
     least = edges[:-1]
-    inner = zip(edges[:-2], edges[1:-1], strict=True)
-    greatest = (*(max(nextafter(high, -inf), low) for low, high in inner), edges[-1])
+    inner = (max(nextafter(high, -inf), low) for low, high in pairwise(edges[:-1]))
+    greatest = (*inner, edges[-1])
     tables = (("UP", least), ("DOWN", greatest))
     up, down = (w.at(w.array(f"{name}_{x}", FLOAT, tuple(v)), w.read(cell)) for x, v in tables)
     return up, down
