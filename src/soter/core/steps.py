@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.language.model.system import (
         Component,
+        Module,
         Property,
         Scope,
         System,
@@ -119,7 +120,7 @@ def _shield(
     def judged() -> None:
         builder.emit(core.Set(span, name, topic.type, (), held))
         if component.role == "ac":
-            builder.published[topic.symbol] = (None, name)
+            _read_as(builder, module, topic.index, (None, name))
         if proposed is not None:
             _proposed(builder, component, proposed[1], outputs)
         if component.role == "ac":
@@ -159,7 +160,7 @@ def _proposed(
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
     if component.role != "ac":
         return
-    builder.published[topic.symbol] = (None, name)
+    _read_as(builder, module, topic.index, (None, name))
     moved = [builder.let(span, "moved", builder.expr(e)) for e in module.shield.moved]
     for (i, place), value in zip(places, moved, strict=True):
         if i in number:
@@ -167,6 +168,13 @@ def _proposed(
             path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
             move = core.Set(span, out, system.topics[i].type, path, value)
             builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (move,), ()))
+
+
+def _read_as(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
+    """Lets code of a module read a topic, by any of its names, as what the step publishes."""
+    for symbol, index in module.scope.topics.items():
+        if index == topic:
+            builder.published[symbol] = new
 
 
 Place = tuple["int | tuple[int]", ...]
@@ -205,10 +213,9 @@ def _permitted(builder: Builder, component: Component, outputs: tuple[core.Outpu
     assert module.shield is not None
     assert module.shield.permits is not None
     number = {o.topic: k for k, o in enumerate(outputs)}
-    for symbol, index in module.scope.topics.items():
-        if index in number:
-            k = number[index]
-            builder.published[symbol] = (None if len(outputs) == 1 else k, core.output_name(k))
+    for index, k in number.items():
+        published = None if len(outputs) == 1 else k
+        _read_as(builder, module, index, (published, core.output_name(k)))
     permits = builder.expr(module.shield.permits)
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 
