@@ -174,12 +174,10 @@ def flown(path: Path, model: Model, flights: int, threads: int) -> tuple[float, 
 def moved_share(path: Path, model: Model) -> float:
     """What share of AC's commands was moved while it had control, in one run."""
     program = soter.load(path)
-    run = program.simulate(system=model.system, seed=1, until=f"{model.seconds}s")
+    run = program.simulate(system=model.system, seed=1, until=f"{model.seconds}s", trace=False)
     module = next(m for m in run.system.modules if m.name == model.module)
-    trace = run.require_trace()
-    told = trace["stamps"][:, module.outputs[0]] == trace["header"]["ct"]
-    told &= run.mode(model.module) == 1
-    return float(run.moved(model.module).sum() / max(told.sum(), 1))
+    published, moved = run.moved_commands[module.index]
+    return moved / max(published, 1)
 
 
 def step_ns(path: Path, model: Model) -> float:

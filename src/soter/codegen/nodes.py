@@ -116,7 +116,7 @@ def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
         has = c.Name("true") if k in frame.body.certain else frame.body.has(k)
         some = has if k == 0 else c.Binary("||", some, has)
     kept = _kept(frame, shield.cell, shield.name, shield.type)
-    stores = [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), kept)]
+    stores: list[c.CStmt] = [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), kept)]
     if shield.proposed is not None:
         stores.append(c.IfStmt(some, _kept(frame, *shield.proposed)))
     return stores

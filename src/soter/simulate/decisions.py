@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from soter.language.model.types import ArrayType, RecordType
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Type
     from soter.simulate.run_observer import ModeChange
 
 Mode = Literal["SC", "AC"]
@@ -157,34 +155,6 @@ def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     )
     both: npt.NDArray[np.bool_] = in_sc & waits
     return both
-
-
-def moved(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Where its shield moved the command that AC published, (n,), at instants; `states` (n,)."""
-    shield = module.shield
-    was_moved = np.zeros(len(states), dtype=np.bool_)
-    if shield is None or shield.proposed is None:
-        return was_moved
-    proposals = states["topics"][system.topics[shield.proposed].name]
-    in_ac = states["modules"]["mode"][:, module.index] != 0
-    at = 0
-    for i in module.outputs:
-        numbers = numbers_of(system.topics[i].type, states["topics"][system.topics[i].name])
-        proposed = proposals[:, at : at + numbers.shape[-1]]
-        at += numbers.shape[-1]
-        told = in_ac & (states["stamps"][:, i] == states["header"]["ct"])
-        was_moved |= told & (numbers != proposed).any(axis=-1)
-    return was_moved
-
-
-def numbers_of(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(..., k): the k numbers of every value of a type without lists, in declared order."""
-    if isinstance(t, RecordType):
-        return np.concatenate([numbers_of(f, values[n]) for n, f in t.fields], axis=-1)
-    if isinstance(t, ArrayType):
-        parts = numbers_of(t.element, values)
-        return parts.reshape(*parts.shape[:-2], -1)
-    return values.astype(np.float64)[..., np.newaxis]
 
 
 def _waits_for(module: Module, state: Any) -> str:  # noqa: ANN401 - a state

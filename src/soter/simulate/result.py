@@ -15,7 +15,8 @@ from soter.core.layout import group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
-from soter.simulate.decisions import DecisionStepRecord, changes, margins, moved, numbers_of
+from soter.simulate.decided_instants import moved_at, numbers_of
+from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
@@ -116,6 +117,9 @@ class Run:
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
     """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+    moved_commands: list[tuple[int, int]] = field(default_factory=list)
+    """By module with a shield `toward sc`: commands that AC published in control, and those of
+    them that were moved (hashed or traced runs); else zeros."""
     safe_looks: list[SafeLooks] = field(default_factory=list)
     """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
@@ -294,7 +298,7 @@ class Run:
         trace = self.require_trace()
         self.mode(module)  # is there such a module?
         (system_module,) = [m for m in self.system.modules if m.name == module]
-        return moved(self.system, system_module, trace)
+        return moved_at(self.system, system_module, trace)[1]
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
@@ -375,7 +379,8 @@ def _names(run: Run) -> list[str]:
 
 def _notes_of(run: Run) -> list[str]:
     """One sentence each."""
-    return [*_outside(run), *run.computed, *_late(run), *_silent(run), *_together(run)]
+    more = (*_late(run), *_silent(run), *_together(run))
+    return [*_outside(run), *_moved(run), *run.computed, *more]
 
 
 def _outside(run: Run) -> Iterator[str]:
@@ -386,6 +391,14 @@ def _outside(run: Run) -> Iterator[str]:
                 f"{name}: its `safe` was false on what its topics held in {m.outside:,} of "
                 f"{m.looks:,} looks of its DM, first at {m.first_outside_s:.3f} s"
             )
+
+
+def _moved(run: Run) -> Iterator[str]:
+    """A share of AC says little where its commands were moved."""
+    for m, (published, moved) in zip(run.system.modules, run.moved_commands, strict=False):
+        if moved:
+            share = f"{moved:,} of {published:,} commands of AC"
+            yield f"{m.name}: its shield moved {share} toward SC's, {moved / published:.1%}"
 
 
 def _late(run: Run) -> Iterator[str]:

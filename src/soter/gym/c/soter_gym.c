@@ -84,7 +84,8 @@ static void soter_take(const soter_view* v, void* state, const double* action, u
   f->taken_by = m == NULL ? (uint8_t)SOTER_AC : m->mode;
   soter_answer(p, state, v->agent, fits ? SOTER_OK : SOTER_EXTERN_FAULT, answer);
   f->gate_fault = m != NULL && m->gate_faults != faults ? 1U : 0U;
-  f->moved = f->taken_by == (uint8_t)SOTER_AC && f->gate_fault == 0U && soter_moved(v, state) ? 1U : 0U;
+  f->moved =
+      f->taken_by == (uint8_t)SOTER_AC && f->gate_fault == 0U && soter_moved(v, state) ? 1U : 0U;
   f->cause = f->next_cause;
   if (f->cause == (uint8_t)SOTER_CAUSE_NONE && f->gate_fault != 0U) {
     f->cause = (uint8_t)SOTER_CAUSE_GATE;

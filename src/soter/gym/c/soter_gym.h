@@ -43,15 +43,15 @@ typedef struct {
   const soter_program* program;
   int32_t module; /* whose AC the agent is; -1: the agent is no AC */
   uint32_t agent;
-  uint32_t plant;       /* answered from outside; as many as there are components: none */
-  uint32_t answer_most; /* bytes of the largest answer of any extern */
-  soter_leaves action;  /* in the agent's answer */
-  soter_leaves given;   /* in it: what says that an output was given */
-  soter_leaves moved;   /* in the plant's answer */
-  soter_leaves start;   /* the same states, in the state */
-  soter_leaves observe; /* in the state: what an observation is */
-  soter_leaves apply;   /* in the state: what the module publishes, or the plant reads */
-  soter_leaves outputs; /* in the state: what the module publishes, where a shield moves that */
+  uint32_t plant;        /* answered from outside; as many as there are components: none */
+  uint32_t answer_most;  /* bytes of the largest answer of any extern */
+  soter_leaves action;   /* in the agent's answer */
+  soter_leaves given;    /* in it: what says that an output was given */
+  soter_leaves moved;    /* in the plant's answer */
+  soter_leaves start;    /* the same states, in the state */
+  soter_leaves observe;  /* in the state: what an observation is */
+  soter_leaves apply;    /* in the state: what the module publishes, or the plant reads */
+  soter_leaves outputs;  /* in the state: what the module publishes, where a shield moves that */
   soter_leaves proposed; /* in the state: what AC would have published in the place of it */
 } soter_view;
 

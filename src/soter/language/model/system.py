@@ -173,14 +173,11 @@ class Component:
 class Shield:
     """How a module judges the commands of its AC (docs/semantics.md, Shields).
 
-    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds
-    of each cell until when (s) a command of it was held. `held` is its next value where a command
-    is published, `permits` whether all commands that may act then may do so until SC's first
-    output acts; both None until they are computed.
-
-    With `toward sc` there is a second hidden topic, `proposed`: the numbers that AC published last,
-    whether or not it was in control and before they were moved, and behind them SC's. `moved` has
-    for each number what AC publishes in the place of it.
+    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds of
+    each cell until when (s) a command of it was held. `held` is its next value where a command is
+    published, `permits` whether all commands that may act then may do so until SC's first output
+    acts; both None until they are computed. Of `toward sc` the hidden topic `proposed` has the
+    numbers that AC would have published last, and behind them SC's; `moved` what AC does instead.
     """
 
     cells: int
@@ -189,11 +186,6 @@ class Shield:
     permits: TypedExpr | None = None
     proposed: int | None = None
     moved: tuple[TypedExpr, ...] = ()
-
-    @property
-    def topics(self) -> tuple[int, ...]:
-        """The hidden topics."""
-        return (self.topic,) if self.proposed is None else (self.topic, self.proposed)
 
 
 @dataclass(eq=False)

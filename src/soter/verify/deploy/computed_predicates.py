@@ -121,8 +121,9 @@ def _carry_shield(
         return []
     m.shield.held, m.shield.permits = proved.shield.held, proved.shield.permits
     m.shield.moved = proved.shield.moved
-    for mine, theirs in zip(m.shield.topics, proved.shield.topics, strict=True):
-        scope[there.topics[theirs].symbol] = mine
+    scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
+    if m.shield.proposed is not None and proved.shield.proposed is not None:
+        scope[there.topics[proved.shield.proposed].symbol] = m.shield.proposed
     return list(topic_reads(m.shield.held, m.shield.permits, *m.shield.moved))
 
 
@@ -155,7 +156,8 @@ def _shield(
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
     shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
-    scope = {**scope, **{flat.topics[i].symbol: i for i in shield.topics}}
+    hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
+    scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
     for symbol in topic_reads(shield.held, shield.permits, *shield.moved):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])

@@ -21,7 +21,6 @@ from soter.language.model.types import BOOL, FLOAT, INT, IntType
 from soter.verify.problem.estimates import seen
 from soter.verify.tables import toward_sc
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
-from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
 SLACK_NS = 1_000
 
 
-class ShieldWriter(Writer):
+class ShieldWriter(toward_sc.ShieldParts):
     """Builds the expressions of one module's shield."""
 
     def __init__(self, problem: Problem, system: System, shield: Shield) -> None:

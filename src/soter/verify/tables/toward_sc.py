@@ -12,6 +12,7 @@ Where no cell of the way is fine SC's command is taken if it is permitted, else 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from itertools import pairwise
 from math import inf, nextafter
 from typing import TYPE_CHECKING
@@ -19,17 +20,55 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed as t
 from soter.language.model.types import FLOAT, INT, IntType, leaves
 from soter.verify.tables.grid_tables import cell_of, estimate
+from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Topic
+    from soter.verify.problem.problem import Problem
     from soter.verify.tables.grid_tables import GroupTable
-    from soter.verify.tables.shield_tables import ShieldWriter
+
+
+class ShieldParts(Writer):
+    """What the expressions here are made of; a shield's writer has it.
+
+    `edges`, `places`: of each control between what its cells lie, and the function that finds one.
+    """
+
+    problem: Problem
+    name: str
+    cells: int
+    topic: Topic
+    edges: list[tuple[float, ...]]
+    places: list[t.FunSymbol]
+
+    @abstractmethod
+    def times(self) -> t.TypedExpr:
+        """The shield's topic."""
+
+    @abstractmethod
+    def since(self) -> t.TypedExpr:
+        """A command that was held then or later may act on what is read now: t - W, s."""
+
+    @abstractmethod
+    def acting(
+        self,
+        control: int,
+        ends: t.FunSymbol,
+        times: t.TypedExpr,
+        own: t.TypedExpr,
+        since: t.TypedExpr,
+    ) -> t.TypedExpr:
+        """The least cell and the greatest that may act where a command of cell `own` does."""
+
+    @abstractmethod
+    def reach(self, table: GroupTable, number: int) -> t.FunSymbol:
+        """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
 
 
 def moved(
-    w: ShieldWriter, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
+    w: ShieldParts, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
     """What AC publishes in the place of each number, in the order of `topic`: proposals."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
@@ -57,7 +96,7 @@ def moved(
 
 
 def _nearest(
-    w: ShieldWriter, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
+    w: ShieldParts, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
     """`fun nearest(mine, other, times, since, x0, ...): float`."""
     name = f"{w.name}_toward{control}"
@@ -107,7 +146,7 @@ def _nearest(
     return t.FunSymbol(name, w.span, inputs, FLOAT, tuple(body), False, None)
 
 
-def _lasting(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
+def _lasting(w: ShieldParts, table: GroupTable, name: str) -> t.FunSymbol:
     """A function: 1 where commands of a cell may act for longer at an estimate, else 0."""
     assert table.commands is not None
     assert table.commands.lasting is not None
@@ -121,7 +160,7 @@ def _lasting(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
 
 
 def _entrances(
-    w: ShieldWriter, name: str, control: int, cell: t.Variable
+    w: ShieldParts, name: str, control: int, cell: t.Variable
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
     """Of a cell the least number that is looked up there, and the greatest."""
     edges = w.edges[control]
@@ -133,19 +172,19 @@ def _entrances(
     return up, down
 
 
-def _product(w: ShieldWriter, sign: t.Variable, value: t.TypedExpr) -> t.TypedExpr:
+def _product(w: ShieldParts, sign: t.Variable, value: t.TypedExpr) -> t.TypedExpr:
     return w.op("*", w.read(sign), value)
 
 
-def _is_one(w: ShieldWriter, value: t.TypedExpr) -> t.TypedExpr:
+def _is_one(w: ShieldParts, value: t.TypedExpr) -> t.TypedExpr:
     return w.op("==", value, w.number(1))
 
 
-def _if(w: ShieldWriter, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
+def _if(w: ShieldParts, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
     return t.TypedIf(w.span, ((condition, (then,)),), ())
 
 
 def _either(
-    w: ShieldWriter, condition: t.TypedExpr, then: t.TypedExpr, otherwise: t.TypedExpr
+    w: ShieldParts, condition: t.TypedExpr, then: t.TypedExpr, otherwise: t.TypedExpr
 ) -> t.TypedExpr:
     return t.Conditional(then.type, w.span, condition, then, otherwise)
