@@ -46,12 +46,16 @@ static int hull(const state *s, int k, double u, int64_t release, int *low, int 
   return command_cell(m, k, u) >= 0;
 }
 
-/* Whether they are permitted at an estimate. */
-static int permitted(const state *s, const double *y, const double *u, int64_t release) {
+/* Whether they are permitted at an estimate; of the groups that component `only` moves, or all. */
+static int permitted_of(
+    const state *s, const double *y, const double *u, int64_t release, int only) {
   const loop *m = s->m;
   for (int g = 0; g < (m->slip == FIRST_ONLY ? 1 : m->groups); g++) {
     int64_t at = cell_of(m, g, y);
     int low = 0, high = 0;
+    if (only >= 0 && (m->moving[g] != 1 || m->moved[g][0] != only)) {
+      continue;
+    }
     if (at < 0) {
       return 0;
     }
@@ -70,6 +74,49 @@ static int permitted(const state *s, const double *y, const double *u, int64_t r
     }
   }
   return 1;
+}
+
+static int permitted(const state *s, const double *y, const double *u, int64_t release) {
+  return permitted_of(s, y, u, release, -1);
+}
+
+/* Whether a command of component k may act for longer in all groups that it moves. */
+static int lasts(const state *s, int k, int cell, const double *y) {
+  const loop *m = s->m;
+  for (int g = 0; g < m->groups; g++) {
+    int64_t at = cell_of(m, g, y);
+    if (m->moving[g] == 1 && m->moved[g][0] == k
+        && (at < 0 || m->lasting[g][at * m->shield + cell] == 0)) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+/* Moves what AC proposes toward `other`, as docs/semantics.md has it: each component to the first
+ * cell on the way that lasts and is permitted, else to `other` where that is, else nowhere. What
+ * the other components do is no matter of this one: groups have one command each. */
+static void moves(const state *s, const double *y, int64_t release, const double *other, double *u) {
+  const loop *m = s->m;
+  double alone[U];
+  memcpy(alone, s->published, sizeof alone);
+  for (int k = 0; k < m->m; k++) {
+    int own = command_cell(m, k, u[k]), to = command_cell(m, k, other[k]), done = own < 0 || to < 0;
+    int step = to > own ? 1 : -1;
+    for (int c = own; !done && c != to + step; c += step) {
+      double high = c + 1 == m->shield ? cut(m, k, c + 1) : nextafter(cut(m, k, c + 1), -HUGE_VAL);
+      double at = c == own ? u[k] : step > 0 ? cut(m, k, c) : high;
+      alone[k] = at;
+      if (lasts(s, k, c, y) && permitted_of(s, y, alone, release, k)) {
+        u[k] = at;
+        done = 1;
+      }
+    }
+    alone[k] = other[k];
+    if (!done && permitted_of(s, y, alone, release, k)) {
+      u[k] = other[k];
+    }
+  }
 }
 
 /* The same where nothing was replaced yet. */

@@ -213,12 +213,19 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         memcpy(looked, read->v, sizeof looked);
       }
       if (proposes(&s, read, looked, release, wanted)) {
+        double proposed[U];
+        memcpy(proposed, wanted, sizeof proposed);
+        if (m->toward && m->slip != SC_JUDGED) {
+          moves(&s, looked, release, command, wanted);
+        }
         const double *judged = m->slip == HELD_ONLY ? s.published : wanted;
-        int fine = fresh(&s, read, release) && permitted(&s, looked, judged, release);
+        judged = m->slip == SC_JUDGED ? command : judged;
+        int fine = fresh(&s, read, release)
+            && (m->slip == UNJUDGED || permitted(&s, looked, judged, release));
         s.gate_fault |= !fine;
         out->forgot |= fine && forgotten(&s, q, wanted, read->state, release);
         if (fine || m->slip == AFTERWARDS) {
-          replaced(&s, wanted, release);
+          replaced(&s, m->slip == PROPOSED ? proposed : wanted, release);
           for (int k = 0; k < m->m; k++) {
             if (m->drivers == 0) {
               act(&s, &q[k], k, wanted[k]);

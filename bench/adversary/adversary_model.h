@@ -25,12 +25,14 @@ typedef struct {
   int32_t term_kind[TERMS], term_of[TERMS], term_to[TERMS];
   int32_t axes[2], axis[2][3], cells[2][3];
   int32_t shield, slip, acted, moving[2], moved[2][U]; /* 0 cells: no shield; acted: W */
+  int32_t toward; /* whether commands are moved toward SC's before they are judged */
   double h, phi[N * N], gam_u[N * U], gam_w[N * N], a[N * N], b[N * U], term_k[TERMS];
   double u_low[U], u_high[U], u_first[U], wind[N], error[N], low[N], high[N];
   double gain[LAWS * U * N], bias[U], force[U];
   const double *edges[2][3];
   const uint8_t *level[2];
   const uint8_t *tops[2];
+  const uint8_t *lasting[2]; /* of each cell of commands, whether it may act for longer */
   const double *face[2]; /* each n coefficients, that of x1|x1|, and the limit */
   const double *row;     /* co-states: n coefficients each */
   const double *grad;    /* n x n each */
@@ -41,6 +43,7 @@ enum { LJ_NODE = L_ACT + 1, LR_NODE, SEEN, PATTERN, DROP, NEAR, GSWITCH, SIDE, T
 
 /* What a wrong shield does; 0 in one that is right. */
 enum { SILENCE = 1, AFTERWARDS, ALONE, HELD_ONLY, BEGAN, FIRST_ONLY, BEHIND, LOOKED };
+enum { UNJUDGED = LOOKED + 1, SC_JUDGED, PROPOSED };
 
 typedef struct {
   double worst;    /* the largest |x - middle| / half that was seen */

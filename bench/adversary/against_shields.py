@@ -1,6 +1,6 @@
 """A closed-loop adversary against modules with a shield, and shields that are wrong.
 
-    .venv/bin/python bench/adversary/against_shields.py [--runs N]
+    .venv/bin/python bench/adversary/against_shields.py [--runs N] [--toward]
     .venv/bin/python bench/adversary/against_shields.py --wrong
 
 Purpose: modules of twelve kinds whose commands are judged, with actuators that are late, some that
@@ -8,9 +8,9 @@ two commands move, one that moves in steps and one behind a node with sensors of
 and one that is all border, each attacked with so many runs: AC may publish anything in its set at
 any tick, or nothing; errors, disturbances, lateness, responses and latencies are at their bounds.
 A true state outside C is a violation, and so is a command that acts on the state behind a
-judgement, or later, and was not among those judged. `--wrong`: every wrong shield must get no
-proof, be rejected by the re-checker, or be one on which the same adversary finds a violation, and
-finds none without it.
+judgement, or later, and was not among those judged. `--toward`: with shields that move commands
+toward SC's before they judge them. `--wrong`: every wrong shield must get no proof, be rejected by
+the re-checker, or be one on which the same adversary finds a violation, and finds none without it.
 Exit code 1 where a module is left, or a wrong shield goes unnoticed.
 Non-goals: modules without a shield (`against_proofs.py`), what a shield is worth (`shield.py`).
 """
@@ -20,7 +20,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,7 +39,7 @@ from bench.adversary.wrong_shields import PROGRAM, patched  # noqa: E402
 import soter  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from bench.adversary.closed_loop import Machine
     from bench.adversary.proofs import Proof
@@ -57,29 +57,33 @@ SEEDS = 3
 # ---------------------------------------------------------------- modules that are proved
 
 
-def modules() -> Iterator[Proof]:
-    """One of each kind whose safety is proved, its actuators late; and one that is all border."""
+def modules(*, toward: bool = False) -> Iterator[Proof]:
+    """One of each kind whose safety is proved, its actuators late; and one that is all border.
+
+    `toward`: commands are moved toward SC's.
+    """
     for kind in KINDS:
         for seed in range(TRIES):
             rng = np.random.default_rng([4, seed])
             drawn = of_commands(FAMILIES[kind](seed, rng), rng)
             if drawn.times.acts == 0 and not drawn.is_map:
                 continue
+            drawn = replace(drawn, toward=toward)
             first = prove(drawn, whole=False)
             if not first.safe:
                 continue
             wide = prove(widened(first, rng))
             yield wide if wide.safe else prove(drawn)
             break
-    yield prove(wrong_shields.late_to_act(np.random.default_rng(4)))
+    yield prove(replace(wrong_shields.late_to_act(np.random.default_rng(4)), toward=toward))
 
 
-def attacked(runs: int) -> int:
+def attacked(runs: int, *, toward: bool = False) -> int:
     """A line for each module; how many were left."""
     lost = 0
     print("| module | cells | L, ms | runs | steps | switches | closest | violations |")
     print("|---|---|---|---|---|---|---|---|")
-    for number, proof in enumerate(modules()):
+    for number, proof in enumerate(modules(toward=toward)):
         assert proof.safe, proof.why
         m = proof.module
         told = attack(armed(proof), m, 0, number, runs=runs, stop=False)
@@ -112,10 +116,17 @@ def _leaves(machine: Machine, module: Module, seed: int, steps: int) -> bool:
     return not (honest.left or honest.forgot)
 
 
+def _drawn_for(slip: str) -> Callable[[np.random.Generator], Module]:
+    """Modules on which a slip of the gate matters."""
+    if "moved" in slip:
+        return wrong_shields.moved_toward_sc
+    return wrong_shields.two_axes if "groups" in slip else wrong_shields.late_to_act
+
+
 def of_gate(steps: int = STEPS) -> Iterator[Noticed]:
     """Gates that do what they should not: the adversary has to find each."""
     for name, slip in SLIPS.items():
-        make = wrong_shields.two_axes if "groups" in name else wrong_shields.late_to_act
+        make = _drawn_for(name)
         who = ""
         for seed in range(SEEDS):
             proof = prove(make(np.random.default_rng([6, seed])))
@@ -208,8 +219,11 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=RUNS, help="on each module")
     parser.add_argument("--steps", type=int, default=STEPS, help="on each wrong shield")
     parser.add_argument("--wrong", action="store_true")
+    parser.add_argument("--toward", action="store_true", help="commands are moved toward SC's")
     said = parser.parse_args()
-    return 1 if (wrong(said.steps) if said.wrong else attacked(said.runs)) else 0
+    if said.wrong:
+        return 1 if wrong(said.steps) else 0
+    return 1 if attacked(said.runs, toward=said.toward) else 0
 
 
 if __name__ == "__main__":

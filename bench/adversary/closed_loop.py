@@ -33,6 +33,9 @@ SLIPS = {
     "one of two groups is judged": 6,
     "memory behind the gate: commands act later than is declared": 7,
     "commands are judged on the estimate of the DM's last look": 8,
+    "what a command is moved to is not judged": 9,
+    "SC's command is judged, not what AC's is moved to": 10,
+    "what AC proposed is remembered, not what it was moved to": 11,
 }
 """Wrong shields that the loop can have (`adversary_gate.h`)."""
 SOURCE = Path(__file__).with_name("adversary_loop.c")
@@ -75,6 +78,7 @@ class Loop(ct.Structure):
         *_ints("shield", "slip", "acted"),
         ("moving", ct.c_int32 * GROUPS),
         ("moved", ct.c_int32 * (GROUPS * U)),
+        *_ints("toward"),
         ("h", ct.c_double),
         ("phi", ct.c_double * (N * N)),
         ("gam_u", ct.c_double * (N * U)),
@@ -90,6 +94,7 @@ class Loop(ct.Structure):
         ("edges", ct.c_void_p * (GROUPS * AXES)),
         ("level", ct.c_void_p * GROUPS),
         ("tops", ct.c_void_p * GROUPS),
+        ("lasting", ct.c_void_p * GROUPS),
         ("face", ct.c_void_p * 2),
         ("row", ct.c_void_p),
         ("grad", ct.c_void_p),

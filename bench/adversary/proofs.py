@@ -117,7 +117,7 @@ def armed(proof: Proof) -> Machine:
         return machine
     with_tables(machine, [_tables(part) for part in case.groups])
     if module.shield:
-        machine.c.shield = module.shield
+        machine.c.shield, machine.c.toward = module.shield, module.toward
         machine.c.acted = result.problem.times.acted // (module.tick_us * 1000)
     return machine
 
@@ -134,7 +134,10 @@ def _tables(part: GroupSets) -> GroupOfTables:
         return GroupOfTables(states, edges, levels)
     others = range(len(order), part.tops.ndim)
     moved = () if part.command is None else (part.command,)
-    return GroupOfTables(states, edges, levels, np.transpose(part.tops, (*order, *others)), moved)
+    tops, lasting = (
+        None if x is None else np.transpose(x, (*order, *others)) for x in (part.tops, part.lasting)
+    )
+    return GroupOfTables(states, edges, levels, tops, moved, lasting)
 
 
 # ---------------------------------------------------------------- a start at the border

@@ -109,6 +109,8 @@ class Module:
     levels: int = 3
     shield: int = 0
     """Cells of each command; 0: no shield."""
+    toward: bool = False
+    """Whether commands are moved toward SC's."""
     apart: bool = False
     """Every state has a grid of its own."""
     in_step: bool = False
@@ -135,6 +137,10 @@ class Module:
         return self.start or (0.0,) * self.n
 
     # ------------------------------------------------------------ text
+
+    def _shield(self) -> str:
+        toward = " toward sc" if self.toward else ""
+        return f"  shield {self.shield}{toward};" if self.shield else ""
 
     def ticks(self, k: int) -> str:
         """A time as text."""
@@ -168,7 +174,7 @@ rta M {{
   sc Sc;
   period {self.ticks(t.dm)};
   safe {" && ".join(f"abs(y.x{i}) < {self.box[i]!r}" for i in n)};
-{self._predicates()}{f"  shield {self.shield};" if self.shield else ""}
+{self._predicates()}{self._shield()}
   verify {{
     {self._grid()}
 {self._delays()}  }}
@@ -426,6 +432,8 @@ class GroupOfTables:
     tops: Levels | None = None
     """What a shield permits of the commands `moved`."""
     moved: tuple[int, ...] = ()
+    lasting: Levels | None = None
+    """Which of them may act for longer."""
 
 
 def with_tables(machine: Machine, groups: list[GroupOfTables]) -> None:
@@ -442,6 +450,8 @@ def with_tables(machine: Machine, groups: list[GroupOfTables]) -> None:
         c.level[g] = machine.pointer(group.levels, "u1")
         if group.tops is not None:
             c.tops[g] = machine.pointer(group.tops, "u1")
+        if group.lasting is not None:
+            c.lasting[g] = machine.pointer(group.lasting, "u1")
 
 
 def with_rows(module: Module, machine: Machine, outer: Array, inner: Array) -> None:

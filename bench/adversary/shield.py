@@ -4,8 +4,9 @@
 
 Carts, an arm, a multicopter and a docking craft, each under an AC that goes as near and brakes as
 late as it dares, one that pushes at the border, one that changes its mind at every release; the
-same module with `shield` left out and with `shield 8`. Then how long a step of AC takes in C
-without and with a judgement. Exit code 1 where a flight left `safe`.
+same module with `shield` left out, with `shield 8` and with `shield 8 toward sc`; of the last also
+what share of AC's commands was moved while it had control. Then how long a step of AC takes in C
+without a judgement and with each. Exit code 1 where a flight left `safe`.
 
 Purpose: the table of docs/benchmarks.md. Non-goals: times and errors at their bounds (disturbances
 and errors are drawn from their sets; `against_proofs.py` puts them at their ends).
@@ -127,8 +128,11 @@ MODELS = (
 )
 
 
-def text_of(model: Model, step: str, *, shield: bool) -> str:
-    """The program with this step of AC, its module with a shield or without."""
+SHIELDS = ("", "shield 8;", "shield 8 toward sc;")
+
+
+def text_of(model: Model, step: str, shield: str) -> str:
+    """The program with this step of AC, its module with this clause."""
     text = (ROOT / model.path).read_text("utf-8")
     if step:
         head, node, rest = text.partition(f"node {model.node} ")
@@ -138,8 +142,7 @@ def text_of(model: Model, step: str, *, shield: bool) -> str:
         text = head + node + rest
     head, node, rest = text.partition(f"rta {model.module} {{")
     rest = re.sub(r"\n  shield 8;", "", rest, count=1)
-    wanted = "shield 8;\n  verify {" if shield else "verify {"
-    return head + node + rest.replace("verify {", wanted, 1)
+    return head + node + rest.replace("verify {", f"{shield}\n  verify {{", 1)
 
 
 def steps_of(model: Model) -> dict[str, str]:
@@ -166,6 +169,15 @@ def flown(path: Path, model: Model, flights: int, threads: int) -> tuple[float, 
     module = next(m for m in campaign.result.modules if m.name == model.module)
     seconds = flights * model.seconds
     return 1.0 - module.ac_share, module.disengagements / seconds, campaign.result.flights_violated
+
+
+def moved_share(path: Path, model: Model) -> float:
+    """What share of AC's commands was moved while it had control, in one run."""
+    program = soter.load(path)
+    run = program.simulate(system=model.system, seed=1, until=f"{model.seconds}s", trace=False)
+    module = next(m for m in run.system.modules if m.name == model.module)
+    published, moved = run.moved_commands[module.index]
+    return moved / max(published, 1)
 
 
 def step_ns(path: Path, model: Model) -> float:
@@ -204,32 +216,32 @@ def main() -> int:
     lost = 0
     print(f"{said.flights:,} flights each")
     print(
-        "| module | AC | SC, state alone | SC, shield | removed | switches/s | with | left safe |"
+        "| module | AC | SC, state alone | shield | toward sc | removed | toward sc | switches/s "
+        "| shield | toward sc | moved | left safe |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "flown.soter"
         for model in MODELS:
             for name, step in steps_of(model).items():
                 row = []
-                for shield in (False, True):
-                    path.write_text(text_of(model, step, shield=shield), "utf-8")
+                for shield in SHIELDS:
+                    path.write_text(text_of(model, step, shield), "utf-8")
                     row.append(flown(path, model, said.flights, said.threads))
-                (alone, often, out), (judged, now, out_too) = row
-                lost += out + out_too
-                removed = f"{1.0 - judged / alone:.0%}" if alone else "-"
-                print(
-                    f"| {model.name} | {name} | {alone:.2%} | {judged:.2%} | {removed} "
-                    f"| {often:.3f} | {now:.3f} | {out} + {out_too} |",
-                    flush=True,
-                )
+                shares, switches, left = zip(*row, strict=True)
+                lost += sum(left)
+                alone, *others = shares
+                removed = [f"{1.0 - x / alone:.0%}" if alone else "-" for x in others]
+                cells = [*(f"{x:.2%}" for x in shares), *removed, *(f"{x:.3f}" for x in switches)]
+                cells += [f"{moved_share(path, model):.0%}", " + ".join(map(str, left))]
+                print(f"| {model.name} | {name} | {' | '.join(cells)} |", flush=True)
         for model in MODELS:
             step = f"publish {model.output} = 0.0;"
             took = []
-            for shield in (False, True):
-                path.write_text(text_of(model, step, shield=shield), "utf-8")
-                took.append(step_ns(path, model))
-            print(f"{model.name}: a step of AC {took[0]:.0f} ns, with a judgement {took[1]:.0f} ns")
+            for shield in SHIELDS:
+                path.write_text(text_of(model, step, shield), "utf-8")
+                took.append(f"{step_ns(path, model):.0f}")
+            print(f"{model.name}: a step of AC, ns: {', '.join(took)}")
     return 1 if lost else 0
 
 

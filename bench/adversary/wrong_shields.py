@@ -81,6 +81,11 @@ def late_to_act(rng: Rng) -> Module:
     return _fine(border_tank(rng, Times(40, 40, 1, 1, acts=19), speed=3.0))
 
 
+def moved_toward_sc(rng: Rng) -> Module:
+    """The same, where commands are moved toward SC's."""
+    return replace(late_to_act(rng), toward=True)
+
+
 def out_of_step(rng: Rng) -> Module:
     """The same, where a look may come soon after a release of SC."""
     return _fine(border_tank(rng, Times(44, 40, 1, 1, acts=19), speed=3.0))

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from soter.codegen.storage.storage_plan import PlannedBody
     from soter.language.model.system import Component
     from soter.language.model.typed import NodeSymbol
+    from soter.language.model.types import Type
 
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
@@ -50,11 +51,14 @@ def _task(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBod
     disturbed = any(f.component == component.index for f in frame.system.faults)
     bursts = any(o.burst for o in step.outputs)
     first = core.If(step.span, core.Const(BOOL, True), step.takeover, ())
-    outputs = () if disturbed or bursts else step.outputs
-    if step.shield is None:
+    shield = step.shield
+    moves = shield is not None and shield.proposed is not None
+    outputs = () if disturbed or bursts or moves else step.outputs
+    if shield is None:
         return frame.task((first, *step.body), step.locals, outputs)
-    code = (first, *step.body, *step.shield.body)
-    return frame.task(code, step.locals, outputs, (step.shield.name,))
+    code = (first, *step.body, *shield.body)
+    later = (shield.name,) if shield.proposed is None else (shield.name, shield.proposed[1])
+    return frame.task(code, step.locals, outputs, later)
 
 
 def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
@@ -100,18 +104,28 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
 
 
 def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
-    """What the shield remembers of the commands that were published (n1: only if OE)."""
+    """What the shield remembers of the commands that were published (n1: only if OE).
+
+    And of those that were proposed, whether or not they were.
+    """
     shield = step.shield
     if shield is None:
         return []
-    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(shield.cell.owner)))
-    kept = frame.types.commit(frame.cell(shield.cell), shield.type, frame.body.place(shield.name))
     some: c.CExpr = c.Name("false")
     for k in range(len(step.outputs)):
         has = c.Name("true") if k in frame.body.certain else frame.body.has(k)
         some = has if k == 0 else c.Binary("||", some, has)
-    stores = (*kept, c.Assign(stamp, CT))
-    return [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), stores)]
+    kept = _kept(frame, shield.cell, shield.name, shield.type)
+    stores: list[c.CStmt] = [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), kept)]
+    if shield.proposed is not None:
+        stores.append(c.IfStmt(some, _kept(frame, *shield.proposed)))
+    return stores
+
+
+def _kept(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
+    """A topic takes the value of a temporary."""
+    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(cell.owner)))
+    return (*frame.types.commit(frame.cell(cell), t, frame.body.place(name)), c.Assign(stamp, CT))
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:

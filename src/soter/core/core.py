@@ -339,13 +339,15 @@ def output_name(output: int) -> str:
 class ShieldStep:
     """After the body: the temporary `name` is what becomes of the shield's topic `cell`.
 
-    The statements that compute it guard what AC publishes.
+    The statements that compute it guard what AC publishes. `proposed`: the cell, temporary and type
+    of the topic of proposals; then these statements also move what AC publishes.
     """
 
     body: tuple[Stmt, ...]
     cell: Cell
     name: str
     type: Type
+    proposed: tuple[Cell, str, Type] | None = None
 
 
 @dataclass(eq=False)

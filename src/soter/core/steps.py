@@ -16,11 +16,22 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.conjuncts import premise_of
 from soter.language.model import typed
 from soter.language.model.system import queues_of
-from soter.language.model.types import BOOL
+from soter.language.model.types import BOOL, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.diagnostics.span import Span
-    from soter.language.model.system import Component, Property, Scope, System, TimedProperty
+    from soter.language.model.system import (
+        Component,
+        Module,
+        Property,
+        Scope,
+        System,
+        TimedProperty,
+        Topic,
+    )
+    from soter.language.model.types import Type
 
 
 def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
@@ -78,6 +89,9 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         footprint.reads |= seen.reads
         footprint.stamps |= {*seen.stamps, step.shield.cell.owner}
         footprint.writes.add(step.shield.cell)
+        if step.shield.proposed is not None:
+            footprint.stamps.add(step.shield.proposed[0].owner)
+            footprint.writes.add(step.shield.proposed[0])
     return step
 
 
@@ -91,37 +105,117 @@ def _shield(
     if module is None or shield is None or shield.held is None or shield.permits is None:
         return None
     topic, span = system.topics[shield.topic], component.span
-    cell = core.Cell("topic", topic.index, topic.name)
     builder.scope = module.scope
     builder.params = module.scope.params
-    name = builder.fresh("shield")
-    builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
+    cell, name = _copied(builder, topic, "shield", span)
+    proposed = None
+    if shield.proposed is not None:
+        second = system.topics[shield.proposed]
+        proposed = (*_copied(builder, second, "proposed", span), second.type)
     held = builder.expr(shield.held)
-    judged, _ = builder.capture(lambda: _permitted(builder, component, name, outputs))
     some: core.Expr = core.Fact(BOOL, "published", 0)
     for k in range(1, len(outputs)):
         some = core.Binary(BOOL, "||", some, core.Fact(BOOL, "published", k))
-    then = (core.Set(span, name, topic.type, (), held), *judged)
+
+    def judged() -> None:
+        builder.emit(core.Set(span, name, topic.type, (), held))
+        if component.role == "ac":
+            _read_as(builder, module, topic.index, (None, name))
+        if proposed is not None:
+            _proposed(builder, component, proposed[1], outputs)
+        if component.role == "ac":
+            _permitted(builder, component, outputs)
+
+    then, _ = builder.capture(judged)
     builder.emit(core.If(span, some, then, ()))
-    return core.ShieldStep(builder.finish(), cell, name, topic.type)
+    return core.ShieldStep(builder.finish(), cell, name, topic.type, proposed)
 
 
-def _permitted(
+def _copied(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core.Cell, str]:
+    """The cell of a hidden topic, and the temporary that has its value."""
+    cell = core.Cell("topic", topic.index, topic.name)
+    name = builder.fresh(base)
+    builder.emit(core.Let(span, name, core.Get(topic.type, cell), mutable=True))
+    return cell, name
+
+
+def _proposed(
     builder: Builder, component: Component, name: str, outputs: tuple[core.Output, ...]
 ) -> None:
+    """The numbers that a controller would publish are noted; what AC publishes is moved."""
+    assert component.module is not None
+    system, span = builder.system, component.span
+    module = system.modules[component.module]
+    assert module.shield is not None
+    assert module.shield.proposed is not None
+    topic = system.topics[module.shield.proposed]
+    number = {o.topic: k for k, o in enumerate(outputs)}
+    places = [(i, p) for i in module.outputs for p in _places(system.topics[i].type)]
+    first = 0 if component.role == "ac" else len(places)
+    for at, (i, place) in enumerate(places, first):
+        if i not in number:
+            continue
+        value = _part(core.Var(system.topics[i].type, core.output_name(number[i])), place)
+        note = core.Set(span, name, topic.type, (core.Const(INT, at),), value)
+        builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
+    if component.role != "ac":
+        return
+    _read_as(builder, module, topic.index, (None, name))
+    moved = [builder.let(span, "moved", builder.expr(e)) for e in module.shield.moved]
+    for (i, place), value in zip(places, moved, strict=True):
+        if i in number:
+            out = core.output_name(number[i])
+            path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
+            move = core.Set(span, out, system.topics[i].type, path, value)
+            builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (move,), ()))
+
+
+def _read_as(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
+    """Lets code of a module read a topic, by any of its names, as what the step publishes."""
+    for symbol, index in module.scope.topics.items():
+        if index == topic:
+            builder.published[symbol] = new
+
+
+Place = tuple["int | tuple[int]", ...]
+"""Where a number lies in a value: fields as numbers, elements of arrays as (number,)."""
+
+
+def _places(t: Type) -> Iterator[Place]:
+    """Of all numbers of a type without lists, in declared order."""
+    if isinstance(t, RecordType):
+        for k, (_, f) in enumerate(t.fields):
+            yield from ((k, *rest) for rest in _places(f))
+    elif isinstance(t, ArrayType):
+        for k in range(t.size):
+            yield from (((k,), *rest) for rest in _places(t.element))
+    else:
+        yield ()
+
+
+def _part(value: core.Expr, place: Place) -> core.Expr:
+    """What lies there."""
+    for p in place:
+        t = value.type
+        if isinstance(p, int):
+            assert isinstance(t, RecordType)
+            value = core.Field(t.fields[p][1], value, p)
+        else:
+            assert isinstance(t, ArrayType)
+            value = core.Element(t.element, value, core.Const(INT, p[0]))
+    return value
+
+
+def _permitted(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
     """AC's step faults unless the commands that may act behind it are permitted."""
     assert component.module is not None
     module = builder.system.modules[component.module]
     assert module.shield is not None
-    if component.role != "ac" or module.shield.permits is None:
-        return
+    assert module.shield.permits is not None
     number = {o.topic: k for k, o in enumerate(outputs)}
-    for symbol, index in module.scope.topics.items():
-        if index == module.shield.topic:
-            builder.published[symbol] = (None, name)
-        elif index in number:
-            k = number[index]
-            builder.published[symbol] = (None if len(outputs) == 1 else k, core.output_name(k))
+    for index, k in number.items():
+        published = None if len(outputs) == 1 else k
+        _read_as(builder, module, index, (published, core.output_name(k)))
     permits = builder.expr(module.shield.permits)
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 

@@ -143,6 +143,7 @@ WORDS: dict[str, str] = {
     "returns": "When the DM gives control back: `after` an operator's press, or `never`.",
     "after": "`returns after button;`: the DM waits for a press of it, new and not too old.",
     "shield": "Each command of AC is judged before it acts: into how many cells it is cut.",
+    "toward": "`shield 8 toward sc;`: what is not permitted is moved toward SC's command.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",
     "polytope": "States with linear dynamics, analysed together by half-spaces.",

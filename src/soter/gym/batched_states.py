@@ -37,7 +37,8 @@ FACTS_DTYPE = np.dtype(
         ("cause", "u1"),
         ("next_cause", "u1"),
         ("off_model", "?"),
-        ("reserved", "u1", (6,)),
+        ("moved", "?"),
+        ("reserved", "u1", (5,)),
     ]
 )
 """`soter_facts`."""

@@ -109,6 +109,7 @@ class CompiledEnvironment:
             for x in self.observed
             for leaf in (self.truth(system.components[x.index]) if x.truth else self.topic(x.index))
         ]
+        outputs, proposed = self._moved()
         sizes = {i: x.size for i, x in self.answers.items()}
         self.given = {
             "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
@@ -117,6 +118,8 @@ class CompiledEnvironment:
             "start": LeafBuffer(self.ffi, start),
             "observe": LeafBuffer(self.ffi, observed),
             "apply": LeafBuffer(self.ffi, apply),
+            "outputs": LeafBuffer(self.ffi, outputs),
+            "proposed": LeafBuffer(self.ffi, proposed),
         }
         return self.ffi.new(
             "soter_view *",
@@ -129,6 +132,16 @@ class CompiledEnvironment:
                 **{name: leaves.fields for name, leaves in self.given.items()},
             },
         )
+
+    def _moved(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
+        """What a module publishes whose shield moves that, and what its AC would have."""
+        if self.roles.module is None:
+            return [], []
+        module = self.system.modules[self.roles.module]
+        if module.shield is None or module.shield.proposed is None:
+            return [], []
+        outputs = [leaf for t in module.outputs for leaf in self.topic(t)]
+        return outputs, self.topic(module.shield.proposed)[: len(outputs)]
 
     @property
     def answer_most(self) -> int:

@@ -11,6 +11,8 @@ import copy
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
+import numpy as np
+from gymnasium import spaces
 from gymnasium.utils import seeding
 
 import soter.api
@@ -41,15 +43,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
-    import numpy as np
-    from gymnasium import spaces
+    import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
     from soter.language.model.types import Type, Value
 
 SEED_END = 2**63
-CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced")
-"""Why the agent's action did not count, by `soter_cause`."""
+CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
+"""Why the agent's action did not count, or not as it was, by `soter_cause`."""
 
 
 NOT_COPIED = ("session", "asked", "judged", "_taker", "program", "_reads", "_states", "_outputs")
@@ -104,6 +105,7 @@ class EnvironmentGuard:
             warn_of_narrow_space(env.action_space, self._reads)
         outputs = array_mapping.topics_published(self.session.system, self.session.agent)
         self.action_space = action_space or array_mapping.action_space(outputs)
+        self._masks = isinstance(self.action_space, spaces.Discrete)
 
     def _begin(self, space: spaces.Space[Any]) -> None:
         """Everything that is made of the choices; `space`: the environment's actions."""
@@ -323,8 +325,10 @@ class EnvironmentGuard:
         if self._over and self.session.compiled.linked:
             violations = self.session.violations(over=True)
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
-        counted = bool(seen.taken_by) and not gate_fault
+        counted = bool(seen.taken_by) and not gate_fault and not seen.moved
         cause = CAUSES[seen.cause]
+        if self.session.module.shield is not None and self._masks:
+            given = {**given, "action_mask": self.action_masks().astype(np.int8)}
         return {
             **given,
             "mode": "AC" if mode else "SC",
@@ -343,6 +347,19 @@ class EnvironmentGuard:
             "cost": float(violations - self._violations),
             "off_model": None if self.asked is None else bool(seen.off_model),
         }
+
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Which actions of a `Discrete` space would be published as they are, (n,).
+
+        Were the agent in control now: neither refused nor moved. SoterError U001 for other spaces.
+        """
+        space = self.action_space
+        if not isinstance(space, spaces.Discrete):
+            raise wrong_choice("only a `Discrete` action space has a mask", f"it is {space}")
+        if self._over:  # nobody is asked
+            return np.zeros(int(space.n), dtype=np.bool_)
+        actions = range(int(space.start), int(space.start) + int(space.n))
+        return np.array([self.session.publishes(self._values_of(a)) for a in actions])
 
     def _refused(self) -> str:
         """What the gate refused the last action for: a shield does not permit it, or its set."""

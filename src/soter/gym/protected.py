@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
+    import numpy as np
+    import numpy.typing as npt
+
     import soter.api
     from soter.gym.session import Session
 
@@ -73,6 +76,10 @@ class Protected(gymnasium.Env[Any, Any]):
         """One answer of the agent; `env` steps once for each release of the plant meanwhile."""
         return self.guard.step(self.env, action)
 
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Which actions of a `Discrete` space would be published as they are now, (n,)."""
+        return self.guard.action_masks()
+
     def render(self) -> Any:  # noqa: ANN401 - whatever the environment renders
         """What the environment shows."""
         return self.env.render()
@@ -110,6 +117,10 @@ class SafetyWrapper(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:  # noqa: ANN401
         """One answer of the agent; `env` steps once for each release of the plant meanwhile."""
         return self.guard.step(self.env, action)
+
+    def action_masks(self) -> npt.NDArray[np.bool_]:
+        """Which actions of a `Discrete` space would be published as they are now, (n,)."""
+        return self.guard.action_masks()
 
 
 def make_protected(

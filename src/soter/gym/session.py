@@ -15,6 +15,7 @@ import numpy as np
 from soter.core.layout import decode_from, encode_into
 from soter.gym.compiled_system import refuse_call
 from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.model.types import numbers_in
 from soter.native.library import RunStatus
 from soter.semantics.externs import reset
 from soter.simulate.externs.bindings import bind_again, callables
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.native.library import Bytes
 
+TOWARD_SC = 6
+"""The last of `soter_cause`."""
 FAR_NS = 2**62
 """No run gets there: the session ends before its clock does."""
 
@@ -142,7 +145,7 @@ class Session:
     def move(self, states: Sequence[Value]) -> None:
         """Answer for the plant."""
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
-        self._give(self.plant, dict(zip(names, states, strict=True)))
+        self._give(self.state, self.plant, dict(zip(names, states, strict=True)))
 
     def act(self, values: Sequence[Value | None] | None) -> None:
         """Answer for the agent: a value for each output, None where it publishes nothing.
@@ -151,15 +154,45 @@ class Session:
         """
         facts, seen = self.facts, self.seen
         faults, seen.taken_by = int(facts["gate_faults"]), int(facts["mode"])
-        if values is None:
-            answer = (int(FaultKind.EXTERN), None)
-            self.compiled.library.answer(self.state, self.agent.index, *answer)
-        else:
-            self._give(self.agent, self._outputs(values))
+        self._answer(self.state, values)
         seen.gate_fault = int(facts["gate_faults"]) > faults
-        seen.cause = seen.next_cause or int(seen.gate_fault)
+        seen.moved = bool(seen.taken_by) and not seen.gate_fault and self._moved(self.state, values)
+        seen.cause = seen.next_cause or int(seen.gate_fault) or TOWARD_SC * int(seen.moved)
         seen.off_model = 0
         seen.steps += 1
+
+    def publishes(self, values: Sequence[Value | None] | None) -> bool:
+        """Whether the agent, which is due, would publish these as they are, were it in control.
+
+        As `act`, on a copy: neither gate nor shield refuses them, and no shield moves them.
+        """
+        copy = self.state.copy()
+        record = copy.view(self.compiled.dtype)[0]
+        record["components"][self.agent.index]["oe"] = 1
+        faults = int(record["modules"][self.module.index]["gate_faults"])
+        self._answer(copy, values)
+        refused = int(record["modules"][self.module.index]["gate_faults"]) > faults
+        return not refused and not self._moved(copy, values)
+
+    def _answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
+        """The agent's step."""
+        if values is None:
+            answer = (int(FaultKind.EXTERN), None)
+            self.compiled.library.answer(state, self.agent.index, *answer)
+        else:
+            self._give(state, self.agent, self._outputs(values))
+
+    def _moved(self, state: Bytes, values: Sequence[Value | None] | None) -> bool:
+        """Whether the shield moved what the agent has just published."""
+        shield = self.module.shield
+        if shield is None or shield.proposed is None or values is None or None in values:
+            return False
+        raw = memoryview(state.data)
+        given, proposed = (
+            [x for i in topics for x in numbers_in(self._topic(raw, i))]
+            for topics in (self.module.outputs, (shield.proposed,))
+        )
+        return given != proposed[: len(given)]
 
     def _outputs(self, values: Sequence[Value | None]) -> dict[str, Value]:
         assert self.agent.node is not None
@@ -167,13 +200,13 @@ class Session:
         given = {n: v for n, v in zip(short, values, strict=True) if v is not None}
         return {**given, **{f"has_{n}": n in given for n in short}}
 
-    def _give(self, component: Component, values: Mapping[str, Value]) -> None:
+    def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
         layout = self.compiled.answers[component.index]
         out = bytearray(max(layout.size, 1))
         for member in layout.members:
             if member.name in values:
                 encode_into(out, member.offset, member.type, values[member.name])
-        self.compiled.library.answer(self.state, component.index, 0, bytes(out))
+        self.compiled.library.answer(state, component.index, 0, bytes(out))
 
     def place(self, states: Sequence[Value]) -> None:
         """Let the plant start at `states`."""
@@ -219,8 +252,11 @@ class Session:
 
     def topic(self, index: int) -> Value:
         """The value that a topic holds."""
+        return self._topic(memoryview(self.state.data), index)
+
+    def _topic(self, raw: memoryview, index: int) -> Value:
         offset = self.layout.topic_offset(index)
-        return decode_from(memoryview(self.state.data), offset, self.system.topics[index].type)
+        return decode_from(raw, offset, self.system.topics[index].type)
 
     def violations(self, *, over: bool = False) -> int:
         """Onsets of violated properties and latched components, this instant included.

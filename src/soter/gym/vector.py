@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[Any]
     Judge = Callable[[Array, Array, Array], Array]
 
-CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced")
+CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
 """Why the agent's action did not count; `info["cause"]` of a vector has the index."""
 ENDS = (None, "terminate", "truncate")
 SEED_BITS = 2**64 - 1
@@ -235,7 +235,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         info["action_taken"] = applied
         info["cost"] = self._cost
         if given is not None:
-            info["intervened"] = ~facts["taken_by"] | facts["gate_fault"]
+            info["intervened"] = ~facts["taken_by"] | facts["gate_fault"] | facts["moved"]
             info["action_requested"] = given
         return info
 

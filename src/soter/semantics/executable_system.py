@@ -71,11 +71,16 @@ class DmCode:
 
 @dataclass(frozen=True, slots=True)
 class ShieldCode:
-    """The code of a module's shield: its topic, that topic's next value, what is permitted."""
+    """The code of a module's shield: its topic, that topic's next value, what is permitted.
+
+    With `toward sc` the topic of proposals, and what each number becomes.
+    """
 
     topic: int
     held: Compiled
     permits: Compiled
+    proposed: int | None = None
+    moved: tuple[Compiled, ...] = ()
 
 
 class ExecutableSystem:
@@ -184,7 +189,10 @@ class ExecutableSystem:
             return
         evaluator = self._evaluator(module.scope)
         held, permits = evaluator.expression(shield.held), evaluator.expression(shield.permits)
-        self.shields[component.index] = ShieldCode(shield.topic, held, permits)
+        moved = tuple([evaluator.expression(e) for e in shield.moved])
+        self.shields[component.index] = ShieldCode(
+            shield.topic, held, permits, shield.proposed, moved
+        )
 
     def _dm(self, module: Module) -> DmCode:
         evaluator = self._evaluator(module.scope)

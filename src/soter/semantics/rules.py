@@ -146,18 +146,20 @@ def _node_step(
             out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
         commands = shielded(machine, c, component, out)
+        out = commands.published
     except StepFault as fault:
         c, outcome = _faulted(machine, c, component, fault)
         return c, replace(outcome, judged=assumed)
     c = replace(c, L=put(c.L, n, kept), had_control=put(c.had_control, n, oe))
     c = emptied(c, code.queues)
+    c = publish(machine.system.topics, c, commands.proposed)
     if component.role == "ac":
         c = earn(c, _module(machine, component), code.outputs, out)
     before = c if component.held is None else hold(machine, c, component, out if oe else {})
     if not oe:
         return before, StepOutcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
-    c = publish(machine.system.topics, c, {**out, **commands}, bursts=code.bursts)
+    c = publish(machine.system.topics, c, {**out, **commands.held}, bursts=code.bursts)
     guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
     if component.held is not None:
         return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})

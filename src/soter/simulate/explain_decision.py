@@ -374,7 +374,8 @@ def _published_before(system: System, dm: int) -> frozenset[int]:
     """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
     late = {i for c in system.components if c.index >= dm for i in _publishes(c)}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
-    shields = {m.shield.topic for m in system.modules if m.shield is not None}
+    judging = [m.shield for m in system.modules if m.shield is not None]
+    shields = {s.topic for s in judging} | {s.proposed for s in judging if s.proposed is not None}
     return frozenset({t.index for t in system.topics} - late - looks - shields)
 
 

@@ -163,6 +163,7 @@ def run_real_time(
         interrupted=bool(timing["stopped"]),
         lag_s_max=max(float(timing["wake"]["max_ns"]), 0.0) / 1e9,
         decided=observer.decided,
+        moved_commands=observer.moved_commands,
         safe_looks=observer.safe_looks,
         timing=timing,
     )

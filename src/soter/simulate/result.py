@@ -11,18 +11,18 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from soter.core.layout import group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
+from soter.simulate.decided_instants import moved_at, numbers_of
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    import numpy as np
     import numpy.typing as npt
 
     from soter.core.layout import StateLayout
@@ -117,6 +117,9 @@ class Run:
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
     """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+    moved_commands: list[tuple[int, int]] = field(default_factory=list)
+    """By module with a shield `toward sc`: commands that AC published in control, and those of
+    them that were moved (hashed or traced runs); else zeros."""
     safe_looks: list[SafeLooks] = field(default_factory=list)
     """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
@@ -286,6 +289,17 @@ class Run:
         (system_module,) = [m for m in self.system.modules if m.name == module]
         return margins(self.system, system_module, trace)
 
+    def moved(self, module: str) -> npt.NDArray[np.bool_]:
+        """At which instants a shield `toward sc` moved the command that AC published, (n,).
+
+        What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
+        trace has only parts.
+        """
+        trace = self.require_trace()
+        self.mode(module)  # is there such a module?
+        (system_module,) = [m for m in self.system.modules if m.name == module]
+        return moved_at(self.system, system_module, trace)[1]
+
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
 
@@ -351,7 +365,7 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
         t, values = fields[part], values[part]
     if has_list(t):
         raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
-    numbers = _numbers(t, values)
+    numbers = numbers_of(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 
 
@@ -360,22 +374,13 @@ def _names(run: Run) -> list[str]:
     return [*(t.name for t in run.system.topics), *truths]
 
 
-def _numbers(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(..., k): the k numbers of every value."""
-    if isinstance(t, RecordType):
-        return np.concatenate([_numbers(f, values[n]) for n, f in t.fields], axis=-1)
-    if isinstance(t, ArrayType):
-        parts = _numbers(t.element, values)
-        return parts.reshape(*parts.shape[:-2], -1)
-    return values.astype(np.float64)[..., np.newaxis]
-
-
 # ---------------------------------------------------------------- what a person should know
 
 
 def _notes_of(run: Run) -> list[str]:
     """One sentence each."""
-    return [*_outside(run), *run.computed, *_late(run), *_silent(run), *_together(run)]
+    more = (*_late(run), *_silent(run), *_together(run))
+    return [*_outside(run), *_moved(run), *run.computed, *more]
 
 
 def _outside(run: Run) -> Iterator[str]:
@@ -386,6 +391,14 @@ def _outside(run: Run) -> Iterator[str]:
                 f"{name}: its `safe` was false on what its topics held in {m.outside:,} of "
                 f"{m.looks:,} looks of its DM, first at {m.first_outside_s:.3f} s"
             )
+
+
+def _moved(run: Run) -> Iterator[str]:
+    """A share of AC says little where its commands were moved."""
+    for m, (published, moved) in zip(run.system.modules, run.moved_commands, strict=False):
+        if moved:
+            share = f"{moved:,} of {published:,} commands of AC"
+            yield f"{m.name}: its shield moved {share} toward SC's, {moved / published:.1%}"
 
 
 def _late(run: Run) -> Iterator[str]:

@@ -141,6 +141,7 @@ class NativeProgram:
             lag_s_max=pacer.lag_s_max if pacer else None,
             extern_tallies=drive.answers.tallies,
             decided=observer.decided if observer else [],
+            moved_commands=observer.moved_commands if observer else [],
             safe_looks=observer.safe_looks if observer else [],
         )
 
@@ -283,6 +284,7 @@ def run_interpreted(
         lag_s_max=pacer.lag_s_max if pacer else None,
         extern_tallies=tallies,
         decided=observer.decided,
+        moved_commands=observer.moved_commands,
         safe_looks=observer.safe_looks,
     )
 

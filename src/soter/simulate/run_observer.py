@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.simulate.decided_instants import decided_at
+from soter.simulate.decided_instants import decided_at, moved_at
 from soter.simulate.module_safe_check import SafeTally
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ class Observer:
         self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
         self._system = system
         self._decided = np.zeros((2, len(system.modules)), dtype=np.int64)
+        self._moved = np.zeros((2, len(system.modules)), dtype=np.int64)
         self._safe = SafeTally(system, judge)
 
     def see(self, rows: Rows) -> None:
@@ -117,6 +118,11 @@ class Observer:
     def decided(self) -> list[tuple[int, int]]:
         """By module: DM steps, and those in which ttf and safer held both."""
         return [(int(n), int(both)) for n, both in self._decided.T]
+
+    @property
+    def moved_commands(self) -> list[tuple[int, int]]:
+        """By module: commands that AC published below a shield `toward sc`, and moved ones."""
+        return [(int(n), int(moved)) for n, moved in self._moved.T]
 
     @property
     def safe_looks(self) -> list[SafeLooks]:
@@ -187,6 +193,8 @@ class Observer:
         due = decided_at(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
+        for m in self._system.modules:
+            self._moved[:, m.index] += [x.sum() for x in moved_at(self._system, m, states)]
         self._safe.see(states, due)
 
     def _explained(

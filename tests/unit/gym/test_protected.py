@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import sys
 import tempfile
 import warnings
@@ -803,13 +804,18 @@ def test_info_says_what_was_asked_for_what_was_done_and_why() -> None:
     assert (info["intervened"], info["cause"]) == (True, "gate")
 
 
-def test_info_says_when_it_was_the_shield(tmp_path: Path) -> None:
-    """Full throttle is refused before the module takes over; NaN is refused by the gate alone."""
+def shielded(folder: Path, shield: str) -> Path:
+    """The cart with such a clause in the place of its predicates."""
     text = Path(CART).read_text("utf-8")
     lines = [x for x in text.splitlines() if not x.startswith(("  ttf ", "  safer "))]
-    path = tmp_path / "shielded.soter"
-    path.write_text("\n".join(lines).replace("  verify {", "  shield 8;\n  verify {", 1), "utf-8")
-    env = Protected(path, Cart())
+    path = folder / "shielded.soter"
+    path.write_text("\n".join(lines).replace("  verify {", f"  {shield}\n  verify {{", 1), "utf-8")
+    return path
+
+
+def test_info_says_when_it_was_the_shield(tmp_path: Path) -> None:
+    """Full throttle is refused before the module takes over; NaN is refused by the gate alone."""
+    env = Protected(shielded(tmp_path, "shield 8;"), Cart())
     env.reset(seed=1)
     refused = []
     for _ in range(1500):
@@ -822,6 +828,72 @@ def test_info_says_when_it_was_the_shield(tmp_path: Path) -> None:
     env.reset(seed=1)
     *_, info = env.step(np.array([np.nan]))
     assert info["cause"] == "gate"
+
+
+@pytest.mark.parametrize("numbers", [True, False])
+def test_info_says_which_actions_the_shield_moved(tmp_path: Path, numbers: bool) -> None:
+    """Full throttle at the wall never loses control; what the environment received says why."""
+    act = {} if numbers else {"act": lambda a: {"accel": float(a[0])}}
+    env = Protected(shielded(tmp_path, "shield 8 toward sc;"), Cart(), **act)
+    env.reset(seed=1)
+    moved = 0
+    for _ in range(1500):
+        *_, info = env.step(FULL)
+        assert info["taken_by"] == "AC"
+        same = info["action_taken"] == FULL
+        assert info["intervened"] == (not same)
+        assert info["cause"] == (None if same else "toward sc")
+        assert info["action_requested"] is FULL
+        moved += not same
+    assert 100 < moved < 1400
+    env.reset(seed=1)
+    *_, info = env.step(np.array([np.nan]))
+    assert info["cause"] == "gate"
+
+
+THROTTLES = np.linspace(-3.0, 3.0, 7)
+
+
+@pytest.mark.parametrize("shield", ["shield 8;", "shield 8 toward sc;"])
+def test_a_mask_says_which_actions_would_be_published_as_they_are(
+    shield: str, tmp_path: Path
+) -> None:
+    """Each is tried in a copy of the environment, where the agent has control."""
+    env = Protected(
+        shielded(tmp_path, shield),
+        Cart(),
+        action_space=spaces.Discrete(7, start=-3),
+        act=lambda a: {"accel": THROTTLES[a + 3]},
+    )
+    _, info = env.reset(seed=1)
+    seen = set()
+    for k in range(400):
+        mask = info["action_mask"]
+        assert (mask.dtype, mask.shape) == (np.int8, (7,))
+        assert (env.action_masks() == mask.astype(bool)).all()
+        if info["mode"] == "AC" and k % 20 == 0:
+            for a in range(7):
+                *_, tried = copy.deepcopy(env).step(a - 3)
+                assert bool(mask[a]) == (not tried["intervened"]), (k, a)
+        seen.add(tuple(mask.tolist()))
+        *_, info = env.step(3)
+    assert len(seen) > 2
+    env.reset(seed=1)
+    for _ in range(400):
+        choices = np.flatnonzero(env.action_masks())
+        *_, info = env.step(int(choices[-1]) - 3 if len(choices) else 0)
+        assert not info["gate_fault"] or not len(choices)
+
+
+def test_only_discrete_actions_have_masks() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match="`Discrete`"):
+        env.action_masks()
+    env = Protected(written(GEARS), Engine())
+    _, info = env.reset(seed=1)
+    assert env.action_masks().all()
+    assert "action_mask" not in info
 
 
 def test_an_episode_may_be_cut_at_a_violation() -> None:

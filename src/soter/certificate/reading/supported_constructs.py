@@ -67,7 +67,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over contract failsafe wcet jitter latch shield",
+    "sc_span over contract failsafe wcet jitter latch shield toward_sc",
     t.Latch: "topic span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "

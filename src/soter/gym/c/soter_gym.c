@@ -63,6 +63,17 @@ static bool soter_wish(const soter_view* v, const double* action, uint8_t* answe
   return soter_put_all(&v->action, action, answer);
 }
 
+/* Whether what the module publishes is not what its AC just proposed. */
+static bool soter_moved(const soter_view* v, const void* state) {
+  const uint8_t* const base = (const uint8_t*)state;
+  for (uint32_t i = 0; i < v->proposed.count; i++) {
+    if (soter_get(&v->proposed.at[i], base) != soter_get(&v->outputs.at[i], base)) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /* The agent is due: it answers, and facts tell what becomes of that. */
 static void soter_take(const soter_view* v, void* state, const double* action, uint8_t* answer,
                        soter_facts* f) {
@@ -73,9 +84,14 @@ static void soter_take(const soter_view* v, void* state, const double* action, u
   f->taken_by = m == NULL ? (uint8_t)SOTER_AC : m->mode;
   soter_answer(p, state, v->agent, fits ? SOTER_OK : SOTER_EXTERN_FAULT, answer);
   f->gate_fault = m != NULL && m->gate_faults != faults ? 1U : 0U;
+  f->moved =
+      f->taken_by == (uint8_t)SOTER_AC && f->gate_fault == 0U && soter_moved(v, state) ? 1U : 0U;
   f->cause = f->next_cause;
   if (f->cause == (uint8_t)SOTER_CAUSE_NONE && f->gate_fault != 0U) {
     f->cause = (uint8_t)SOTER_CAUSE_GATE;
+  }
+  if (f->moved != 0U) {
+    f->cause = (uint8_t)SOTER_CAUSE_TOWARD_SC;
   }
   f->off_model = 0;
   f->steps++;

@@ -43,14 +43,16 @@ typedef struct {
   const soter_program* program;
   int32_t module; /* whose AC the agent is; -1: the agent is no AC */
   uint32_t agent;
-  uint32_t plant;       /* answered from outside; as many as there are components: none */
-  uint32_t answer_most; /* bytes of the largest answer of any extern */
-  soter_leaves action;  /* in the agent's answer */
-  soter_leaves given;   /* in it: what says that an output was given */
-  soter_leaves moved;   /* in the plant's answer */
-  soter_leaves start;   /* the same states, in the state */
-  soter_leaves observe; /* in the state: what an observation is */
-  soter_leaves apply;   /* in the state: what the module publishes, or the plant reads */
+  uint32_t plant;        /* answered from outside; as many as there are components: none */
+  uint32_t answer_most;  /* bytes of the largest answer of any extern */
+  soter_leaves action;   /* in the agent's answer */
+  soter_leaves given;    /* in it: what says that an output was given */
+  soter_leaves moved;    /* in the plant's answer */
+  soter_leaves start;    /* the same states, in the state */
+  soter_leaves observe;  /* in the state: what an observation is */
+  soter_leaves apply;    /* in the state: what the module publishes, or the plant reads */
+  soter_leaves outputs;  /* in the state: what the module publishes, where a shield moves that */
+  soter_leaves proposed; /* in the state: what AC would have published in the place of it */
 } soter_view;
 
 typedef enum {
@@ -59,7 +61,8 @@ typedef enum {
   SOTER_CAUSE_STALE = 2,      /* what the DM reads was too old */
   SOTER_CAUSE_TTF = 3,        /* ttf: AC could have left safe before the next look */
   SOTER_CAUSE_RECOVERING = 4, /* SC keeps control until `safer` */
-  SOTER_CAUSE_FORCED = 5      /* the system forces the module into SC */
+  SOTER_CAUSE_FORCED = 5,     /* the system forces the module into SC */
+  SOTER_CAUSE_TOWARD_SC = 6   /* the shield moved what AC published toward SC's command */
 } soter_cause;
 
 /* What is known as the agent is asked. */
@@ -74,7 +77,8 @@ typedef struct {
   uint8_t cause;      /* soter_cause: why it did not count */
   uint8_t next_cause; /* why the next one will not */
   uint8_t off_model;  /* the plant outside did what the program's plant cannot */
-  uint8_t reserved[6];
+  uint8_t moved;      /* the shield moved the agent's action */
+  uint8_t reserved[5];
 } soter_facts;
 
 /* ------------------------------------------------------------------ many worlds */

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         Fault,
         Module,
         Property,
+        Shield,
         System,
         TestPlan,
         Topic,
@@ -290,6 +291,15 @@ def unlatched(system: System) -> System:
 # ---------------------------------------------------------------- what goes wrong
 
 
+def _topics(shield: Shield) -> tuple[int | None, ...]:
+    return shield.topic, shield.proposed
+
+
+def _moved(shield: Shield, place: dict[int | None, int]) -> Shield:
+    """The same, its topics elsewhere."""
+    return replace(shield, topic=place[shield.topic], proposed=place.get(shield.proposed))
+
+
 def faultless(system: System) -> System:
     """Nothing goes wrong, and nodes step in the deployed order: what proofs are about."""
     if not system.faults and not system.shuffled:
@@ -297,7 +307,7 @@ def faultless(system: System) -> System:
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
     kept = {c.held for c in components}
     kept |= {i for m in system.modules for i in (m.looked, m.latch)}
-    kept |= {m.shield.topic for m in system.modules if m.shield is not None}
+    kept |= {i for m in system.modules if m.shield is not None for i in _topics(m.shield)}
     left = [t for t in system.topics if not t.held or t.index in kept]
     place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
     # what is held comes last: only it moves
@@ -309,7 +319,7 @@ def faultless(system: System) -> System:
                 m,
                 looked=place.get(m.looked),
                 latch=place.get(m.latch),
-                shield=m.shield and replace(m.shield, topic=place[m.shield.topic]),
+                shield=m.shield and _moved(m.shield, place),
             )
             for m in system.modules
         ),

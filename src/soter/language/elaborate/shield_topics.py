@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.system import Shield, Topic
 from soter.language.model.typed import TopicSymbol
-from soter.language.model.types import FLOAT, ArrayType, FloatType, leaves
+from soter.language.model.types import (
+    FLOAT,
+    ArrayType,
+    FloatType,
+    has_list,
+    leaves,
+    numbers_in,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -46,9 +53,15 @@ def make_shield_topics(
         if why:
             _refused(module, clause, why, diagnostics)
             continue
-        numbers = sum(len(list(leaves(topics[i].type))) for i in module.outputs)
-        made.append(_topic(module, len(topics) + len(made), numbers * cells[module.index]))
-        module.shield = Shield(cells[module.index], made[-1].index)
+        numbers = len(_numbers(module, topics))
+        first = len(topics) + len(made)
+        times = (NEVER_HELD,) * (numbers * cells[module.index])
+        made.append(_topic(module, "shield", first, times))
+        module.shield = Shield(cells[module.index], first)
+        if module.symbol.toward_sc:
+            both = 2 * _numbers(module, topics)
+            made.append(_topic(module, "proposed", first + 1, both))
+            module.shield.proposed = first + 1
     return made
 
 
@@ -58,7 +71,8 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     if module.symbol.over is not None:
         return "a module stands in the place of its AC"
     for i in module.outputs:
-        if not all(isinstance(t, FloatType) for _, t in leaves(topics[i].type)):
+        t = topics[i].type
+        if has_list(t) or not all(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
             return f"`{topics[i].name}` is not made of floats"
     slow = [components[i] for i in (module.ac, module.sc) if components[i].takes_ns is not None]
     if slow:
@@ -88,8 +102,14 @@ def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnosti
     )
 
 
-def _topic(module: Module, index: int, size: int) -> Topic:
-    name = f"{module.name}.shield"
+def _numbers(module: Module, topics: Sequence[Topic]) -> tuple[float, ...]:
+    """The numbers of its commands, as they are at the start."""
+    return tuple(numbers_in(tuple(topics[i].default for i in module.outputs)))
+
+
+def _topic(module: Module, what: str, index: int, default: tuple[float, ...]) -> Topic:
+    name = f"{module.name}.{what}"
+    size = len(default)
     held = ArrayType(FLOAT, size)
     return Topic(
         index=index,
@@ -98,7 +118,7 @@ def _topic(module: Module, index: int, size: int) -> Topic:
         type=held,
         bounds=(None,) * size,
         set_declared=True,
-        default=(NEVER_HELD,) * size,
+        default=default,
         max_age_ns=None,
         driver=module.name,
         held=True,

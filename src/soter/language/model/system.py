@@ -173,16 +173,19 @@ class Component:
 class Shield:
     """How a module judges the commands of its AC (docs/semantics.md, Shields).
 
-    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds
-    of each cell until when (s) a command of it was held. `held` is its next value where a command
-    is published, `permits` whether all commands that may act then may do so until SC's first
-    output acts; both None until they are computed.
+    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds of
+    each cell until when (s) a command of it was held. `held` is its next value where a command is
+    published, `permits` whether all commands that may act then may do so until SC's first output
+    acts; both None until they are computed. Of `toward sc` the hidden topic `proposed` has the
+    numbers that AC would have published last, and behind them SC's; `moved` what AC does instead.
     """
 
     cells: int
     topic: int
     held: TypedExpr | None = None
     permits: TypedExpr | None = None
+    proposed: int | None = None
+    moved: tuple[TypedExpr, ...] = ()
 
 
 @dataclass(eq=False)

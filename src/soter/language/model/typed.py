@@ -626,6 +626,8 @@ class ModuleSymbol(Symbol):
     """Where its decision module does not give control back by itself."""
     shield: TypedExpr | None = None
     """Into how many cells each number that it publishes is cut, where commands are judged, too."""
+    toward_sc: bool = False
+    """Whether a command that is not permitted is moved toward SC's before it is judged."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:

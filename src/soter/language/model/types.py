@@ -225,3 +225,21 @@ def leaf_count(t: Type) -> int:
     if isinstance(t, ListType):
         return 1 + t.capacity * leaf_count(t.element)
     return 1
+
+
+def numbers_in(value: Value) -> Iterator[float]:
+    """The numbers of a value that is made of floats, in declared order."""
+    if isinstance(value, tuple):
+        for part in value:
+            yield from numbers_in(part)
+    else:
+        yield value
+
+
+def made_of(t: Type, numbers: Iterator[float]) -> Value:
+    """The value of a type without lists that has these numbers, in declared order."""
+    if isinstance(t, RecordType):
+        return tuple([made_of(f, numbers) for _, f in t.fields])
+    if isinstance(t, ArrayType):
+        return tuple([made_of(t.element, numbers) for _ in range(t.size)])
+    return next(numbers)

@@ -639,6 +639,8 @@ class RtaDecl(Decl):
     returns: Returns | None = None
     shield: SyntaxExpr | None = None
     """`shield 8;`: into how many cells each number that it publishes is cut."""
+    toward_sc: bool = False
+    """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -202,6 +202,8 @@ class GroupSets:
     tops: NDArray[np.uint8] | None = None
     """Where the module has a shield, (cells..., command cells): of the least command cell that may
     act the number of cells up to the greatest that may; 0: none."""
+    lasting: NDArray[np.uint8] | None = None
+    """Of a shield `toward sc`, of the same shape: 1 where commands of a cell may act longer."""
     command: int | None = None
     """The control that moves the group, where a shield asks."""
     deployed: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None

@@ -120,8 +120,11 @@ def _carry_shield(
     if m.shield is None or proved.shield is None or proved.shield.held is None:
         return []
     m.shield.held, m.shield.permits = proved.shield.held, proved.shield.permits
+    m.shield.moved = proved.shield.moved
     scope[there.topics[proved.shield.topic].symbol] = m.shield.topic
-    return list(topic_reads(m.shield.held, m.shield.permits))
+    if m.shield.proposed is not None and proved.shield.proposed is not None:
+        scope[there.topics[proved.shield.proposed].symbol] = m.shield.proposed
+    return list(topic_reads(m.shield.held, m.shield.permits, *m.shield.moved))
 
 
 def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
@@ -153,9 +156,9 @@ def _shield(
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
     shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
-    topic = flat.topics[shield.topic]
-    scope = {**scope, topic.symbol: topic.index}
-    for symbol in topic_reads(shield.held, shield.permits):
+    hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
+    scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
+    for symbol in topic_reads(shield.held, shield.permits, *shield.moved):
         module.scope.topics.setdefault(symbol, scope[symbol])
         flat.components[module.dm].scope.topics.setdefault(symbol, scope[symbol])
     return ttf
@@ -249,6 +252,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         sorted(problem.times.declared),
         problem.levels,
         None if problem.module.shield is None else problem.module.shield.cells,
+        problem.module.symbol.toward_sc,
         problem.has_core_hint,
         sorted(problem.topic_leaf_of_state.items()),
         sorted(seen(problem)),

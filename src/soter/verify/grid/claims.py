@@ -258,7 +258,11 @@ class GridProof(GroupProof):
         part = self.found
         if not part.levels:
             return None
-        commands = None if part.tops is None else CommandTable(part.command, part.tops)
+        commands = (
+            None
+            if part.tops is None
+            else CommandTable(part.command, part.tops, lasting=part.lasting)
+        )
         return Estimates(part.levels[0], part.levels[-1], commands)
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
@@ -350,6 +354,8 @@ class Grids(Method):
             moved = every.commands.control
             packed["command"] = np.array([-1 if moved is None else moved])
             packed["tops"] = every.commands.tops
+            if every.commands.lasting is not None:
+                packed["lasting"] = every.commands.lasting
         return packed
 
     def unpacked(self, group: Group, arrays: Arrays) -> Estimates:
@@ -360,7 +366,9 @@ class Grids(Method):
             return Estimates(outer, inner)
         moved = int(arrays["command"][0])
         tops = np.asarray(arrays["tops"], np.uint8)
-        return Estimates(outer, inner, CommandTable(None if moved < 0 else moved, tops))
+        lasting = np.asarray(arrays["lasting"], np.uint8) if "lasting" in arrays else None
+        commands = CommandTable(None if moved < 0 else moved, tops, lasting=lasting)
+        return Estimates(outer, inner, commands)
 
 
 def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:

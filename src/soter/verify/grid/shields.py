@@ -9,6 +9,9 @@ R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told
 command lies in V. Of a map V is one command, so one cell. Groups that several commands move have no
 shield: between the first component of SC's output and the last one any command may act, and that is
 not counted here.
+
+`lasting` is what a shield `toward sc` goes by as it looks for a command; what it finds is judged by
+`tops` like any other.
 """
 
 from __future__ import annotations
@@ -61,6 +64,7 @@ def find(
         text = f"a shield asks for groups that one command moves, here {' and '.join(several)} do"
         case.fail("ttf", text, proof, "groups of one command each, or no `shield`")
         return
+    part.lasting = np.ones_like(part.tops) if problem.module.symbol.toward_sc else None
     if not group.commands:
         part.tops[part.levels[0]] = n
         return
@@ -79,6 +83,23 @@ def find(
                 break
             part.tops[permitted, i] = j + 1
     part.tops[part.levels[0]] = n  # all of U may act there
+    if part.lasting is None:
+        return
+    longer = problem.in_horizon(problem.times.horizon_ns + lead_ns(problem))
+    for i in range(n):
+        box = between(engine, part.command, edges[i], edges[i + 1])
+        free = engine.erode(box.safe_for(longer, part.core > 0), errors)
+        part.lasting[..., i] = anywhere(engine.erode(free, errors))
+
+
+def lead_ns(problem: Problem) -> int:
+    """How much longer than H a command is to be harmless, toward which another one is moved.
+
+    So that it may be replaced in time: until AC's next step, and for as long as it may act after
+    that. Nothing that is claimed hangs on it.
+    """
+    period: int = problem.system.components[problem.module.ac].period_ns
+    return period + (problem.times.acted if problem.kind == "flow" else 0)
 
 
 def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:

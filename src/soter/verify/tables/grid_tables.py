@@ -46,12 +46,14 @@ class CommandTable:
     """What a shield permits.
 
     `tops`: of every cell and least command cell the number of cells up to the greatest that may
-    act, 0 where none may. `control`: the command, `name`; None: none moves the group.
+    act, 0 where none may. `control`: the command, `name`; None: none moves the group. `lasting`: of
+    every cell and command cell 1 where its commands may act for longer, else 0; None: nobody asks.
     """
 
     control: int | None
     tops: NDArray[np.uint8]
     name: str | None = None
+    lasting: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,12 @@ def _commands(
     tops = np.minimum.reduce([c.tops for c in every])
     moved = every[0].control
     name = None if moved is None else problem.quantities.controls[moved].name
-    return CommandTable(moved, tops.min(axis=unseen) if unseen else tops, name)
+    longer = [c.lasting for c in every if c.lasting is not None]
+    lasting = np.minimum.reduce(longer) if longer else None
+    if unseen:
+        tops = tops.min(axis=unseen)
+        lasting = None if lasting is None else lasting.min(axis=unseen)
+    return CommandTable(moved, tops, name, lasting)
 
 
 def predicates(

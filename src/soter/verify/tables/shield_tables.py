@@ -4,7 +4,7 @@ Purpose: checked expressions for what becomes of the shield's topic where a comm
 and whether all commands that may still act are permitted; in the place of `ttf` the same of the
 command that is held.
 Non-goals: which commands are permitted (`verify/grid/shields.py`), when they are judged
-(`semantics/shield.py`).
+(`semantics/shield.py`), where to they are moved (`toward_sc.py`).
 
 Cells are closed and their ends are compared exactly, so a command lies in the cell that was looked
 up. Of each cell the topic holds the time until which a command of it was held: what was held at
@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType
 from soter.verify.problem.estimates import seen
+from soter.verify.tables import toward_sc
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
-from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 SLACK_NS = 1_000
 
 
-class ShieldWriter(Writer):
+class ShieldWriter(toward_sc.ShieldParts):
     """Builds the expressions of one module's shield."""
 
     def __init__(self, problem: Problem, system: System, shield: Shield) -> None:
@@ -42,11 +42,11 @@ class ShieldWriter(Writer):
         self.cells = shield.cells
         self.topic = system.topics[shield.topic]
         self.now = t.TimeRead(FLOAT, self.span)
+        self._reach: dict[str, t.FunSymbol] = {}
+        self.edges = [command_edges(r.low, r.high, self.cells) for r in problem.controls]
         self.places = [
-            place_function(
-                self, f"{self.name}_command{k}", command_edges(r.low, r.high, self.cells)
-            )
-            for k, r in enumerate(problem.controls)
+            place_function(self, f"{self.name}_command{k}", edges)
+            for k, edges in enumerate(self.edges)
         ]
 
     # ------------------------------------------------------------ parts
@@ -131,22 +131,40 @@ class ShieldWriter(Writer):
             level = table.function(self, f"{self.name}_shield{number}")
             return self.op(">=", self.call(level, *arguments), self.number(1))
         control = table.commands.control
-        window = self.problem.times.acted + SLACK_NS
-        back = t.Literal(FLOAT, self.span, window / 1e9)
-        since = t.TypedBinary(FLOAT, self.span, "-", self.now, back)
-        first = self.number(control * self.cells)
-        if self.problem.kind == "map":  # of one instant: no other command moves the state read
-            both = self.op("*", self.cell(control), self.number(1 + self.cells))
-        else:
-            both = self.call(ends, self.times(), first, self.cell(control), since)
-        reach = self.reach(table, f"{self.name}_reach{number}")
+        both = self.acting(control, ends, self.times(), self.cell(control), self.since())
+        reach = self.reach(table, number)
         inside = self.op(">=", self.cell(control), self.number(0))
         return self.op(
             "&&", inside, self.op("==", self.call(reach, *arguments, both), self.number(1))
         )
 
-    def reach(self, table: GroupTable, name: str) -> t.FunSymbol:
+    def since(self) -> t.TypedExpr:
+        """A command that was held then or later may act on what is read now: t - W, s."""
+        window = self.problem.times.acted + SLACK_NS
+        back = t.Literal(FLOAT, self.span, window / 1e9)
+        return t.TypedBinary(FLOAT, self.span, "-", self.now, back)
+
+    def acting(
+        self,
+        control: int,
+        ends: t.FunSymbol,
+        times: t.TypedExpr,
+        own: t.TypedExpr,
+        since: t.TypedExpr,
+    ) -> t.TypedExpr:
+        """The least cell and the greatest that may act where a command of cell `own` does."""
+        if self.problem.kind == "map":  # of one instant: no other command moves the state read
+            return self.op("*", own, self.number(1 + self.cells))
+        return self.call(ends, times, self.number(control * self.cells), own, since)
+
+    def reach(self, table: GroupTable, number: int) -> t.FunSymbol:
         """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
+        name = f"{self.name}_reach{number}"
+        if name not in self._reach:
+            self._reach[name] = self._made_reach(table, name)
+        return self._reach[name]
+
+    def _made_reach(self, table: GroupTable, name: str) -> t.FunSymbol:
         assert table.commands is not None
         inputs = [self.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges))]
         ends = self.variable("ends", "parameter", INT)
@@ -182,9 +200,14 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
-    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old."""
+    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old.
+
+    Fills in `shield.moved`, where commands are moved.
+    """
     w = ShieldWriter(problem, system, shield)
     ends = w.ends()
     permitted = w.chain("&&", [w.permitted(table, ends, k) for k, table in enumerate(tables)])
     ttf = t.TypedUnary(BOOL, w.span, "!", permitted)
+    if shield.proposed is not None:
+        shield.moved = tuple(toward_sc.moved(w, system.topics[shield.proposed], tables, ends))
     return w.held(), w.chain("&&", [*w.fresh(), permitted]), ttf

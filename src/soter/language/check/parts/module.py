@@ -138,6 +138,7 @@ class ModuleChecker:
             wcet=sound(wcet),
             jitter=sound(jitter),
             shield=sound(shield),
+            toward_sc=decl.toward_sc,
         )
         self.shared.later(module, decl, scope)
         return module

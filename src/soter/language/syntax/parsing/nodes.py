@@ -248,7 +248,8 @@ class NodeParser(VerifyParser):
             wcet=once("wcet"),
             jitter=once("jitter"),
             returns=once("returns"),
-            shield=once("shield"),
+            shield=once("shield", (None, False))[0],
+            toward_sc=once("shield", (None, False))[1],
         )
 
     def _clause(self, parts: _RtaParts) -> None:
@@ -312,6 +313,17 @@ class NodeParser(VerifyParser):
         returns = tree.Returns(topic, self.span_from(self.starts[at]))
         self.keep_once(parts, "returns", returns, at)
 
+    def _shield(self, parts: OnceParts) -> None:
+        """`shield 8;`, or `shield 8 toward sc;`."""
+        at = self.i
+        self.i += 1
+        what = "the value of `shield`"
+        cells = self.expr(what)
+        toward = self.accept_word("toward")
+        if toward:
+            self.expect_word("sc", "after `toward`")
+        self.keep_once(parts, "shield", (self.ended(cells, what), toward), at)
+
     def _module_period(self, parts: OnceParts) -> None:
         at = self.i
         self.i += 1
@@ -342,7 +354,7 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
     "returns": NodeParser._returns,
-    "shield": predicate("shield", "the value of `shield`"),
+    "shield": NodeParser._shield,
     "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,
