@@ -4,7 +4,7 @@
 
 *delivery*: SOTER-on-ROS's two robots of three modules each (examples/testing/delivery.soter).
 *surveillance*: battery, planner and motion primitive of the paper's drone, each in a system of its
-own (examples/drone/surveillance_test.soter).
+own, and the first second of all that flies by parts (examples/drone/surveillance_test.soter).
 Each test is run as `soter test` runs it; seconds are those of the search, without its compiler.
 *whole* is what the command says of the system that nobody searched. A *mutant* is one line made
 wrong; it is caught where a test that is named is violated and the interpreter replays it.
