@@ -4,7 +4,7 @@
 
 *delivery*: SOTER-on-ROS's two robots of three modules each (examples/testing/delivery.soter).
 *surveillance*: battery, planner and motion primitive of the paper's drone, each in a system of its
-own (examples/drone/surveillance_test.soter).
+own, and the first second of all that flies by parts (examples/drone/surveillance_test.soter).
 Each test is run as `soter test` runs it; seconds are those of the search, without its compiler.
 *whole* is what the command says of the system that nobody searched. A *mutant* is one line made
 wrong; it is caught where a test that is named is violated and the interpreter replays it.
@@ -157,6 +157,76 @@ SURVEILLANCE = Robots(
             "  return clamp(-9.0 * (clamp(",
             ("MotionPrimitive",),
             "corridor.soter",
+        ),
+        Mutant(
+            "the battery's SC takes off, whatever is left",
+            "step { publish go = 0.0; }",
+            "step { publish go = 0.5; }",
+            ("BatteryPart",),
+            "battery.soter",
+        ),
+        Mutant(
+            "who is charged a little may take off",
+            "  safer margin > FULL;",
+            "  safer margin > 0.3 * FULL;",
+            ("BatteryPart",),
+            "battery.soter",
+        ),
+        Mutant(
+            "a landing is broken off in the dock",
+            "        now.active = !onwards || now.left < LANDING;",
+            "        now.active = false;",
+            ("BatteryPart",),
+            "battery.soter",
+        ),
+        Mutant(
+            "nobody takes off",
+            "step { publish onwards = go > 0.0; }",
+            "step { publish onwards = go > 1.0; }",
+            ("BatteryPart",),
+            "battery.soter",
+        ),
+        Mutant(
+            "the follower takes any plan that is not empty",
+            "        if Proper(c) {",
+            "        if c.verdict != boxes.Verdict.Empty {",
+            ("PlannerPart",),
+            "planner.soter",
+        ),
+        Mutant(
+            "the safe planner knows no way but straight on",
+            "      publish candidate = roadmap.Route(request.start, request.goal);",
+            "      publish candidate = [request.start, request.goal];",
+            ("PlannerPart",),
+            "planner.soter",
+        ),
+        Mutant(
+            "the next box is entered before the vehicle may",
+            "      if MayEnter(blocks[at + 1], m) {",
+            "      if Wide(blocks[at + 1]) {",
+            ("MotionPart",),
+            "corridor.soter",
+        ),
+        Mutant(
+            "the motion primitive's SC creeps away from the dock",
+            "-creep, creep) - m.w), -u, u);",
+            "creep, creep) - m.w), -u, u);",
+            ("MotionPart",),
+            "corridor.soter",
+        ),
+        Mutant(
+            "a landing may take any way",
+            "        asked.longest = docks.LONGEST;",
+            "        asked.longest = cover.LONGEST;",
+            ("MotionPart",),
+            "surveillance.soter",
+        ),
+        Mutant(
+            "the logbook counts a refusal in every step",
+            "      refused = planner.inForce.refused;",
+            "      refused = planner.inForce.adopted;",
+            ("LogbookPart",),
+            "logbook.soter",
         ),
     ),
 )

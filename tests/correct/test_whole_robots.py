@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 
 import pytest
-from bench.testing.whole_robots import DELIVERY, ROBOTS, Mutant, Robots, caught, explored
+from bench.testing.whole_robots import (
+    DELIVERY,
+    ROBOTS,
+    SURVEILLANCE,
+    Mutant,
+    Robots,
+    caught,
+    explored,
+)
 
 from soter.explore.assume_guarantee import wholes
 from soter.explore.results import EXHAUSTED, VIOLATED
@@ -27,7 +35,16 @@ def test_the_right_program_is_clean(robots: Robots) -> None:
     text = robots.file.read_text(encoding="utf-8")
     results = explored(robots.file, text, (), None)
     assert {r.name: r.verdict for r in results} == {r.name: EXHAUSTED for r in results}
-    assert not any(whole.missing for whole in wholes(results))
+    (whole,) = wholes(results)
+    assert not whole.missing
+
+
+def test_a_wrong_battery_of_the_drone_breaks_its_part_of_the_whole() -> None:
+    wrong = next(m for m in SURVEILLANCE.mutants if m.tests == ("BatteryPart",))
+    assert caught(SURVEILLANCE, wrong)
+    text = SURVEILLANCE.file.read_text(encoding="utf-8")
+    (right,) = explored(SURVEILLANCE.file, text, wrong.tests, None)
+    assert right.verdict == EXHAUSTED
 
 
 def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.explore import contract_use
 from soter.explore.results import EXHAUSTED
 from soter.explore.trace.allowed_steps import plan_of
 from soter.language.check.expressions.field import listed
@@ -31,8 +30,7 @@ class WholeByParts:
 
     `horizon_ns`: up to then. `held`: what is replaced by its contract, and the tests in which it
     runs as it is. `assumed`: (test, what, by whom) that stands for something and is heard.
-    `tried`: (test, values of a stand-in beside which nothing was tried). `missing`: why nothing is
-    said of the whole; empty where it is.
+    `missing`: why nothing is said of the whole; empty where it is.
     """
 
     system: str
@@ -40,7 +38,6 @@ class WholeByParts:
     horizon_ns: int
     held: tuple[tuple[str, tuple[str, ...]], ...]
     assumed: tuple[tuple[str, str, str], ...]
-    tried: tuple[tuple[str, str], ...]
     missing: tuple[str, ...]
 
     @property
@@ -61,7 +58,6 @@ class WholeByParts:
             f"{what} is what {by} may do ({', '.join(tests)})"
             for (what, by), tests in by_test.items()
         ]
-        means += [f"values beside {text} do no harm in {test}" for test, text in self.tried]
         if not means:
             return f"{said}. Nothing is assumed of its parts"
         return f"{said}. Assumed: {'; '.join(means)}"
@@ -111,7 +107,6 @@ def _whole(group: list[TestResult]) -> WholeByParts:
         horizon_ns=min(plan_of(r.system).horizon_ns for r in group),
         held=tuple(sorted(as_it_is.items())),
         assumed=tuple((r.name, what, by) for r in group for what, by in r.stands_for),
-        tried=tuple((r.name, text) for r in group for text in contract_use.tried(r.system)),
         missing=tuple(_missing(group, as_it_is)),
     )
 

@@ -53,14 +53,10 @@ def told(system: System) -> Iterator[str]:
         said = "; ".join(clauses) or "no clause, any value of the sets of its topics"
         more = f"; not asked for, so that more is permitted: {'; '.join(left)}" if left else ""
         yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
+        asked = [name for name, how in _asked_of(system, of) if not how]
+        held = f"that it publishes no other is asked by {listed(asked)}" if asked else NO_HARM
         for text in dict.fromkeys(t for s in group for t in s.tried):
-            yield f"what stands for {of} was tried with {text} alone: {NO_HARM}"
-
-
-def tried(system: System) -> tuple[str, ...]:
-    """Of what is replaced by its contract, the values that were picked among those it permits."""
-    stand_ins = [c.stands_for for c in system.components if c.stands_for is not None]
-    return tuple(dict.fromkeys(t for s in stand_ins for t in s.tried))
+            yield f"what stands for {of} was tried with {text} alone: {held}"
 
 
 def _held_to_it(system: System, of: str) -> str:

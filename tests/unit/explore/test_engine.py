@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
+from soter.explore.engine.explorer_library import STEPS_MAX, Engine, EngineSettings, sources
 from soter.explore.methods import EXHAUSTIVE, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
 from soter.native.package_sources import SOTER
@@ -111,6 +111,32 @@ def test_a_violation_comes_with_a_trace_that_can_be_run_again(greedy: Engine) ->
     assert least.status == "violated"
     assert len(least.steps) <= len(exploration.steps)
     assert greedy.replay(least.steps)[1] == exploration.broken
+
+
+def test_the_search_for_the_least_trace_looks_whether_it_is_to_end_while_it_stores_a_layer() -> (
+    None
+):
+    """A layer of a thousand; a bound is looked at where the clock is, every 256 of them."""
+    text = """soter 1;
+topic n: int in [0, 999];
+node Any period 10ms { publishes n; step { publish n = choose [0, 999]; } }
+system S { node Any; }
+test T { system S; horizon 30ms; never n == 7 && time > 0.025; }
+"""
+    engine = Engine(system_of_test(check_file("layers.soter", text), "T"))
+    met = engine.explore(EngineSettings())
+    assert met.broken is not None
+    what = engine.ffi.new("soter_broken *", {"what": met.broken[0], "index": met.broken[1]})
+    progress = engine.ffi.new("soter_explore_progress *")
+    result = engine.ffi.new("soter_explore_result *")
+    trace = engine.ffi.new("soter_trace_step[]", STEPS_MAX)
+    options = engine.options(EngineSettings(max_states=300))
+    engine.lib.soter_explore_least(
+        engine.model, options, what[0], progress, result, trace, STEPS_MAX
+    )
+    assert engine._searched(result, trace, 0.0).status == "states"
+    assert 300 <= progress.states < 300 + 256
+    assert engine.least(EngineSettings(), met.broken).status == "violated"
 
 
 def test_a_trace_that_is_no_execution_stops_where_it_leaves_the_test(greedy: Engine) -> None:

@@ -116,3 +116,16 @@ def test_where_memory_is_short_only_ends_are_stored_after_all() -> None:
     assert engine.explore(between(engine, little)).status == "memory"
     assert engine.explore(little).status == "exhausted"
     assert explored(engine, little).status == "exhausted"
+
+
+def test_a_violation_that_a_bounded_search_meets_has_the_trace_that_any_search_has() -> None:
+    """What was run is bounded of the search alone: the trace may take more."""
+    checked = check_file("random.soter", program_in_instants(1))
+    engine = Engine(system_of_test(checked, next(iter(checked.tests))))
+    whole = engine.explore(DEFAULT)
+    assert whole.status == "violated"
+    bounded = [engine.explore(replace(DEFAULT, max_ran=n)) for n in range(1, whole.transitions)]
+    met = [b for b in bounded if b.status == "violated"]
+    assert met
+    assert len(met) < len(bounded), "some bounds end the search before"
+    assert all(b.steps == whole.steps for b in met)

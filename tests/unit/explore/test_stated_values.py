@@ -41,8 +41,15 @@ test Replaced {{ system S; horizon 40ms; replace Maker by contract; {states} {as
 """
 
 
-def explored(reads: str, states: str, asks: str) -> dict[str, TestResult]:
-    program = check_file("p.soter", PROGRAM.format(reads=reads, states=states, asks=asks))
+def explored(reads: str, states: str, asks: str, without: str = "") -> dict[str, TestResult]:
+    """All its tests; `without`: one that is left out of the program."""
+    text = PROGRAM.format(reads=reads, states=states, asks=asks)
+    lines = [line for line in text.splitlines() if not without or f"test {without} " not in line]
+    return every_test("\n".join(lines))
+
+
+def every_test(text: str) -> dict[str, TestResult]:
+    program = check_file("p.soter", text)
     results = {}
     for name in program.tests:
         told = command.TraceHeader("p.soter", {}, contract_use.replaced_in(program.tests[name]))
@@ -77,6 +84,8 @@ def test_what_is_read_as_it_is_has_to_be_stated() -> None:
     (told,) = problem.value.diagnostics
     assert told.code == "E015"
     assert "`a.y`" in told.message
+    assert [h for h in told.helps if "`guarantees a.y in {" in h]
+    assert [h for h in told.helps if "`assumes a.y in {" in h]
     assert (
         verdict("a.trail.len", "never out == 3;", "assumes a.trail in { [1.0], [] };")
         == "exhausted"
@@ -94,7 +103,7 @@ def test_who_runs_as_it_is_is_held_to_the_values() -> None:
     assert {r.verdict for r in right.values()} == {"exhausted"}
     (whole,) = wholes(right.values())
     assert not whole.missing
-    assert not whole.tried
+    assert "Nothing is assumed" in whole.text
     wrong = explored(READS, "guarantees a.y in { 0.5, 1.0 };", "always true;")
     assert wrong["AsItIs"].verdict == "violated"
     assert wrong["AsItIs"].replayed is not None
@@ -106,10 +115,59 @@ def test_who_runs_as_it_is_is_held_to_the_values() -> None:
     assert whole.missing
 
 
-def test_values_that_nobody_is_held_to_are_an_assumption() -> None:
-    results = explored(READS, "assumes a.y in { 0.5 };", "never out == 1;")
-    assert {r.verdict for r in results.values()} == {"exhausted"}
-    assert any("a.y in { 0.5 } alone" in s for s in results["Replaced"].assumptions)
+def test_values_that_are_assumed_are_asked_where_their_publisher_runs() -> None:
+    wrong = explored(READS, "assumes a.y in { 0.5 };", "never out == 1;")
+    assert wrong["Replaced"].verdict == "exhausted"
+    assert wrong["AsItIs"].verdict == "violated"
+    assert wrong["AsItIs"].replayed is not None
+    assert wrong["AsItIs"].broken is not None
+    assert (
+        wrong["AsItIs"].broken.text == "guarantees a.y in { 0.5 }, as Replaced assumes it, in Maker"
+    )
+    (whole,) = wholes(wrong.values())
+    assert whole.missing
+    right = explored(READS, "assumes a.y in { 0.5, 1.0, 1.5 };", "always true;")
+    assert {r.verdict for r in right.values()} == {"exhausted"}
+    assert any(
+        "alone: that it publishes no other is asked by `AsItIs`" in s
+        for s in right["Replaced"].assumptions
+    )
+    (whole,) = wholes(right.values())
+    assert not whole.missing
+
+
+def test_values_that_no_test_asks_for_are_an_assumption() -> None:
+    results = explored(READS, "assumes a.y in { 0.5 };", "never out == 1;", without="AsItIs")
+    assert results["Replaced"].verdict == "exhausted"
+    told = [s for s in results["Replaced"].assumptions if "a.y in { 0.5 } alone" in s]
+    assert len(told) == 1
+    assert told[0].endswith("do no harm is assumed")
     (whole,) = wholes(results.values())
-    assert whole.tried == (("Replaced", "a.y in { 0.5 }"),)
-    assert "Nothing is assumed" not in whole.text
+    assert whole.missing == (
+        "Maker is replaced by its contract and runs as it is in no test that is asked",
+    )
+
+
+WILD = """node Wild period 10ms {
+  publishes a, b;
+  step {
+    publish a = { x: 0.0, y: 9.0, n: 0, on: false, trail: [] };
+    publish b = 0.0;
+  }
+}
+system S {"""
+
+
+@pytest.mark.parametrize("said", ["guarantees", "assumes"])
+def test_who_the_system_puts_in_a_place_is_held_to_the_values_and_who_a_test_does_is_not(
+    said: str,
+) -> None:
+    states = f"{said} a.y in {{ 0.5, 1.0, 1.5 }};"
+    text = PROGRAM.format(reads=READS, states=states, asks="always true;")
+    text = text.replace("system S {", WILD)
+    by_test = text.replace("replace Reader by", "replace Maker by Wild; replace Reader by")
+    assert every_test(by_test)["AsItIs"].verdict == "exhausted"
+    (whole,) = wholes(every_test(by_test).values())
+    assert whole.missing
+    by_system = text.replace("node Reader; }", "node Reader; replace Maker by Wild; }")
+    assert every_test(by_system)["AsItIs"].verdict == "violated"

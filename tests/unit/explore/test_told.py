@@ -252,7 +252,7 @@ def test_who_only_lets_time_pass_is_not_blamed() -> None:
     first, last = (view(FLEET, test) for test in ("First", "Last"))
     assert first.steps[-1].lane == last.steps[-1].lane == "r[1].C"
     assert explanation(first).endswith(
-        "`r[1].C`: it failed before this step already, but is judged where time passes, after the "
-        "last step of an instant."
+        "`r[1].C`: it was false earlier in this instant already; a property is judged after the "
+        "last step of an instant, which this is."
     )
     assert "already" not in explanation(last)

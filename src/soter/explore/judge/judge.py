@@ -189,8 +189,8 @@ class Judge:
         said = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
         if violated(self._machine, before)[index]:
             said.append(
-                "it failed before this step already, but is judged where time passes, "
-                "after the last step of an instant"
+                "it was false earlier in this instant already; a property is judged after the "
+                "last step of an instant, which this is"
             )
         return "; ".join(said)
 

@@ -101,8 +101,8 @@ class Instantiation(Numbers):
         self._topics_beside: dict[typed.SystemSymbol, Collection[typed.TopicSymbol]] = {}
         self.gone: dict[str, ReplacedModule] = {}
         """Modules that a test replaced as a whole, by full name."""
-        self.put_in: set[str] = set()
-        """Nodes, by full name, that were put in the place of others."""
+        self.put_in: dict[str, Span] = {}
+        """Nodes, by full name, that were put in the place of others, and where that is said."""
         self.whole_modules = False
         """Whether modules may be replaced as a whole."""
         self.partial = symbol in program.damaged or (draft and program.incomplete)
@@ -211,7 +211,7 @@ class Instantiation(Numbers):
                 self._same_outputs(symbol, by, span)
                 self._same_truth(placed, by, span)
                 placed.symbol = by
-                self.put_in.add(placed.name)
+                self.put_in[placed.name] = span
         if not hit and not self.partial:
             self._nothing_to_replace(prefix, path, by, span)
 
@@ -272,7 +272,7 @@ class Instantiation(Numbers):
         self.placed = [p for p in self.placed if p not in tower]
         if isinstance(by, typed.NodeSymbol):
             self._same_outputs(module, by, span)
-            self.put_in.add(placed.name)
+            self.put_in[placed.name] = span
             self.placed.insert(
                 at,
                 PlacedInstance(

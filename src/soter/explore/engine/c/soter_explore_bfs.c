@@ -902,6 +902,7 @@ static void trace_back(soter_search* s) {
   }
   once.go_on = false;
   once.max_states = 0U; /* of what is looked at, which it was already */
+  once.max_ran = 0U;
   soter_search again = *s;
   again.o = &once;
   soter_explore_result unused = {0};
@@ -934,6 +935,7 @@ static void trace_depth_first(soter_search* s) {
   soter_explore_options once = *s->o;
   once.go_on = false;
   once.max_states = 0U;
+  once.max_ran = 0U;
   for (uint32_t k = 0; s->result->length == 0U && k < 2U && s->progress->stop == 0; k++) {
     soter_explore_result unused = {0};
     soter_search again = *s;

@@ -48,11 +48,6 @@ if TYPE_CHECKING:
 
 
 _BY_A_NODE = "replace it by a node that chooses the values that matter"
-_STATE = (
-    "state the values that it is held to where it runs as it is: `guarantees t.x in { ... };`",
-    "or those that are tried, others being an assumption: `assumes t.x in { ... };`",
-    f"or {_BY_A_NODE}",
-)
 
 
 @dataclass(frozen=True)
@@ -72,12 +67,13 @@ class ContractStandIn:
 class EndlessError(Exception):
     """A topic has values that cannot be tried one by one; the message says which.
 
-    `where` is read what tells them apart.
+    `where` is read what tells them apart, which is `part` of the topic.
     """
 
-    def __init__(self, why: str, where: Span | None = None) -> None:
+    def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:
         super().__init__(why)
         self.where = where
+        self.part = part
 
 
 def stand_in(
@@ -125,8 +121,7 @@ def give_step(
             step = tuple(_step(few, c.stands_for))
     except EndlessError as problem:
         note = "every value that a contract permits is a branch of every execution"
-        also = () if problem.where is None else ((problem.where, "tells them apart"),)
-        _refuse(str(problem), note, c.node, c.stands_for, diagnostics, also)
+        _refuse(str(problem), note, c.node, c.stands_for, diagnostics, problem)
         return
     c.node = replace(c.node, step=step)
 
@@ -144,15 +139,23 @@ def _refuse(
     node: typed.NodeSymbol,
     by: ContractStandIn | StandIn,
     diagnostics: Diagnostics,
-    also: tuple[tuple[Span, str], ...] = (),
+    endless: EndlessError | None = None,
 ) -> None:
+    also: tuple[tuple[Span, str], ...] = ()
+    helps: tuple[str, ...] = (_BY_A_NODE,)
+    if endless is not None and endless.where is not None:
+        also = ((endless.where, "tells them apart"),)
+        part = f"{endless.part} in {{ ... }};`"
+        held = f"state the values that it is held to where it runs as it is: `guarantees {part}"
+        tried = f"or, where it runs as it is in no test, those that are tried: `assumes {part}"
+        helps = (held, tried, f"or {_BY_A_NODE}")
     diagnostics.error(
         "E015",
         f"`{by.of}` cannot be replaced by its contract: {why}",
         by.span,
         also=((node.span, "publishes it"), *also),
         notes=(note,),
-        helps=_STATE if also else (_BY_A_NODE,),
+        helps=helps,
     )
 
 
@@ -310,9 +313,11 @@ def _each(
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
         count = high - low + 1
     if not count:
-        raise EndlessError(f"the values of `{name}`, `{t}`, cannot be tried one by one", where)
+        raise EndlessError(
+            f"the values of `{name}`, `{t}`, cannot be tried one by one", where, name
+        )
     if count > MAX_CHOICES:
-        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}", where)
+        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}", where, name)
     return typed.TypedChoose(t, _span(f"any {name}"), count, low, (), None), count
 
 

@@ -1,7 +1,8 @@
 """Values that a test states of what stands in for a part: `guarantees t.x in { a, b };`.
 
 Purpose: their numbers, where they belong, and the condition that the part is judged by in each test
-in which it runs as it is. `assumes` states values, too, which nobody is held to: these are told.
+in which it runs as it is. `assumes` states values of what may run as it is nowhere: they are no
+clause of a contract, and told as an assumption where no test asks for them.
 Non-goals: what a stand-in does with them (`contract_stand_ins.py`).
 """
 
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 class StatedValues:
     """Values of one part of a topic, whose index is `topic`; `first`: what that part has at first.
 
-    `promised`: whether the publisher is held to them.
+    `promised`: whether they are a clause of the contract; `first` is one of them then.
     """
 
     topic: int

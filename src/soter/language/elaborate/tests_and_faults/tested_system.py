@@ -215,12 +215,16 @@ class _TestElaborator(Elaborator):
         for test, known in self.stated.items():
             for s in known:
                 for c in components:
-                    if test is not self.test and s.promised and self._as_it_is(c, s.topic):
+                    if test is not self.test and self._as_it_is(c, s.topic):
                         result.append(self._held_to(c, s, test, len(result)))
 
     def _as_it_is(self, c: Component, topic: int) -> bool:
-        """Whether a component of the program, no other one in its place, publishes there."""
-        if c.node is None or c.stands_for is not None or c.name in self.put_in:
+        """Whether a component of the system, none that the test put in its place, publishes there.
+
+        What the system itself puts in a place is in it in every test.
+        """
+        by_test = self.put_in.get(c.name) in [span for _, _, span in self.test.replaces]
+        if c.node is None or c.stands_for is not None or by_test:
             return False
         return topic in {c.scope.topics[t] for t in c.node.publishes}
 
@@ -234,7 +238,8 @@ class _TestElaborator(Elaborator):
             assert isinstance(read.type, RecordType)
             read = typed.TypedField(read.type.fields[i][1], s.span, read, i)
         condition = is_one_of(read, s.tried)
-        text = f"{s.text}, as {test.name} has it, in {c.name}"
+        says = "has" if s.promised else "assumes"
+        text = f"{s.text}, as {test.name} {says} it, in {c.name}"
         return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
 
     def _stand_there(self, components: list[Component]) -> None:
