@@ -20,6 +20,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.vector_instructions import vector_flags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -59,7 +60,7 @@ class Flyer:
         unit = recipe.unit
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        path = library(unit, recipe.optimise, FAST, engine)
+        path = library(unit, recipe.optimise, (*FAST, *vector_flags()), engine)
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )
