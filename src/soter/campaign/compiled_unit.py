@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.core.core import CoreSystem, Function, Predicate, Stmt
+    from soter.core.core import CoreSystem, Decision, Function, Predicate, Stmt
     from soter.language.model.system import Metric, Property, System
 
 NEVER = c.Name("SOTER_NEVER")
@@ -203,10 +203,16 @@ class UnitCache(UnitBuilder):
             lanes.verdict(predicate, f"{self.prefix}_property_{p.index}", negate=p.kind != "never")
             for p, predicate in zip(self.system.properties, self.core.properties, strict=True)
         ]
+        dms = [self._decision(lanes, d) for d in self.core.decisions]
         if not any(steps):
             return [], c.Initializer(())
         fields: list[tuple[str | None, c.CExpr]] = [("count", c.Name("SOTER_LANES"))]
         tables: list[c.CTop] = []
+        if dms:
+            own = f"{self.prefix}_lanes_decide"
+            rows = tuple((None, dm) for dm in dms)
+            tables.append(c.VariableDef("soter_lane_decision", own, c.Initializer(rows), True))
+            fields.append(("decide", c.Name(own)))
         for kind, member, names in (
             ("soter_lane_step", "step", steps),
             ("soter_lane_verdict", "violated", verdicts),
@@ -219,6 +225,27 @@ class UnitCache(UnitBuilder):
         return [c.Include("soter_lanes.h"), *lanes.definitions, *tables], c.Initializer(
             tuple(fields)
         )
+
+
+    def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
+        """A DM in two parts; one that remembers is asked only once, and so has no lanes."""
+        name = self.module_names[d.module]
+        *_, dm = decisions.decision(self.frame, d, name)
+        assert dm.body is not None
+        ttf = lanes.verdict(d.ttf, f"{name}_ttf")
+        safer = lanes.verdict(d.safer, f"{name}_safer")
+        if ttf is None or safer is None or self.system.modules[d.module].latch is not None:
+            return c.Initializer(((None, c.Name("NULL")),))
+        told = {"ttf": c.Name("given_ttf"), "safer": c.Name("given_safer")}
+        body = tuple(
+            replace(s, value=told[s.name]) if isinstance(s, c.Declare) and s.name in told else s
+            for s in dm.body
+        )
+        parameters = (*dm.parameters, ("bool", "given_ttf"), ("bool", "given_safer"))
+        decided = replace(dm, name=f"{name}_decided", parameters=parameters, body=body)
+        lanes.definitions.append(decided)
+        fields = (("ttf", ttf), ("safer", safer), ("decided", decided.name))
+        return c.Initializer(tuple((k, c.Name(v)) for k, v in fields))
 
 
 def _row(measure: Metric, name: str) -> c.CExpr:

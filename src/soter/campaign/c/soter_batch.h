@@ -47,10 +47,17 @@ typedef struct {
 typedef bool (*soter_lane_step)(void* const* states, const uint32_t* flags, uint32_t* published);
 typedef bool (*soter_lane_verdict)(const void* const* states, bool* verdicts);
 
+/* A DM in two parts: what it asks of all worlds, and what it decides in one that is told. */
+typedef struct {
+  soter_lane_verdict ttf, safer; /* NULL where it has no lanes */
+  soter_mode (*decided)(void* state, bool ttf, bool safer);
+} soter_lane_decision;
+
 typedef struct {
   uint32_t count; /* of lanes; 0: this program has none */
   const soter_lane_step* step;        /* [components], NULL where one has none */
   const soter_lane_verdict* violated; /* [properties] */
+  const soter_lane_decision* decide;  /* [modules] */
 } soter_lane_table;
 
 typedef struct {

@@ -86,11 +86,37 @@ static void soter_move(const soter_lockstep* g, void* state, int64_t ct) {
   }
 }
 
+/* A DM of all worlds at once; false where it is one for each of them alone. */
+static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
+  const uint32_t module = (uint32_t)g->p->component[index].module;
+  const soter_lane_decision* const dm = &g->lanes->decide[module];
+  const void* const* const states = (const void* const*)g->state;
+  bool ttf[SOTER_LOCKSTEP_WORLDS];
+  bool safer[SOTER_LOCKSTEP_WORLDS];
+  if (dm->ttf == NULL || dm->safer == NULL || !dm->ttf(states, ttf) || !dm->safer(states, safer)) {
+    return false;
+  }
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    soter_module* const m = soter_modules_of(g->p, g->state[w]) + module;
+    const soter_mode decided = dm->decided(g->state[w], ttf[w], safer[w]);
+    if (decided != (soter_mode)m->mode && !g->p->module[module].forced) {
+      (void)soter_fire(g->p, g->state[w], index, NULL); /* who switches, decides once more */
+    } else {
+      m->saw_gate_fault = m->gate_fault;
+      m->gate_fault = 0;
+    }
+  }
+  return true;
+}
+
 /* A step of all worlds at once; false where it is one for each of them alone. */
 static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
   const soter_component_info* const info = &g->p->component[index];
   uint32_t flags[SOTER_LOCKSTEP_WORLDS];
   uint32_t published[SOTER_LOCKSTEP_WORLDS];
+  if (info->role == SOTER_ROLE_DM) {
+    return soter_decide_all(g, index);
+  }
   if (g->lanes->step[index] == NULL || info->judged || ct == info->phase_ns) {
     return false;
   }
