@@ -119,6 +119,7 @@ class UnitCache(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem) -> None:
         super().__init__(system, core, None)
         self.remembered = _dear_calls(core)
+        self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:
         """A function; in front of one that is remembered the last call and its answer."""
