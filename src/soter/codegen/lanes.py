@@ -33,6 +33,8 @@ FLOAT, BOOL = "soter_lane_float", "soter_lane_bool"
 CT, BAD, MASK = c.Name("given_ct"), c.Name("given_bad"), c.Name("given_mask")
 STATES, VERDICTS, LANE = c.Name("given_states"), c.Name("given_verdicts"), c.Name("given_lane")
 ALL = c.CallExpr("soter_lane_all_bool", (c.Name("true"),))
+NOWHERE = c.CallExpr("soter_lane_all_bool", (c.Name("false"),))
+ZERO = c.Number("0U")
 LANE_CALLS = {"sqrt": "soter_lane_sqrt", "floor": "soter_lane_floor", "abs": "soter_lane_abs"}
 STEP = (("void *const *", "given_states"), ("const uint32_t *", "flags"), ("uint32_t *", "published"))
 VERDICT = (("const void *const *", "given_states"), ("bool *", "given_verdicts"))
@@ -97,10 +99,7 @@ class Lanes:
             return False
         if isinstance(step, core.NodeStep) and step.shield is not None:
             return False
-        silent = any(o.burst or system.topics[o.topic].queues for o in step.outputs)
-        return not silent and self.frame.certain(component, step) == frozenset(
-            range(len(step.outputs))
-        )
+        return not any(o.burst or system.topics[o.topic].queues for o in step.outputs)
 
     # ------------------------------------------------------------ types and functions
 
@@ -203,6 +202,10 @@ class _Code:
         self._masks = 0
         self.uses_fault = False
 
+    def has(self, output: int) -> c.Name | None:
+        """In which lanes the step published an output; None where it always does."""
+        raise NotStraight
+
     def local(self, name: str) -> str:
         """The C name of a temporary."""
         return self.lanes.frame.body.local(name)
@@ -255,9 +258,9 @@ class _Code:
         if isinstance(t, RecordType):
             for n, f in t.fields:
                 own = field_name(n)
-                items.append((own, self._spread(f, _member(value, own))))
+                items.append((own, self._spread(f, c.Member(value, own))))
         elif isinstance(t, ArrayType):
-            at = _member(value, "at")
+            at = c.Member(value, "at")
             each = [
                 (None, self._spread(t.element, c.IndexExpr(at, c.Number(str(k)))))
                 for k in range(t.size)
@@ -411,7 +414,9 @@ class _Code:
             body = tuple(self.block(s.body))
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         if isinstance(s, core.Publish) and s.limit is None:
-            return [self._changed(c.Name(self.outputs[s.output]), s.value.type, s.value)]
+            changed = self._changed(c.Name(self.outputs[s.output]), s.value.type, s.value)
+            has = self.has(s.output)
+            return [changed, *([] if has is None else [c.Assign(has, c.Binary("|", has, self.mask))])]
         raise NotStraight
 
     def fails(self, where: c.CExpr) -> c.CStmt:
@@ -508,10 +513,9 @@ class _Code:
         *inner, last = statements
         assert isinstance(last, c.Return)
         assert last.value is not None
-        zero = c.CallExpr("soter_lane_all_bool", (c.Name("false"),))
         return (
             c.Unused("given_mask"),
-            c.Declare(BOOL, "given_bad", zero),
+            c.Declare(BOOL, "given_bad", NOWHERE),
             *self.fault_declared(),
             *inner,
             *self.fault_told(),
@@ -537,7 +541,6 @@ class _Code:
 
     def opened(self, type_: str) -> list[c.CStmt]:
         """What a function over states begins with."""
-        zero = c.CallExpr("soter_lane_all_bool", (c.Name("false"),))
         state = f"{type_}{self.lanes.frame.prefix}_state"
         return [
             c.Do(c.CallExpr("SOTER_LANE_STATES", (c.Name(state),))),
@@ -545,7 +548,7 @@ class _Code:
             c.Unused("given_ct"),
             c.Declare(BOOL, "given_mask", ALL, const=True),
             c.Unused("given_mask"),
-            c.Declare(BOOL, "given_bad", zero),
+            c.Declare(BOOL, "given_bad", NOWHERE),
             *self.fault_declared(),
             *(
                 c.Declare(self.lanes.type(t), name, self.loaded(path, t), const=True)
@@ -587,6 +590,13 @@ class _Step(_Code):
         self.component = component
         self.step = step
         self.in_state = self.certain = True
+        self.always = lanes.frame.certain(component, step)
+
+    def has(self, output: int) -> c.Name | None:
+        """In which lanes the step published an output; None where it always does."""
+        if output in self.always:
+            return None
+        return c.Name("has_" + self.outputs[output].removeprefix("out_"))
 
     def statements(self) -> list[c.CStmt]:
         """Load, compute, check, store."""
@@ -607,18 +617,23 @@ class _Step(_Code):
         for name, o in zip(self.outputs, step.outputs, strict=True):
             default = self._spread(o.type, self.types.default(o.type))
             inner.append(c.Declare(self.lanes.type(o.type), name, default))
+        for k in range(len(step.outputs)):
+            has = self.has(k)
+            if has is not None:
+                inner.append(c.Declare(BOOL, has.text, NOWHERE))
         if isinstance(step, core.PlantStep):
             inner += self.block((*step.choose, *step.integrate, *step.publish))
             inner += self._noise(step)
         else:
             inner += self.block(step.body)
-        for name, o in zip(self.outputs, step.outputs, strict=True):
-            inner += self._checks(o.type, list(o.bounds), c.Name(name))
+        for k, o in enumerate(step.outputs):
+            with self._under(self.has(k) or MASK):
+                inner += self._checks(o.type, list(o.bounds), c.Name(self.outputs[k]))
         inner += [*self.fault_told(), self.given_up()]
         for x in copies:
             if x.written:
                 inner += self._stored(
-                    c.Name("soter_lane_always"), self.cell(x.cell), x.type, c.Name(self.local(x.name)), True
+                    c.Name("soter_lane_always"), self.cell(x.cell), x.type, c.Name(self.local(x.name)), canonical=True
                 )
         inner += self._published(gated=not plant and self.component.role != "node")
         return [*self.opened(""), *inner, c.Return(c.Name("true"))]
@@ -684,7 +699,7 @@ class _Step(_Code):
                 yield from self._checks(t.element, bounds, at)
 
     def _stored(
-        self, on: c.CExpr, path: str, t: Type, e: c.CExpr, canonical: bool
+        self, on: c.CExpr, path: str, t: Type, e: c.CExpr, *, canonical: bool
     ) -> Iterator[c.CStmt]:
         """Values on their way into the states."""
         if scalar(t) is not None:
@@ -696,37 +711,40 @@ class _Step(_Code):
             for n, f in t.fields:
                 own_field = field_name(n)
                 yield from self._stored(
-                    on, f"{path}.{own_field}", f, c.Member(e, own_field), canonical
+                    on, f"{path}.{own_field}", f, c.Member(e, own_field), canonical=canonical
                 )
         else:
             assert isinstance(t, ArrayType)
             for k in range(t.size):
                 at = c.IndexExpr(c.Member(e, "at"), c.Number(str(k)))
-                yield from self._stored(on, f"{path}.at[{k}]", t.element, at, canonical)
+                yield from self._stored(on, f"{path}.at[{k}]", t.element, at, canonical=canonical)
 
     def _published(self, *, gated: bool) -> Iterator[c.CStmt]:
         """Publications (n1: only if OE), and which there were."""
-        bits = (1 << len(self.step.outputs)) - 1
-        told = c.Assign(
-            c.IndexExpr(c.Name("published"), LANE), c.Number(f"{bits}U")
-        )
-        yield c.For("given_lane", c.Number("0"), c.Name("SOTER_LANES"), (told,))
+        told: c.CExpr = c.Number(f"{sum(1 << k for k in self.always)}U")
+        for k in range(len(self.step.outputs)):
+            has = self.has(k)
+            if has is not None:
+                one = c.Ternary(_not_zero(c.IndexExpr(has, LANE)), c.Number(f"{1 << k}U"), ZERO)
+                told = c.Binary("|", told, one)
+        body = (c.Assign(c.IndexExpr(c.Name("published"), LANE), told),)
+        yield c.For(LANE.text, c.Number("0"), c.Name("SOTER_LANES"), body)
+        gate = c.Name("given_gate")
         if gated:
-            enabled = c.Binary(
-                "&", c.IndexExpr(c.Name("flags"), LANE), c.Name("SOTER_ENABLED")
-            )
-            yield c.Declare("uint32_t", "given_gate[SOTER_LANES]", None)
-            given = c.Assign(c.IndexExpr(c.Name("given_gate"), LANE), enabled)
-            yield c.For("given_lane", c.Number("0"), c.Name("SOTER_LANES"), (given,))
+            yield c.Declare(BOOL, gate.text, c.CallExpr("SOTER_LANE_ENABLED", (c.Name("flags"),)))
         else:
             yield c.Unused("flags")
-        on = c.Name("given_gate" if gated else "soter_lane_always")
-        for name, o in zip(self.outputs, self.step.outputs, strict=True):
+        for k, o in enumerate(self.step.outputs):
+            has = self.has(k)
+            where: list[c.CExpr] = [*([gate] if gated else []), *([] if has is None else [has])]
+            on: c.CExpr = where[0] if where else c.Name("soter_lane_always")
+            if len(where) > 1:
+                on = c.Binary("&", *where)
             topic = f"topics.{self.lanes.frame.topic_field(o.topic)}"
-            yield from self._stored(on, topic, o.type, c.Name(name), False)
+            yield from self._stored(on, topic, o.type, c.Name(self.outputs[k]), canonical=False)
             stamp = c.Name(f"stamps[{o.topic}]")
             yield c.Do(c.CallExpr("SOTER_LANE_PUT_TIME", (on, stamp, CT)))
 
 
-def _member(value: c.CExpr, name: str) -> c.CExpr:
-    return c.Member(value, name)
+def _not_zero(e: c.CExpr) -> c.CExpr:
+    return c.Binary("!=", e, c.Number("0"))

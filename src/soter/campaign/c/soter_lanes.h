@@ -15,7 +15,7 @@
 #endif
 
 #define SOTER_LANES 4
-static const uint32_t soter_lane_always[SOTER_LANES] __attribute__((unused)) = {1, 1, 1, 1};
+#define soter_lane_always ((soter_lane_bool){-1, -1, -1, -1})
 #define SOTER_LANE_INLINE static inline __attribute__((always_inline, unused))
 
 typedef double soter_lane_float __attribute__((vector_size(8 * SOTER_LANES)));
@@ -34,20 +34,24 @@ typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
 #define SOTER_LANE_BITS(member) SOTER_LANE_OF(soter_lane_bits, member)
 #define SOTER_LANE_BOOL(member) (-(SOTER_LANE_OF(soter_lane_bool, member)))
 
+#define SOTER_LANE_ENABLED(flags)                                                         \
+  ((soter_lane_bool){(flags)[0], (flags)[1], (flags)[2], (flags)[3]} & SOTER_ENABLED)
+
 /* Lanes on their way into the states, where `on` says so. */
 #define SOTER_LANE_PUT_AS(kind, on, member, lanes, of_lane) \
   do {                                                      \
     const kind given_put = (lanes);                         \
-    if ((on)[0]) {                                          \
+    const soter_lane_bool given_on = (on);                  \
+    if (given_on[0]) {                                          \
       given_s0->member = of_lane(given_put[0]);             \
     }                                                       \
-    if ((on)[1]) {                                          \
+    if (given_on[1]) {                                          \
       given_s1->member = of_lane(given_put[1]);             \
     }                                                       \
-    if ((on)[2]) {                                          \
+    if (given_on[2]) {                                          \
       given_s2->member = of_lane(given_put[2]);             \
     }                                                       \
-    if ((on)[3]) {                                          \
+    if (given_on[3]) {                                          \
       given_s3->member = of_lane(given_put[3]);             \
     }                                                       \
   } while (0)
