@@ -485,14 +485,19 @@ class _Code:
             return [c.IfStmt(condition, then, otherwise)]
         self._masks += 1
         on, off = c.Name(f"given_then_{self._masks}"), c.Name(f"given_else_{self._masks}")
-        statements: list[c.CStmt] = []
-        for mask, where, block in (
-            (on, condition, s.then),
-            (off, c.Unary("~", condition), s.otherwise),
-        ):
-            if not block:
-                continue
-            statements.append(c.Declare(BOOL, mask.text, c.Binary("&", self.mask, where)))
+        sides = [
+            (mask, where, block)
+            for mask, where, block in (
+                (on, condition, s.then),
+                (off, c.Unary("~", condition), s.otherwise),
+            )
+            if block
+        ]
+        statements: list[c.CStmt] = [  # both of them before either side changes the condition
+            c.Declare(BOOL, mask.text, c.Binary("&", self.mask, where), const=True)
+            for mask, where, _ in sides
+        ]
+        for mask, _, block in sides:
             with self._under(mask):
                 statements += self.block(block)
         return statements
