@@ -20,6 +20,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.vector_instructions import vector_flags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
+ENGINE = tuple(
+    BATCH.with_name(f"soter_{name}")
+    for name in ("batch.c", "batch.h", "lockstep.c", "lockstep.h", "lanes.h")
+)
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
@@ -38,7 +43,7 @@ EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
 FAST = ("-fno-trapping-math",)
 """Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
-SPARE = 3
+SPARE = 8
 """States that a batch needs besides those of its flights."""
 MODULES_MAX = 64
 """Modules of a system whose saves can be counted."""
@@ -58,8 +63,8 @@ class Flyer:
         self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
         unit = recipe.unit
         hashing = ("soter_sha256.c", "soter_sha256.h")
-        engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        path = library(unit, recipe.optimise, FAST, engine)
+        engine = (*ENGINE, *(RUNTIME / name for name in hashing))
+        path = library(unit, recipe.optimise, (*FAST, *vector_flags()), engine)
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )

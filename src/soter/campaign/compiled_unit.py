@@ -17,6 +17,7 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
+from soter.codegen.lanes import Lanes
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact, If, Loop
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.core.core import CoreSystem, Function, Predicate, Stmt
+    from soter.core.core import CoreSystem, Decision, Function, Predicate, Stmt
     from soter.language.model.system import Metric, Property, System
 
 NEVER = c.Name("SOTER_NEVER")
@@ -118,6 +119,7 @@ class UnitCache(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem) -> None:
         super().__init__(system, core, None)
         self.remembered = _dear_calls(core)
+        self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:
         """A function; in front of one that is remembered the last call and its answer."""
@@ -177,14 +179,74 @@ class UnitCache(UnitBuilder):
             declarations.append(
                 c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
             )
+        lanes, tables = self._lanes()
+        declarations += lanes
         fields = (
             ("count", c.Number(f"{len(rows)}U")),
             ("measure", c.Name(table if rows else "NULL")),
+            ("lanes", tables),
         )
         declared = c.VariableDef("soter_measured", f"{self.prefix}_measured", None)
         value_of = c.Initializer(fields)
         defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
         return [*declarations, declared, defined]
+
+
+    def _lanes(self) -> tuple[list[c.CTop], c.CExpr]:
+        """Steps and properties over several worlds at once, and the table of them."""
+        lanes = Lanes(self.frame, self.core.functions)
+        steps = [
+            None if step is None else lanes.step(x, step, self.names[x.index])
+            for x in self.system.components
+            for step in (self.core.nodes.get(x.index) or self.core.plants.get(x.index),)
+        ]
+        verdicts = [
+            lanes.verdict(predicate, f"{self.prefix}_property_{p.index}", negate=p.kind != "never")
+            for p, predicate in zip(self.system.properties, self.core.properties, strict=True)
+        ]
+        dms = [self._decision(lanes, d) for d in self.core.decisions]
+        if not any(steps):
+            return [], c.Initializer(())
+        fields: list[tuple[str | None, c.CExpr]] = [("count", c.Name("SOTER_LANES"))]
+        tables: list[c.CTop] = []
+        if dms:
+            own = f"{self.prefix}_lanes_decide"
+            rows = tuple((None, dm) for dm in dms)
+            tables.append(c.VariableDef("soter_lane_decision", own, c.Initializer(rows), True))
+            fields.append(("decide", c.Name(own)))
+        for kind, member, names in (
+            ("soter_lane_step", "step", steps),
+            ("soter_lane_verdict", "violated", verdicts),
+        ):
+            if names:
+                own = f"{self.prefix}_lanes_{member}"
+                rows = tuple((None, c.Name(name or "NULL")) for name in names)
+                tables.append(c.VariableDef(kind, own, c.Initializer(rows), array=True))
+                fields.append((member, c.Name(own)))
+        return [c.Include("soter_lanes.h"), *lanes.definitions, *tables], c.Initializer(
+            tuple(fields)
+        )
+
+
+    def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
+        """A DM in two parts; one that remembers is asked only once, and so has no lanes."""
+        name = self.module_names[d.module]
+        *_, dm = decisions.decision(self.frame, d, name)
+        assert dm.body is not None
+        ttf = lanes.verdict(d.ttf, f"{name}_ttf")
+        safer = lanes.verdict(d.safer, f"{name}_safer")
+        if ttf is None or safer is None or self.system.modules[d.module].latch is not None:
+            return c.Initializer(((None, c.Name("NULL")),))
+        told = {"ttf": c.Name("given_ttf"), "safer": c.Name("given_safer")}
+        body = tuple(
+            replace(s, value=told[s.name]) if isinstance(s, c.Declare) and s.name in told else s
+            for s in dm.body
+        )
+        parameters = (*dm.parameters, ("bool", "given_ttf"), ("bool", "given_safer"))
+        decided = replace(dm, name=f"{name}_decided", parameters=parameters, body=body)
+        lanes.definitions.append(decided)
+        fields = (("ttf", ttf), ("safer", safer), ("decided", decided.name))
+        return c.Initializer(tuple((k, c.Name(v)) for k, v in fields))
 
 
 def _row(measure: Metric, name: str) -> c.CExpr:
@@ -235,7 +297,9 @@ def _operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
 
 
 def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The last call of a thread, and what came of it. Structs have no holes: bytes tell.
+    """The last calls of a thread, and what came of them. Structs have no holes: bytes tell.
+
+    There are several: the worlds of a group ask by turns (`soter_lockstep.h`).
 
     What is large goes in and out by address (decision 109).
     """
@@ -252,9 +316,10 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
     members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
     members.append(c.StructMember(result, "result"))
-    known: c.CExpr = c.Arrow(last, "known")
+    one = c.IndexExpr(c.Name("own"), c.Name("k"))
+    known: c.CExpr = c.Member(one, "known")
     for k, (_, value) in enumerate(given):
-        there = c.Unary("&", c.Arrow(last, f"given_{k}"))
+        there = c.Unary("&", c.Member(one, f"given_{k}"))
         size = c.CallExpr("sizeof", (value,))
         same = c.CallExpr("memcmp", (there, c.address(value), size))
         known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
@@ -263,7 +328,12 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     arguments += [c.Unary("&", answer)] if large else []
     arguments += [c.Unary("&", c.Arrow(last, "status"))] if faults else []
     call = c.CallExpr(anew, tuple(arguments))
+    none = c.Binary("==", last, c.Name("NULL"))
+    found = c.IfStmt(c.Binary("&&", none, known), (c.Assign(last, c.Unary("&", one)),))
+    oldest, count = c.Name("oldest"), c.Name("SOTER_REMEMBERED")
     compute = (
+        c.Assign(last, c.Unary("&", c.IndexExpr(c.Name("own"), oldest))),
+        c.Assign(oldest, c.Binary("%", c.Binary("+", oldest, c.Number("1U")), count)),
         *(c.Assign(c.Arrow(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
         c.Assign(c.Arrow(last, "status"), c.Name("SOTER_OK")),
         c.Do(call) if large else c.Assign(answer, call),
@@ -272,9 +342,11 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Arrow(last, "status"))))
     failed = c.Binary("!=", c.Arrow(last, "status"), c.Name("SOTER_OK"))
     body: list[c.CStmt] = [
-        c.Declare(f"static SOTER_OF_THREAD {kept}", "own", None),
-        c.Declare(f"{kept} *const ", "last", c.Unary("&", c.Name("own"))),
-        c.IfStmt(c.Unary("!", known), compute),
+        c.Declare(f"static SOTER_OF_THREAD {kept}", "own[SOTER_REMEMBERED]", None),
+        c.Declare("static SOTER_OF_THREAD uint32_t", "oldest", None),
+        c.Declare(f"{kept} *", "last", c.Name("NULL")),
+        c.For("k", c.Number("0"), count, (found,)),
+        c.IfStmt(none, compute),
     ]
     if faults:
         body.append(c.IfStmt(failed, (raised,)))
@@ -282,6 +354,6 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     return [
         c.Include("string.h", system=True),
         c.Include("soter_batch.h"),
-        c.StructDef(kept, tuple(members), f"the last call of {anew}"),
+        c.StructDef(kept, tuple(members), f"a call of {anew}"),
         replace(made, body=tuple(body)),
     ]

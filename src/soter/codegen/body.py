@@ -259,6 +259,10 @@ class Body(Places):
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """One statement."""
+        made = self._statement(s, used)
+        return self.changing(s, made) if self.in_place else made
+
+    def _statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         if isinstance(s, core.Let):
             return self._let(s, used)
         if isinstance(s, core.Checked):

@@ -59,6 +59,8 @@ class Frame:
         """Component index -> C name of its group of locals or states."""
         self.apart: frozenset[int] = frozenset()
         """Extern nodes that a driver answers though they are bound to C (`targets/posix.py`)."""
+        self.works_in_place = False
+        """Large locals of nodes are not copied where no fault changes them back (campaigns)."""
         self.branches: list[StepBranch] | None = None
         """A list: nodes count which branches they take, and it says what the numbers mean."""
         unique = Unique()
@@ -114,7 +116,14 @@ class Frame:
             if copy.name not in used and not copy.written:
                 continue
             name, t, cell = self.body.local(copy.name), copy.type, self.cell(copy.cell)
-            if self.body.refers(copy.name):
+            if copy.name in self.body.in_place:
+                stored, changed = self.types.stored(t), self.body.is_changed(copy.name)
+                declarations += [
+                    c.Declare(f"{stored} *const ", name, c.address(cell)),
+                    c.Declare(stored, self.body.before(copy.name).text, None),
+                    c.Declare("bool", changed.text, c.Name("false")),
+                ]
+            elif self.body.refers(copy.name):
                 pointer = f"const {self.types.stored(t)} *const "
                 declarations.append(c.Declare(pointer, name, c.address(cell)))
             else:
@@ -127,9 +136,24 @@ class Frame:
         """Commit written temporaries."""
         commits: list[c.CStmt] = []
         for x in copies:
-            if x.written:
+            if x.name in self.body.in_place:
+                _, *canonical = self.types.commit(self.cell(x.cell), x.type, S)
+                if canonical:
+                    commits.append(c.IfStmt(self.body.is_changed(x.name), tuple(canonical)))
+            elif x.written:
                 commits += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
         return commits
+
+    def restore(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
+        """After a fault: what was worked on in place is what it was."""
+        return [
+            c.IfStmt(
+                self.body.is_changed(x.name),
+                (c.Assign(self.cell(x.cell), self.body.before(x.name)),),
+            )
+            for x in copies
+            if x.name in self.body.in_place
+        ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """`out_topic` and `has_topic` for every output; a large one may lie where a local does."""
@@ -161,6 +185,12 @@ class Frame:
         if k in self.body.certain:
             return code
         return [c.IfStmt(self.body.has(k), tuple(code))]
+
+    def in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
+        """The locals that a step works on where they lie, if this program's do."""
+        if not self.works_in_place:
+            return frozenset()
+        return frozenset(x.name for x in copies if x.written and self.types.is_large(x.type))
 
     def task(
         self,

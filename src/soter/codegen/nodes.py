@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
     """The step of a node."""
     certain = frozenset[int]() if component.extern else frame.certain(component, step)
-    with frame.body.planned(_task(frame, component, step), certain):
+    in_place = frozenset[str]() if component.extern else frame.in_place(step.locals)
+    with frame.body.planned(_task(frame, component, step), certain, in_place):
         body = tuple(_step(frame, component, step, name))
     assert component.node is not None
     doc = f"{component.role} {component.node.name}, {where(step.span)}"
@@ -87,7 +88,8 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     if step.shield is not None:
         body += frame.body.block(step.shield.body)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
-    body = [frame.state_pointer(), *unused, *frame.sticky(body, tuple(forgive(frame, component)))]
+    failed = (*frame.restore(step.locals), *forgive(frame, component))
+    body = [frame.state_pointer(), *unused, *frame.sticky(body, failed)]
     if foreign and c_source:
         body += [s for copy in step.locals for s in _keep(frame, copy)]
     else:

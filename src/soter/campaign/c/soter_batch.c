@@ -8,6 +8,7 @@
 
 #include <string.h>
 
+#include "soter_lockstep.h"
 #include "soter_sha256.h"
 
 typedef struct {
@@ -197,16 +198,39 @@ static void soter_add_state(soter_sha256* s, const void* state, size_t size) {
   soter_sha256_add(s, (const uint8_t*)state + sizeof h, size - sizeof h);
 }
 
+typedef struct {
+  int64_t since;  /* the last time of which looks know */
+  int64_t look;   /* when the next of them is due */
+  int64_t sample; /* when the trajectory is looked at next */
+} soter_due;
+
+static const soter_due soter_at_start = {.since = -1, .look = 0, .sample = 0};
+
+/* What is noted after an instant; false where its events do not fit. */
+static bool soter_after(const soter_program* p, const soter_order* o, const soter_places* at,
+                        soter_due* due, soter_events* e) {
+  const int64_t ct = soter_header_of(at->state)->ct;
+  if (!soter_compare(p, at->state, at->before, e)) {
+    return false;
+  }
+  if (ct >= due->look) {
+    due->look = soter_measure_all(o->measured, at->state, due->since, at->looks, at->bins);
+    due->since = ct;
+  }
+  if (ct >= due->sample) {
+    const int64_t apart = o->until_ns / SOTER_SAMPLES + 1;
+    soter_add_state(at->trajectory, at->state, p->state_size);
+    due->sample = (ct / apart + 1) * apart;
+  }
+  return true;
+}
+
 /* One flight; false where its events do not fit, or an extern is due. */
 static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
                       const soter_places* at, soter_events* e) {
   uint32_t due = 0;
-  int64_t since = -1; /* the last time of which looks know */
-  int64_t look = 0;   /* when the next of them is due */
-  int64_t sample = 0;
-  const int64_t apart = o->until_ns / SOTER_SAMPLES + 1;
+  soter_due noted = soter_at_start;
   soter_start(p, at->state, seed);
-  const soter_header* const h = soter_header_of(at->state);
   (void)memcpy(at->before, at->state, p->state_size);
   while (soter_next_instant(p, at->state) <= o->until_ns) {
     const size_t first = e->used;
@@ -216,19 +240,60 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
     if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE) {
       return false;
     }
-    if (!soter_compare(p, at->state, at->before, e)) {
+    if (!soter_after(p, o, at, &noted, e)) {
       return false;
-    }
-    if (h->ct >= look) {
-      look = soter_measure_all(o->measured, at->state, since, at->looks, at->bins);
-      since = h->ct;
-    }
-    if (h->ct >= sample) {
-      soter_add_state(at->trajectory, at->state, p->state_size);
-      sample = (h->ct / apart + 1) * apart;
     }
     if (at->saves != NULL && e->used != first) {
       soter_judge(p, o, e, first, at->pre, at->work, at->saves);
+    }
+  }
+  return true;
+}
+
+/* The instants of one world of a group before `end`. */
+static bool soter_fly_alone(const soter_lockstep* g, uint32_t world, int64_t end,
+                            const soter_order* o, const soter_places* at, soter_due* noted,
+                            soter_events* e) {
+  uint32_t due = 0;
+  while (soter_lockstep_alone(g, world) < end) {
+    (void)soter_virtual_instant(g->p, at->state, &due);
+    if (!soter_after(g->p, o, at, noted, e)) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/* As many flights as there are lanes, in step; false where the events of one do not fit. */
+static bool soter_fly_together(const soter_program* p, const soter_flight* flights,
+                               const soter_order* o, const soter_places* at, soter_events* e) {
+  const soter_lane_table* const lanes = &o->measured->lanes;
+  soter_lockstep g;
+  soter_due noted[SOTER_LOCKSTEP_WORLDS];
+  void* states[SOTER_LOCKSTEP_WORLDS];
+  for (uint32_t w = 0; w < lanes->count; w++) {
+    noted[w] = soter_at_start;
+    states[w] = at[w].state;
+    soter_start(p, at[w].state, flights[w].seed);
+    (void)memcpy(at[w].before, at[w].state, p->state_size);
+  }
+  soter_lockstep_start(&g, p, lanes, states);
+  for (bool goes_on = true; goes_on;) {
+    const int64_t next = soter_lockstep_next(&g);
+    goes_on = next <= o->until_ns;
+    const int64_t end = goes_on ? next : o->until_ns + 1;
+    for (uint32_t w = 0; w < lanes->count; w++) {
+      if (!soter_fly_alone(&g, w, end, o, &at[w], &noted[w], &e[w])) {
+        return false;
+      }
+    }
+    if (goes_on) {
+      soter_lockstep_instant(&g);
+      for (uint32_t w = 0; w < lanes->count; w++) {
+        if (!soter_after(p, o, &at[w], &noted[w], &e[w])) {
+          return false;
+        }
+      }
     }
   }
   return true;
@@ -255,6 +320,71 @@ static void soter_flown(const soter_program* p, soter_flight* flight, const sote
   flight->events = (uint32_t)count;
 }
 
+/* Where flight number k writes; `saves` and `trajectory` are its own. */
+static soter_places soter_places_of(const soter_program* p, const soter_order* o, uint32_t count,
+                                    uint32_t k, soter_saves* saves, soter_sha256* trajectory) {
+  uint8_t* const states = (uint8_t*)o->states;
+  uint8_t* const spare = states + (size_t)count * p->state_size;
+  soter_sha256_start(trajectory);
+  for (uint32_t i = 0; i < SOTER_BATCH_MODULES; i++) {
+    saves->last[i] = SOTER_NEVER;
+  }
+  saves->saves = o->saves + (size_t)k * p->modules;
+  saves->precautions = o->precautions + (size_t)k * p->modules;
+  const soter_places at = {
+      .state = states + (size_t)k * p->state_size,
+      .before = spare,
+      .pre = spare + p->state_size,
+      .work = spare + 2U * p->state_size,
+      .looks = o->looks + (size_t)k * o->measured->count,
+      .bins = o->histogram + (size_t)k * soter_bins(o->measured),
+      .saves = o->horizon_ns > 0 ? saves : NULL,
+      .trajectory = trajectory,
+  };
+  return at;
+}
+
+/* What a flight noted that was given up is noted again. */
+static void soter_forget(const soter_order* o, uint32_t k, uint32_t count) {
+  const size_t looks = o->measured->count;
+  const size_t bins = soter_bins(o->measured);
+  (void)memset(o->looks + k * looks, 0, count * looks * sizeof *o->looks);
+  (void)memset(o->histogram + k * bins, 0, count * bins * sizeof *o->histogram);
+}
+
+/* Flights from number k on, as many as there are lanes; false where none of them was flown. */
+static bool soter_group(const soter_program* p, soter_flight* flights, uint32_t count, uint32_t k,
+                        const soter_order* o, soter_events* e) {
+  const uint32_t worlds = o->measured->lanes.count;
+  soter_places at[SOTER_LOCKSTEP_WORLDS];
+  soter_events each[SOTER_LOCKSTEP_WORLDS];
+  soter_sha256 trajectory[SOTER_LOCKSTEP_WORLDS];
+  soter_saves saves;
+  if (o->horizon_ns > 0 || worlds == 0U || count - k < worlds) {
+    return false;
+  }
+  if (!soter_lockstep_fits(p, &o->measured->lanes)) {
+    return false;
+  }
+  const size_t room = (e->room - e->used) / worlds;
+  for (uint32_t w = 0; w < worlds; w++) {
+    at[w] = soter_places_of(p, o, count, k + w, &saves, &trajectory[w]);
+    at[w].before += (size_t)w * p->state_size;
+    each[w] = (soter_events){e->at + e->used + w * room, room, 0};
+  }
+  if (!soter_fly_together(p, flights + k, o, at, each)) {
+    soter_forget(o, k, worlds);
+    return false;
+  }
+  for (uint32_t w = 0; w < worlds; w++) {
+    soter_event* const own = e->at + e->used;
+    (void)memmove(own, each[w].at, each[w].used * sizeof *own);
+    soter_flown(p, &flights[k + w], own, each[w].used, at[w].state, &trajectory[w]);
+    e->used += each[w].used;
+  }
+  return true;
+}
+
 uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t count,
                      const soter_order* order, size_t* used) {
   SOTER_CHECK(p != NULL);
@@ -262,29 +392,20 @@ uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t cou
   SOTER_CHECK(used != NULL);
   SOTER_CHECK(order->horizon_ns == 0 || p->modules <= SOTER_BATCH_MODULES);
   soter_events e = {order->events, order->room, 0};
-  uint8_t* const states = (uint8_t*)order->states;
-  uint8_t* const spare = states + (size_t)count * p->state_size;
-  const size_t bins = soter_bins(order->measured);
+  const uint32_t lanes = order->measured->lanes.count;
+  uint32_t together = 0; /* flights before it have been tried in step */
   for (uint32_t k = 0; k < count; k++) {
     const size_t first = e.used;
     soter_saves saves;
     soter_sha256 trajectory;
-    soter_sha256_start(&trajectory);
-    for (uint32_t i = 0; i < SOTER_BATCH_MODULES; i++) {
-      saves.last[i] = SOTER_NEVER;
+    if (k >= together) {
+      together = k + lanes;
+      if (soter_group(p, flights, count, k, order, &e)) {
+        k += lanes - 1U;
+        continue;
+      }
     }
-    saves.saves = order->saves + (size_t)k * p->modules;
-    saves.precautions = order->precautions + (size_t)k * p->modules;
-    const soter_places at = {
-        .state = states + (size_t)k * p->state_size,
-        .before = spare,
-        .pre = spare + p->state_size,
-        .work = spare + 2U * p->state_size,
-        .looks = order->looks + (size_t)k * order->measured->count,
-        .bins = order->histogram + (size_t)k * bins,
-        .saves = order->horizon_ns > 0 ? &saves : NULL,
-        .trajectory = &trajectory,
-    };
+    const soter_places at = soter_places_of(p, order, count, k, &saves, &trajectory);
     if (!soter_fly(p, flights[k].seed, order, &at, &e)) {
       *used = first;
       return k;

@@ -46,6 +46,8 @@ class Places:
         self.plan = StoragePlan()
         self.certain: frozenset[int] = frozenset()
         """Outputs of the step that is being emitted which it always publishes."""
+        self.in_place: frozenset[str] = frozenset()
+        """Locals of the step that it works on where they lie in the state."""
         self._given = 0
 
     def expr(self, e: core.Expr) -> c.CExpr:
@@ -58,17 +60,21 @@ class Places:
 
     @contextmanager
     def planned(
-        self, task: PlannedBody | None, certain: frozenset[int] = frozenset()
+        self,
+        task: PlannedBody | None,
+        certain: frozenset[int] = frozenset(),
+        in_place: frozenset[str] = frozenset(),
     ) -> Iterator[None]:
         """Emit a body whose large values lie where a plan of it says, and what it surely gives."""
         self.plan = StoragePlan() if task is None else plan_of(task)
         self.certain = certain
+        self.in_place = in_place
         self._given = 0
         try:
             yield
         finally:
             self.plan = StoragePlan()
-            self.certain = frozenset()
+            self.certain = self.in_place = frozenset()
 
     def used(self, root: object) -> set[str]:
         """Names of temporaries that are read somewhere below, but for values that nobody reads."""
@@ -80,7 +86,7 @@ class Places:
 
     def refers(self, name: str) -> bool:
         """Whether a temporary is a pointer to where its value lies."""
-        return name in self.plan.references
+        return name in self.plan.references or name in self.in_place
 
     def is_own(self, name: str) -> bool:
         """Whether a name has a place of its own."""
@@ -102,6 +108,28 @@ class Places:
                 return c.Name(f"out_{output}")
         own = c.Name(self.local(name))
         return c.Unary("*", own) if self.refers(name) else own
+
+    # ------------------------------------------------------------ locals in place
+
+    def is_changed(self, name: str) -> c.Name:
+        """Whether a step has changed a local that it works on in place."""
+        return c.Name(f"given_{self.local(name)}_changed")
+
+    def before(self, name: str) -> c.Name:
+        """What such a local was until then."""
+        return c.Name(f"given_{self.local(name)}_before")
+
+    def changing(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
+        """The C of a statement; in front of it what it changes in place is put aside, once."""
+        name = getattr(s, "name", None)
+        if isinstance(s, core.Publish):
+            name = output_name(s.output)
+        home = self.plan.home(name) if isinstance(name, str) else ""
+        if home not in self.in_place or all(isinstance(x, c.Unused) for x in made):
+            return made
+        changed = self.is_changed(home)
+        aside = (c.Assign(self.before(home), self.place(home)), c.Assign(changed, c.Name("true")))
+        return [c.IfStmt(c.Unary("!", changed), aside), *made]
 
     # ------------------------------------------------------------ calls
 

@@ -1,0 +1,176 @@
+"""Random programs of floats and truth values, which campaigns compute in lanes.
+
+Purpose: branches, early returns, loops over constants, records, arrays, draws, gates that refuse
+and operations that fault in some worlds and not in others.
+Non-goals: whole numbers that differ from world to world, which have no lanes; other constructs
+(`random_programs.py`).
+"""
+
+from __future__ import annotations
+
+import random
+
+COMPARED = ("<", "<=", ">", ">=", "==", "!=")
+NUMBERS = ("0.0", "1.0", "-0.5", "2.5", "0.1", "-3.0")
+
+
+class _Text:
+    """Random code over the names in `floats` and `bools`."""
+
+    def __init__(self, rng: random.Random, floats: list[str], bools: list[str]) -> None:
+        self.rng, self.floats, self.bools = rng, floats, bools
+
+    def number(self, depth: int) -> str:
+        """A float; now and then one that faults."""
+        rng = self.rng
+        if depth == 0 or rng.random() < 0.15:
+            return rng.choice([*self.floats * 4, *NUMBERS])
+        a, b = self.number(depth - 1), self.number(depth - 1)
+        return rng.choice(
+            [
+                *(f"({a} {op} {b})" for op in ("+", "-", "*")),
+                f"({a} / (1.0 + abs({b})))",
+                f"min({a}, {b})",
+                f"max({a}, {b})",
+                f"abs({a})",
+                f"(-{a})",
+                f"floor({a})",
+                f"sqrt(abs({a}))",
+                f"({self.truth(depth - 1)} ? {a} : {b})",
+                f"Bent({{ a: {a}, b: {b}, on: {self.truth(depth - 1)} }}, {a})",
+                f"({a} / {b})" if rng.random() < 0.1 else f"({a} - {b})",
+            ]
+        )
+
+    def truth(self, depth: int) -> str:
+        """A truth value."""
+        rng = self.rng
+        if depth == 0 and self.bools:
+            return rng.choice(self.bools)
+        a, b = self.number(max(0, depth - 1)), self.number(max(0, depth - 1))
+        compared = f"{a} {rng.choice(COMPARED)} {b}"
+        if depth == 0:
+            return f"({compared})"
+        c, d = self.truth(depth - 1), self.truth(depth - 1)
+        return rng.choice([f"({compared})", f"({c} && {d})", f"({c} || {d})", f"(!{c})"])
+
+    def changes(self, names: list[str], depth: int) -> str:
+        """Statements that change variables, some of them under conditions.
+
+        What they become is small and depends on the wind: worlds stay apart, and none comes to rest.
+        """
+        rng, lines = self.rng, []
+        for _ in range(rng.randint(1, 3)):
+            name = rng.choice(names)
+            if depth and rng.random() < 0.5:
+                then, otherwise = (self.changes(names, depth - 1) for _ in range(2))
+                lines.append(f"if {self.truth(1)} {{ {then} }} else {{ {otherwise} }}")
+            elif depth and rng.random() < 0.4:
+                lines.append(
+                    f"for i in 0..4 {{ if STEPS[i] < {self.number(1)} "
+                    f"{{ {name} = 3.0 * Squashed({name} + STEPS[i] * {self.number(1)}); }} }}"
+                )
+            else:
+                lines.append(f"{name} = 3.0 * Squashed(wind + {self.number(2)});")
+        return " ".join(lines)
+
+
+def program(number: int, faults: str = "") -> str:
+    """Program `number`; its system is `Whole`, its module `Guard`, a node of it `Shape`."""
+    rng = random.Random(number)
+    inside = _Text(rng, ["p.a", "p.b", "q", "r"], ["p.on"])
+    node = _Text(rng, ["y", "wind", "m", "all.a", "row[1]"], ["flag", "all.on"])
+    ac = _Text(rng, ["y", "wind", "held", "made.a"], ["made.on"])
+    dm = _Text(rng, ["y", "made.a", "made.b"], ["made.on"])
+    plant = _Text(rng, ["s", "v", "d.x", "command.x"], [])
+    gain = rng.choice(["1.0", "4.0", "30.0"])
+    return f"""soter 1;
+type Pair = {{ a: float, b: float, on: bool }};
+const STEPS: float[4] = [0.5, -1.0, {rng.choice(NUMBERS)}, 2.0];
+input topic wind: float in [-3.0, 3.0];
+topic y: float;
+topic made: Pair;
+topic told: float in [-{gain}, {gain}];
+topic command: Vec3 in [-1.0, 1.0];
+
+fun Plain(p: Pair, q: float): float {{
+  var r = q;
+  if p.on && r < p.a {{ return p.b; }}
+  for i in 0..4 {{
+    if STEPS[i] > r {{ return r * STEPS[i] + p.a; }}
+    r = r + STEPS[i];
+  }}
+  return max(r, p.b);
+}}
+fun Bent(p: Pair, q: float): float {{
+  let r = Plain(p, q);
+  if r < q {{ return {inside.number(1).replace("Bent", "Plain")}; }}
+  return {inside.number(1).replace("Bent", "Plain")};
+}}
+
+plant Mass period 10ms {{
+  reads command;
+  drives y = s;
+  state s: float;
+  state v: float = 0.5;
+  disturbance d: Vec3 in [-1.0, 1.0] hold {rng.choice((10, 30))}ms;
+  der s = v;
+  der v = clamp({plant.number(2)}, -5.0, 5.0) - s;
+  measured y within 0.1;
+}}
+node Shape period {rng.choice((10, 20))}ms {{
+  subscribes y, wind;
+  publishes made, told;
+  var m: float;
+  var flag: bool;
+  var all: Pair;
+  var row: float[3];
+  step {{
+    {node.changes(["m", "all.a", "all.b", "row[0]", "row[1]"], 2)}
+    flag = {node.truth(2)};
+    all.on = {node.truth(1)};
+    {rng.choice(("", "", "assert abs(y) < 1.2;"))}
+    if {node.truth(1)} {{ publish told = {gain} * Squashed(m); }}
+    publish made = {{ a: clamp(all.a, -9.0, 9.0), b: clamp(row[1], -9.0, 9.0), on: flag }};
+  }}
+}}
+fun Squashed(x: float): float {{ return x / (1.0 + abs(x)); }}
+node Bold period 20ms {{
+  subscribes y, wind, made;
+  publishes command;
+  var held: float;
+  step {{
+    {ac.changes(["held"], 1)}
+    publish command = vec3(clamp(0.45 * held, -1.02, 1.02) + 0.03 * wind * y, Squashed({ac.number(1)}), 0.0);
+  }}
+}}
+node Calm period 20ms {{
+  subscribes y;
+  publishes command;
+  var since: float;
+  on takeover {{ since = 0.0; }}
+  step {{
+    since = since + 0.02;
+    publish command = vec3(clamp(-y, -1.0, 1.0), 0.0, Squashed(since));
+  }}
+}}
+rta Guard {{
+  ac Bold;
+  sc Calm;
+  period 20ms;
+  safe abs(y) < 9.0;
+  ttf {dm.truth(2)} && abs(y) > 0.3;
+  safer {dm.truth(1)} || abs(y) < 0.2;
+}}
+system Whole default {{
+  d: Mass;
+  node Shape;
+  module Guard;
+  input wind every {rng.choice((15, 40))}ms;
+  until 3s;
+  {rng.choice(("", "", "force Guard ac;"))}
+  always abs(d.truth.s) < 0.5;
+  never {dm.truth(2)};
+  {faults}
+}}
+"""

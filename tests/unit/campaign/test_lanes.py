@@ -1,0 +1,197 @@
+"""Flights that take their steps together are, to the last bit, those that are flown alone."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.straight_programs import program
+from long_tests import examples
+from soter.campaign import batch_flights, compiled_unit
+from soter.campaign.batch_flights import ENGINE, Fleet
+from soter.campaign.compiled_unit import generate_measured
+from soter.codegen.function_context import Frame
+from soter.language.front_end import check_file, system_of
+from soter.native.build import RUNTIME
+from soter.native.compiler import STRICT, find
+from soter.native.vector_instructions import vector_flags
+from soter.simulate.run import run_interpreted
+
+if TYPE_CHECKING:
+    from soter.codegen.unit import Unit
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import System
+
+SECOND = 10**9
+LARGE_VALUES = Path(__file__).resolve().parents[2] / "correct" / "large_values.soter"
+PROGRAMS = examples("SOTER_LANE_PROGRAMS", quick=12, long=200)
+MOVED = """faults {
+    late Guard.dm by 2ms; late Guard.Calm by 2ms;
+    skip Shape at 9000 per 1h for 40ms;
+  }"""
+DISTURBED = """faults {
+    nan Guard.Bold at 20000 per 1h for 100ms;
+    silent Shape at 9000 per 1h for 40ms;
+  }"""
+
+
+def whole(folder: Path, number: int, faults: str = "") -> System:
+    file = folder / f"straight_{number}.soter"
+    file.write_text(program(number, faults), encoding="utf-8")
+    return system_of(check_file(str(file)), "Whole")
+
+
+def parts_with_lanes(system: System) -> int:
+    """How many steps and DMs of a system have lanes."""
+    source = generate_measured(system).source
+    tables = re.findall(r"_lanes_(?:step|decide)\[\] = \{(.*?)\n\};", source, re.DOTALL)
+    return sum(len(re.findall(r"\w_lanes\b", table)) for table in tables)
+
+
+@pytest.mark.parametrize("number", range(PROGRAMS))
+def test_flights_together_are_flights_alone(number: int, tmp_path: Path) -> None:
+    system = whole(tmp_path, number, ("", MOVED, DISTURBED)[number % 3])
+    assert parts_with_lanes(system) >= 3
+    fleet = Fleet(system, 3 * SECOND, ("-O1", "-O3")[number % 2])
+    together = fleet.fly(range(9), first_seed=number)
+    assert together == [fleet.fly([k], first_seed=number)[0] for k in range(9)]
+    assert together[1].violations == run_interpreted(system, 3 * SECOND, number + 1).violations
+
+
+@pytest.mark.parametrize("stored", ["d.s", "topics.made.a", "topics.command.x"])
+def test_steps_are_taken_together(
+    stored: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Lanes that store something wrong are seen, so they are not left out."""
+
+    def wrong(system: System, core: CoreSystem | None = None) -> Unit:
+        unit = generate_measured(system, core)
+        put = rf"(SOTER_LANE_PUT\(\w+, {re.escape(stored)}, )(.*?)\);"
+        source, count = re.subn(put, r"\1(\2) + 0.125);", unit.source, flags=re.DOTALL)
+        assert count
+        return replace(unit, source=source)
+
+    monkeypatch.setattr(compiled_unit, "generate_measured", wrong)
+    fleet = Fleet(whole(tmp_path, 5), 3 * SECOND, "-O1")
+    together = fleet.fly(range(4), first_seed=1)
+    assert all(together[k] != fleet.fly([k], first_seed=1)[0] for k in range(4))
+
+
+def test_without_vectors_flights_are_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = whole(tmp_path, 1)
+    flights = Fleet(system, 3 * SECOND, "-O1").fly(range(6), first_seed=1)
+    monkeypatch.setattr(batch_flights, "vector_flags", tuple)
+    assert Fleet(system, 3 * SECOND, "-O1").fly(range(6), first_seed=1) == flights
+
+
+def test_little_room_for_events_is_none_for_a_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system = whole(tmp_path, 11)
+    flights = Fleet(system, 3 * SECOND, "-O1").fly(range(9), first_seed=1)
+    assert sum(sum(f.disengagements) for f in flights) > 20
+    monkeypatch.setattr(batch_flights, "ROOM", 16)
+    assert Fleet(system, 3 * SECOND, "-O1").fly(range(9), first_seed=1) == flights
+
+
+FAULTS = """faults {
+    bias Wider.wide.cost by 1.5 at 20000 per 1h for 40ms;
+    stuck Wider.wide.a[3] at 15000 per 1h for 60ms;
+    silent Keeper at 20000 per 1h for 40ms;
+  }"""
+
+
+@pytest.mark.parametrize("faults", ["", FAULTS])
+@pytest.mark.parametrize("large", [0, 64])
+def test_locals_that_are_changed_in_place_end_as_copies_do(
+    large: int, faults: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soter.codegen.c.types.LARGE", large)
+    file = tmp_path / "large_values.soter"
+    text = LARGE_VALUES.read_text(encoding="utf-8")
+    file.write_text(text.replace("always sum", f"{faults}\n  always sum"), encoding="utf-8")
+    system = system_of(check_file(str(file)), "Large")
+    assert "_changed = true" in generate_measured(system).source
+    flights = Fleet(system, 2 * SECOND, "-O1").fly(range(6), first_seed=4)
+    assert len({f.digest for f in flights}) == 6
+    monkeypatch.setattr(Frame, "in_place", lambda *_: frozenset())
+    assert "_changed = true" not in generate_measured(system).source
+    assert Fleet(system, 2 * SECOND, "-O1").fly(range(6), first_seed=4) == flights
+
+
+OPERATIONS = """
+#include "soter_lanes.h"
+#include <stdio.h>
+#include <string.h>
+static const double xs[] = {0.0, -0.0, 1.0, -1.5, 2.5, -2.5, 1e300, -1e300, 4e-320, 0.1, 1e16,
+    4503599627370497.5, INFINITY, -INFINITY, NAN, -NAN};
+enum { COUNT = sizeof xs / sizeof *xs };
+static int wrong;
+static void same(const char* what, double a, double b) {
+  if (memcmp(&a, &b, sizeof a) != 0 && !(a != a && b != b)) {
+    wrong += printf("%s: %.17g is not %.17g\\n", what, a, b);
+  }
+}
+int main(void) {
+  for (int i = 0; i < COUNT; i++) {
+    for (int k = 0; k < COUNT; k++) {
+      const double a = xs[i], b = xs[k];
+      const soter_lane_float x = {1.0, a, 2.0, b}, y = {b, b, a, a};
+      for (int l = 0; l < SOTER_LANES; l++) {
+        same("min", soter_lane_min(x, y)[l], soter_min(x[l], y[l]));
+        same("max", soter_lane_max(x, y)[l], soter_max(x[l], y[l]));
+        same("sqrt", soter_lane_sqrt(x)[l], sqrt(x[l]));
+        same("floor", soter_lane_floor(x)[l], floor(x[l]));
+        same("abs", soter_lane_abs(x)[l], fabs(x[l]));
+        same("negative", (-x)[l], -x[l]);
+        same("select", soter_lane_select((soter_lane_bool)(x < y), x, y)[l],
+            x[l] < y[l] ? x[l] : y[l]);
+        soter_fault fault = SOTER_OK;
+        soter_check_finite(x[l], &fault);
+        wrong += (soter_lane_not_finite(x)[l] != 0) != (fault != SOTER_OK);
+        fault = SOTER_OK;
+        soter_check_float(x[l], a, b, &fault);
+        const soter_lane_bool bad = soter_lane_not_finite(x) | soter_lane_outside(x, a, b);
+        wrong += (bad[l] != 0) != (fault != SOTER_OK);
+        const double once = soter_lane_canonical(x)[l], twice = soter_canonical(x[l]);
+        wrong += memcmp(&once, &twice, sizeof once) != 0;
+      }
+    }
+  }
+  for (uint64_t n = 0; n < 100000; n++) {
+    soter_lane_bits keys;
+    soter_header h[SOTER_LANES];
+    for (int l = 0; l < SOTER_LANES; l++) {
+      keys[l] = h[l].seed_key = soter_mix(n * SOTER_LANES + (uint64_t)l);
+    }
+    const uint64_t stream = soter_mix(~n);
+    const int64_t index = (int64_t)(n * n) - 7;
+    const soter_lane_float drawn = soter_lane_draw(keys, stream, index, -0.3, 0.7);
+    for (int l = 0; l < SOTER_LANES; l++) {
+      same("draw", drawn[l], soter_draw(&h[l], stream, index, -0.3, 0.7));
+    }
+  }
+  return wrong != 0;
+}
+"""
+
+
+@pytest.mark.parametrize("vectors", [vector_flags(), ()], ids=["vectors", "none"])
+@pytest.mark.parametrize("optimise", ["-O0", "-O3"])
+def test_an_operation_on_a_lane_is_that_on_a_number(
+    optimise: str, vectors: tuple[str, ...], tmp_path: Path
+) -> None:
+    source, built = tmp_path / "operations.c", tmp_path / "operations"
+    source.write_text(OPERATIONS, encoding="utf-8")
+    folders = (f"-I{RUNTIME}", f"-I{ENGINE[0].parent}")
+    flags = (*STRICT, "-fno-trapping-math", optimise, *vectors, *folders)
+    subprocess.run([*find().command, *flags, "-o", built, source, "-lm"], check=True)
+    done = subprocess.run([built], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "")

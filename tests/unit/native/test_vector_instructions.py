@@ -1,0 +1,30 @@
+"""Vectors are used where the processor has them, and fused operations nowhere."""
+
+from __future__ import annotations
+
+import pytest
+
+from soter.native import vector_instructions
+from soter.native.compiler import MEANING
+from soter.native.vector_instructions import AVX2, of_processor, vector_flags
+
+CORE = "processor\t: {}\nmodel name\t: of a test\nflags\t\t: fpu sse2 {}\n\n"
+
+
+def test_a_processor_has_what_all_of_its_cores_have() -> None:
+    assert of_processor(CORE.format(0, "avx2 fma") + CORE.format(1, "avx2")) == (AVX2,)
+    assert of_processor(CORE.format(0, "avx2") + CORE.format(1, "avx")) == ()
+    assert of_processor(CORE.format(0, "avx avx2_of_another_name")) == ()
+    assert of_processor("") == ()
+
+
+def test_other_processors_get_no_flag(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vector_instructions.platform, "machine", lambda: "aarch64")
+    vector_flags.cache_clear()
+    assert vector_flags() == ()
+    vector_flags.cache_clear()
+
+
+def test_nothing_is_fused() -> None:
+    assert "-ffp-contract=off" in MEANING
+    assert not any("fma" in flag for flag in vector_flags())
