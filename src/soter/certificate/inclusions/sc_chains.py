@@ -19,6 +19,7 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
+from soter.certificate.batches.chain_walks import ArrayChain
 from soter.certificate.inclusions.inward_flow import clipping, uncrossed_ends
 from soter.certificate.inclusions.nonlinear_chains import DEPTH_MAX, NANOSECOND, LocalChain
 from soter.certificate.reading.case_model import control_inputs
@@ -59,6 +60,13 @@ class Chain:
     later: Step
     last: Step | None
     bare: tuple[Step, Step]
+
+    @property
+    def arrays(self) -> ArrayChain | None:
+        """The same over many forms at once; None where they are made one by one."""
+        if not all(hasattr(s, "of_many") for s in (self.first, *self.bare)):
+            return None
+        return ArrayChain(self.dimension, self.first, self.later, self.last, self.bare)
 
 
 @dataclass(frozen=True, eq=False)
