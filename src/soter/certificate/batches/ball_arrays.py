@@ -15,7 +15,7 @@ them. Overflow and NaN need no care: no comparison with NaN is true, nor is one 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -51,6 +51,8 @@ class BallArray:
     __slots__ = ("centre", "radius")
 
     def __init__(self, centre: Floats, radius: Floats | None = None) -> None:
+        if radius is not None and radius.shape != centre.shape:
+            radius = np.broadcast_to(radius, centre.shape)
         self.centre, self.radius = centre, radius
 
     # ------------------------------------------------------------ made of others
@@ -72,14 +74,17 @@ class BallArray:
         centre = low * 0.5 + high * 0.5
         return BallArray(centre, np.maximum(high - centre, centre - low) * GROWN)
 
-    def taken(self, index: NDArray[np.intp] | Truths) -> BallArray:
+    def taken(self, index: NDArray[np.intp]) -> BallArray:
         """Those of some boxes."""
         if self.centre.shape[-1] == 1:
             return self
-        radius = self.radius
-        if radius is not None and radius.shape[-1] != 1:
-            radius = radius[..., index]
-        return BallArray(self.centre[..., index], radius)
+        return BallArray(
+            self.centre[..., index], None if self.radius is None else self.radius[..., index]
+        )
+
+    def __getitem__(self, index: Any) -> BallArray:
+        """Along axes before that of the boxes."""
+        return BallArray(self.centre[index], None if self.radius is None else self.radius[index])
 
     # ------------------------------------------------------------ ends
 
@@ -165,7 +170,7 @@ class BallArray:
     # ------------------------------------------------------------ order
 
     def max(self, other: Operand) -> BallArray:
-        """|max(x, y) - max(c, d)| <= max(|x - c|, |y - d|)."""
+        """The larger one: off by at most the larger of what both are off."""
         y = _balls(other)
         return BallArray(np.maximum(self.centre, y.centre), _wider(self.radius, y.radius))
 
@@ -233,9 +238,9 @@ def _summed(centre: Floats, one: Floats | None, other: Floats | None) -> BallArr
 
 
 def _wider(one: Floats | None, other: Floats | None) -> Floats | None:
-    if one is None:
-        return other
-    return one if other is None else np.maximum(one, other)
+    if one is None and other is None:
+        return None
+    return np.maximum(0.0 if one is None else one, 0.0 if other is None else other)
 
 
 def chosen(where: Truths, one: BallArray, other: BallArray) -> BallArray:

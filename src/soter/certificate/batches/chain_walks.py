@@ -35,8 +35,10 @@ AT_ONCE = 4096
 """Blocks: so many that a call of numpy is worth it, and so few that they stay in the caches."""
 
 
-FEW = 64
+FEW = 40
 """A step of many forms takes as long as so many steps of one."""
+ENOUGH = 400
+"""Blocks to begin with."""
 
 
 class ArrayStep(Protocol):
@@ -82,6 +84,7 @@ def unled(walk: Walk, todo: Members, block: Block, largest: int) -> tuple[Member
     left = np.zeros_like(todo)
     left[block_index(block)] = todo[block_index(block)]
     seen = np.zeros(todo.shape, dtype=np.uint16)
+    largest = min(largest, max(int(np.count_nonzero(left)) // ENOUGH, 1))
     waiting = [(block, largest)]
     try:
         while waiting:
