@@ -157,14 +157,16 @@ class CaseCheck:
         grid: Grid,
         show: Callable[[Block], Iterator[Block]],
         holds: NDArray[Any] | None = None,
+        check: ChainCheck | None = None,
     ) -> None:
-        """A claim about the cells of a grid, in blocks.
+        """A claim about the cells of a grid, in blocks; in few where many are looked at at once.
 
-        `holds`, of the grid's shape: for how many holds of SC each cell is followed; None: for less
-        than one.
+        `holds`, of the grid's shape: for how many holds of SC each cell is followed by `check`;
+        None: for less than one.
         """
         cells = int(np.prod(grid.shape))
-        for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
+        count = BLOCKS if check is None or not check.many else min(self.workers, BLOCKS)
+        for block in parts(grid.whole, count if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
             work = CELL * volume(block)
             if holds is not None:
@@ -196,8 +198,10 @@ class CaseCheck:
             if self._never_left(k, core):
                 continue
             check = self._chains(k)
-            show = partial(witnessed, check, group.core, within, core.contains)
-            self._add("SC does not certainly lead back to K from", group.grid, show, group.core)
+            show = partial(witnessed, check, group.core, within, core)
+            self._add(
+                "SC does not certainly lead back to K from", group.grid, show, group.core, check
+            )
 
     def _published(self, allowed: list[Cells]) -> list[Cells]:
         """The cells, of those given, of whose states all that is published lies in declared sets.
@@ -283,13 +287,21 @@ class CaseCheck:
             if self._never_left(k, home):
                 continue
             check = self._chains(k)
-            kept = partial(witnessed, check, group.home, within, home.contains)
+            kept = partial(witnessed, check, group.home, within, home)
             self._add(
-                "SC does not certainly stay where `safer` holds from", group.grid, kept, group.home
+                "SC does not certainly stay where `safer` holds from",
+                group.grid,
+                kept,
+                group.home,
+                check,
             )
             show = partial(ranked, check, home)
             self._add(
-                "SC does not certainly come nearer to Q from", group.grid, show, group.rank_holds
+                "SC does not certainly come nearer to Q from",
+                group.grid,
+                show,
+                group.rank_holds,
+                check,
             )
 
     def _calm(self) -> list[Cells]:

@@ -154,6 +154,8 @@ class Cells:
             sums = np.cumsum(sums, axis=axis)
         padded = np.zeros([n + 1 for n in members.shape], dtype=np.int64)
         padded[tuple(slice(1, None) for _ in members.shape)] = sums
+        self.sums = padded
+        """At each corner how many members lie below it on every axis."""
         self._sums = memoryview(padded.reshape(-1).data)
         self._strides = [int(s) // 8 for s in padded.strides]
 
@@ -256,7 +258,7 @@ def unshown(
         wanted = left[block_index(at, base)]
         if not wanted.any():
             continue
-        at = _around(wanted, at)
+        at = around(wanted, at)
         wanted = left[block_index(at, base)]
         size = volume(at)
         if size <= limit:
@@ -293,7 +295,7 @@ def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice,
     return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
 
 
-def _around(wanted: NDArray[np.bool_], block: Block) -> Block:
+def around(wanted: NDArray[np.bool_], block: Block) -> Block:
     """The smallest block around the cells that are wanted."""
     ranges = []
     for axis, (low, _) in enumerate(block):

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.batches.cell_arrays import cells_of, contained
+from soter.certificate.batches.chain_walks import Walk, unkept, unled
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     Grid,
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
+    from soter.certificate.batches.ball_arrays import Floats
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.sc_chains import Chain, FreeChain
     from soter.certificate.reading.case_model import CaseModel
@@ -110,6 +113,30 @@ class ChainCheck:
         if key not in self._chains:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
+
+    @property
+    def many(self) -> bool:
+        """Whether steps of many forms at once are known."""
+        return self.chain(PIECES[0]).arrays is not None and not any(self.group.grid.unbounded)
+
+    def left_of(
+        self,
+        todo: NDArray[np.bool_],
+        holds: NDArray[np.uint8],
+        block: Block,
+        within: Cells,
+        order: NDArray[np.int64],
+        highest: Callable[[Sequence[Floats]], NDArray[np.int64]],
+    ) -> tuple[NDArray[np.bool_], int]:
+        """What arrays of balls leave of the cells of a block, and how large blocks to try on are.
+
+        The other arguments are those of a `Walk`.
+        """
+        arrays = self.chain(PIECES[0]).arrays
+        if arrays is None or not self.many:
+            return todo, CELLS_AT_ONCE
+        walk = Walk(arrays, within, holds, order, highest)
+        return unled(walk, todo, block, CELLS_AT_ONCE)
 
     def leads(
         self,
@@ -283,7 +310,7 @@ def witnessed(
     check: ChainCheck,
     witnesses: NDArray[np.uint8],
     within: Cells,
-    target: Callable[[Sequence[float]], bool],
+    target: Cells,
     block: Block,
 ) -> Iterator[Block]:
     """Cells with a witness from which SC does not certainly lead to the target.
@@ -291,19 +318,26 @@ def witnessed(
     `witnesses`: the number of holds, 0 for none, in the grid's shape.
     """
     grid = check.group.grid
+
+    def outside(boxes: Sequence[Floats]) -> NDArray[np.int64]:
+        return (~contained(target, boxes)).astype(np.int64)
+
+    every = np.ones(grid.shape, dtype=np.int64)
+    todo, largest = check.left_of(witnesses > 0, witnesses, block, within, every, outside)
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         own = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
         for holds, ends in check.reached(at, holds_of(own, wanted), within, seen):
-            if all(target(end) for end in ends):
+            if all(target.contains(end) for end in ends):
                 shown |= wanted & (own == holds)
         if shown.size == 1 and not shown.any():
-            shown[...] = check.leads_in_parts(grid.box(at), int(own.flat[0]), within, target)
+            holds = int(own.flat[0])
+            shown[...] = check.leads_in_parts(grid.box(at), holds, within, target.contains)
         return shown
 
-    return unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
+    return unshown(todo, block, attempt, largest)
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -328,6 +362,15 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             return UNRANKED
         return int(order[block_index(cells)].max())
 
+    def highest_of_each(boxes: Sequence[Floats]) -> NDArray[np.int64]:
+        inside, ranges = cells_of(grid, boxes)
+        at = zip(*(ends for pair in ranges for ends in pair), strict=True)
+        tops = [order[tuple(map(slice, c[::2], c[1::2]))].max() for c in at]
+        return np.where(inside, np.array(tops, dtype=np.int64), UNRANKED)
+
+    todo, largest = check.left_of(
+        (group.rank > 0) & ~home.members, every_holds, block, everywhere, order, highest_of_each
+    )
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -343,7 +386,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             )
         return shown
 
-    return unshown((group.rank > 0) & ~home.members, block, attempt, CELLS_AT_ONCE)
+    return unshown(todo, block, attempt, largest)
 
 
 # ---------------------------------------------------------------- free phases
@@ -392,4 +435,9 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
             return False
         return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
 
-    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+    largest = 4 * CELLS_AT_ONCE
+    (step, *others) = check.phase(FREE_PIECES[0]).steps
+    if hasattr(step, "of_many") and not any(grid.unbounded):
+        left = unkept(step, 1 + len(others), claimed, within, block, largest)
+        claimed, largest = Cells(grid, left), 1
+    return uncovered(claimed, block, attempt, largest)

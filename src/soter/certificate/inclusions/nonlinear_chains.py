@@ -103,7 +103,7 @@ class LocalChain:
             exact(max(Fraction(0), d + span - k * delta)) for k in range(1, self.depth + 1)
         ]
         """How far the sample reaches back beyond the certain rule of the k latest commands."""
-        self._law = self._read_law(model, members)
+        self.law = self._read_law(model, members)
         self.pieces = self._least_pieces()
 
     def _read_law(self, model: CaseModel, members: Sequence[int]) -> Lines:
@@ -156,7 +156,7 @@ class LocalChain:
         if new is None:
             return None
         way, boxes = self.layout.begun(start), []
-        for span, early in self._spans(pieces * self.pieces, fresh=fresh):
+        for span, early in self.spans(pieces * self.pieces, fresh=fresh):
             image = self._step(
                 start, way, new, self._old(start) if early > 0 else None, span, early
             )
@@ -166,7 +166,7 @@ class LocalChain:
             boxes += tube
         return self.layout.closed(start, way, new), tuple(boxes)
 
-    def _spans(self, count: int, *, fresh: bool) -> list[tuple[arb, arb]]:
+    def spans(self, count: int, *, fresh: bool) -> list[tuple[arb, arb]]:
         """The steps of a hold, and for how long the old command may act in each."""
         early = ZERO if fresh else self.span
         if count == 1:
@@ -196,7 +196,7 @@ class LocalChain:
         for (low, high), (least, most) in zip(sample.box, self.flow.domain, strict=True):
             if not (low >= least and high <= most):
                 return None
-        lines = self._law(tuple(form))
+        lines = self.law(tuple(form))
         if lines is None:
             return None
         width, count = n + TAIL, start.z.nrows()

@@ -97,7 +97,7 @@ class LocalFlow:
         }
         must = _own_obligations(terms, own, states)
         inputs = [_atom(x) for x in own] + [_atom(controls[k]) for k in self.moves]
-        self._lines = compile_lines(terms, inputs, 0, outputs, must, boxes)
+        self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
         self.domain = [(terms.atoms[_atom(x)].low, terms.atoms[_atom(x)].high) for x in own]
         self.grid = [(exact(low), exact(high)) for low, high in (model.extents[i] for i in members)]
         self.ranges = [
@@ -129,7 +129,7 @@ class LocalFlow:
         form = [end for interval in whole for end in interval]
         form += [(low + high) * HALF for low, high in whole]
         form += [(high - low) * HALF for low, high in whole]
-        rows = self._lines(tuple(form))
+        rows = self.written(tuple(form))
         return None if rows is None else list(rows)
 
     def rates(self, lines: Sequence[arb]) -> list[Interval]:

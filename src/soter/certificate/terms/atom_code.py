@@ -134,9 +134,8 @@ def _choice(forms: AffineForms, index: int, atom: Atom) -> None:
     ranges = [forms.range_of(x) for x in (a, b)]
     low, high = forms.range_of(difference)
     gap = forms.text.new(f"{high}.max(-{low})*HALF")
-    chosen = f"(1 if {truth} == 2 else (0 if {truth} == 1 else HALF))"
-    weight = forms.text.new(chosen)
-    other = forms.text.new(f"1 - {weight}")
+    weight = forms.text.new(f"by_truth({truth}, ONE, ZERO, HALF)")
+    other = forms.text.new(f"ONE - {weight}")
     columns: dict[int, list[str]] = {}
     for (row, _, _), w in zip(rows, (weight, other), strict=True):
         for j, c in row.items():
@@ -145,15 +144,15 @@ def _choice(forms: AffineForms, index: int, atom: Atom) -> None:
     pairs = list(zip(rows, (weight, other), strict=True))
     constant = [f"{w}*{c}" for (_, c, _), w in pairs if c]
     spread = [f"{w}*{r}" for (_, _, r), w in pairs if r]
-    spread.append(f"({gap} if {truth} == 3 else ZERO)")
+    spread.append(f"by_truth({truth}, ZERO, ZERO, {gap})")
     forms.tails[index] = (
         forms.text.new(" + ".join(constant)) if constant else "ZERO",
         forms.text.new(" + ".join(spread)),
     )
     (al, ah), (bl, bh) = ranges
     forms.bounds[index] = (
-        forms.text.new(f"{al} if {truth} == 2 else ({bl} if {truth} == 1 else {al}.min({bl}))"),
-        forms.text.new(f"{ah} if {truth} == 2 else ({bh} if {truth} == 1 else {ah}.max({bh}))"),
+        forms.text.new(f"by_truth({truth}, {al}, {bl}, {al}.min({bl}))"),
+        forms.text.new(f"by_truth({truth}, {ah}, {bh}, {ah}.max({bh}))"),
     )
 
 
@@ -221,8 +220,8 @@ def _make_truth(forms: AffineForms, x: Proposition) -> str:
         assert x.argument is not None
         low, high = forms.range_of(x.argument)
         if x.strict:
-            return forms.text.new(f"2 if {high} < 0 else (1 if {low} >= 0 else 3)")
-        return forms.text.new(f"2 if {high} <= 0 else (1 if {low} > 0 else 3)")
+            return forms.text.new(f"bits({high} < 0, {low} >= 0)")
+        return forms.text.new(f"bits({high} <= 0, {low} > 0)")
     parts = [truth_of(forms, p) for p in x.parts]
     if x.kind == "not":
         return forms.text.new(f"NOT[{parts[0]}]")

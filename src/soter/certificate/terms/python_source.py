@@ -8,12 +8,16 @@ Non-goals: what is to be computed (`affine_forms.py`, `atom_code.py`).
 from __future__ import annotations
 
 import re
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
+from soter.certificate.batches.array_lines import NAMES
+from soter.certificate.batches.ball_arrays import BallArray
 from soter.certificate.terms.arb_balls import (
     HALF,
+    ONE,
     UNIVARIATE,
     ZERO,
     above,
@@ -25,13 +29,17 @@ from soter.certificate.terms.arb_balls import (
     range_max0,
     smaller,
 )
-from soter.certificate.terms.runtime_calls import corners, pick, swept
+from soter.certificate.terms.runtime_calls import bits, by_truth, corners, pick, swept
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
+
+    from soter.certificate.batches.ball_arrays import Truths
 
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 """A name in our own code; `.max` is none."""
+DEMAND = re.compile(r"if (\w+) != 2: return None$")
+"""How `atom_code.demand` writes that something has to be certain."""
 PLAIN = {"abs", "if", "else", "return", "None"}
 
 
@@ -42,6 +50,7 @@ class PythonSource:
         self.lines: list[str] = []
         self.names: dict[str, Any] = {
             "HALF": HALF,
+            "ONE": ONE,
             "line_noisy_max0": line_noisy_max0,
             "line_or_range": line_or_range,
             "range_max0": range_max0,
@@ -50,6 +59,8 @@ class PythonSource:
             "smaller": smaller,
             "below": below,
             "above": above,
+            "bits": bits,
+            "by_truth": by_truth,
             "pick": pick,
             "swept": swept,
             "corners": corners,
@@ -130,12 +141,51 @@ class PythonSource:
         """A coefficient as a name."""
         return factor if isinstance(factor, str) else self.constant(factor)
 
-    def function(self, arguments: Sequence[str]) -> Any:  # noqa: ANN401  made from text
+    def function(self, arguments: Sequence[str]) -> WrittenFunction:
         """The function of a form of these names that the lines are."""
         head = [f"{tuple_of(arguments)} = form"] if arguments else []
-        body = "\n    ".join(head + _used(self.lines))
-        exec(f"def run(form):\n    {body}\n", self.names)  # noqa: S102  our own text
-        return self.names["run"]
+        return WrittenFunction([*head, *_used(self.lines)], self.names)
+
+
+class WrittenFunction:
+    """A function that was written as text: of one form, and of many forms at once."""
+
+    def __init__(self, lines: Sequence[str], names: dict[str, Any]) -> None:
+        self._lines, self._names = lines, names
+        self._of_one = _compiled(lines, names)
+
+    def __call__(self, form: tuple[arb, ...]) -> Any:  # noqa: ANN401  made from text
+        """What the lines make of a form."""
+        return self._of_one(form)
+
+    @cached_property
+    def of_many(self) -> Callable[[tuple[BallArray, ...]], tuple[Any, Truths]]:
+        """The same lines over arrays of balls, and for which boxes none would give back None."""
+        lines = ["sure = True"]
+        for line in self._lines:
+            demanded = DEMAND.match(line)
+            if demanded:
+                lines.append(f"sure = sure & ({demanded[1]} == 2)")
+            elif line.startswith("return "):
+                lines.append(f"return {line.removeprefix('return ')}, sure")
+            else:
+                lines.append(line)
+        used = {w for line in lines for w in WORD.findall(line)} & self._names.keys()
+        constants = {w: _as_arrays(self._names[w]) for w in used - NAMES.keys()}
+        function: Callable[..., tuple[Any, Truths]] = _compiled(lines, {**constants, **NAMES})
+        return function
+
+
+def _compiled(lines: Sequence[str], names: dict[str, Any]) -> Any:  # noqa: ANN401  made from text
+    body = "\n    ".join(lines)
+    exec(f"def run(form):\n    {body}\n", names)  # noqa: S102  our own text
+    return names["run"]
+
+
+def _as_arrays(constant: Any) -> Any:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
+    if isinstance(constant, tuple):
+        return tuple(_as_arrays(x) for x in constant)
+    return BallArray.of(constant) if isinstance(constant, arb) else constant
 
 
 def tuple_of(parts: Sequence[str]) -> str:

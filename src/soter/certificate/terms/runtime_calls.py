@@ -60,6 +60,16 @@ def grown(own: arb, span: arb) -> arb:
     return span if own <= 0 else span * (own * span).exp()
 
 
+def bits(yes: bool, no: bool) -> int:
+    """The bits of a proposition: 0: may be false, 1: may be true."""
+    return 2 if yes else (1 if no else 3)
+
+
+def by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
+    """What is so where a proposition is true, where it is false, where neither is certain."""
+    return yes if truth == 2 else (no if truth == 1 else both)
+
+
 def pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
     """The range of a table between positions, which are whole numbers.
 

@@ -1,0 +1,44 @@
+"""The forms of many sets: those of boxes, and back.
+
+Purpose: what `compile_terms.form_of_box` is for one box; the boxes of forms; some of many forms.
+Non-goals: what steps make of forms.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
+
+from soter.certificate.batches.ball_arrays import BallArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from soter.certificate.batches.ball_arrays import Floats
+
+Forms: TypeAlias = tuple[BallArray, ...]
+"""One form of many sets: each of its numbers is an array."""
+
+
+def of_boxes(box: Sequence[tuple[Floats, Floats]]) -> Forms:
+    """The forms of boxes, each axis with a symbol of its own."""
+    ends = [(BallArray(low), BallArray(high)) for low, high in box]
+    half, none = BallArray.of(0.5), BallArray.of(0.0)
+    radii = [(high - low) * half for low, high in ends]
+    n = len(ends)
+    form = [end for interval in ends for end in interval]
+    form += [(low + high) * half for low, high in ends]
+    form += [radii[i] if i == k else none for i in range(n) for k in range(n)]
+    return (*form, *[none] * n)
+
+
+def box_of(form: Forms, n: int) -> list[Floats]:
+    """The boxes of the first n states of forms."""
+    return [end for i in range(n) for end in (form[2 * i].lower(), form[2 * i + 1].upper())]
+
+
+def taken(form: Forms, index: NDArray[np.intp]) -> Forms:
+    """The forms of some boxes."""
+    return tuple(x.taken(index) for x in form)

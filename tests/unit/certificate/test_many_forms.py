@@ -1,0 +1,161 @@
+"""Steps of many forms at once: they enclose runs, and are as narrow as those of one form."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from bench.recheck.models import Cart
+
+from soter.certificate.batches.ball_arrays import no_underflow
+from soter.certificate.batches.cell_arrays import boxes_of, contained
+from soter.certificate.batches.form_arrays import box_of, of_boxes
+from soter.certificate.inclusions import group_claims
+from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
+from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, free, ranked, witnessed
+from soter.certificate.terms.compile_terms import form_of_box
+from unit.certificate import small_proofs, test_local_chains
+from unit.certificate.test_local_chains import THINGS, TIMES, Runs, group_of, inside, sure
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from soter.certificate.batches.ball_arrays import Floats
+
+WIDER = 1.001
+
+
+def of_one(boxes: Sequence[Floats], k: int) -> list[float]:
+    """The boxes of the kth of some forms."""
+    return [float(x[k] if len(x) > 1 else x[0]) for x in boxes]
+
+
+def widths(box: Sequence[float]) -> np.ndarray:
+    return np.array(box[1::2]) - np.array(box[::2])
+
+
+@pytest.mark.parametrize("times", TIMES)
+@pytest.mark.parametrize("name", sorted(THINGS))
+def test_chains_of_many_forms_enclose_runs(
+    tmp_path: Path, name: str, times: tuple[int, int, int]
+) -> None:
+    thing = THINGS[name]
+    model = test_local_chains.model_of(tmp_path, thing, *times)
+    group = group_of(model)
+    chain = ChainCheck(model, group).chain(1)
+    arrays = sure(chain.arrays)
+    draw = np.random.default_rng(1)
+    blocks = [tuple((int(i), int(i) + 1) for i in draw.integers(6, 34, 2)) for _ in range(3)]
+    many, holds = of_boxes(boxes_of(group.grid, blocks)), 5
+    forms = [form_of_box(group.grid.box(b), symbols=True) for b in blocks]
+    ends = [[float(x) for interval in group.grid.box(b) for x in interval] for b in blocks]
+    runs = [Runs(thing, model, e, seed) for seed, e in enumerate(ends)]
+    states = [r.chain(holds) for r in runs]
+    before = 0
+    for k in range(holds):
+        with no_underflow():
+            (many, boxes), defined = (arrays.later if k else arrays.first).of_many(many)
+        assert np.all(defined)
+        after = (k + 1) * runs[0].delta - runs[0].j
+        for j, (run, _) in enumerate(states):
+            own = of_one(boxes, j)
+            for tick in range(before, after + 1):
+                assert inside(own, run[tick]).all(), (k, tick)
+            image = of_one(box_of(many, 2), j)
+            assert inside(image, run[after]).all()
+            forms[j], one = sure((chain.later if k else chain.first)(forms[j]))
+            alone = [float(x) for x in forms[j][:4]]
+            assert (widths(image) <= WIDER * widths(alone) + 1e-9).all()
+            assert (widths(own) <= WIDER * widths(one) + 1e-9).all()
+        before = after
+    if chain.last is None:
+        return
+    with no_underflow():
+        (_, boxes), defined = sure(arrays.last).of_many(many)
+    assert np.all(defined)
+    for j, (run, acts) in enumerate(states):
+        for at, tick in enumerate(acts[holds]):
+            state = tuple(s[at : at + 1] for s in run[tick])
+            assert inside(of_one(boxes, j), state).all()
+
+
+@pytest.mark.parametrize("name", sorted(THINGS))
+def test_free_phases_of_many_forms_enclose_runs(tmp_path: Path, name: str) -> None:
+    thing = THINGS[name]
+    model = test_local_chains.model_of(tmp_path, thing, 15, 20, 3)
+    group = group_of(model)
+    (step,) = FreeCheck(model, group, 80_000_000).phase(4).steps
+    blocks = [((10, 12), (20, 22)), ((18, 19), (17, 18))]
+    with no_underflow():
+        (_, boxes), defined = step.of_many(of_boxes(boxes_of(group.grid, blocks)))
+    assert np.all(defined)
+    for j, block in enumerate(blocks):
+        own = of_one(boxes, j)
+        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        for state in Runs(thing, model, ends, j).free(80):
+            assert inside(own, state).all()
+        one = sure(step(form_of_box(group.grid.box(block), symbols=True)))[1]
+        assert (widths(own) <= WIDER * widths(one) + 1e-9).all()
+
+
+def test_a_form_that_leaves_the_domain_is_not_defined(tmp_path: Path) -> None:
+    """One that is not defined leaves the others as they are."""
+    model = test_local_chains.model_of(tmp_path, THINGS["limited"], 15, 20, 3)
+    grid = Grid(tuple(small_proofs.even_edges(9.0 * a, 9.0 * b, 40) for a, b in model.extents))
+    arrays = sure(ChainCheck(model, group_of(model)).chain(1).arrays)
+    blocks = [((20, 21), (20, 21)), ((39, 40), (39, 40))]
+    with no_underflow():
+        _, defined = arrays.first.of_many(of_boxes(boxes_of(grid, blocks)))
+    assert list(defined) == [True, False]
+
+
+def test_boxes_are_contained_as_one_by_one() -> None:
+    draw = np.random.default_rng(5)
+    grid = Grid((small_proofs.even_edges(-1.0, 1.0, 7), small_proofs.even_edges(0.0, 2.0, 5)))
+    cells = Cells(grid, draw.random(grid.shape) < 0.8)
+    edges = [np.array(e) for e in grid.edges]
+    seen = set()
+    for _ in range(30):
+        box = []
+        for e in edges:
+            low = np.where(draw.random(50) < 0.5, draw.choice(e, 50), draw.uniform(-1.2, 2.2, 50))
+            box += [low, low + draw.choice([0.0, 1e-16, 0.2, e[1] - e[0], 0.9], 50)]
+        box[0][0] = np.nan
+        answers = contained(cells, box)
+        for k, answer in enumerate(answers):
+            assert answer == cells.contains([float(x[k]) for x in box])
+            seen.add(bool(answer))
+    assert seen == {True, False}
+
+
+def test_what_arrays_show_is_what_arb_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the cart's tables, whole and made wrong: the same cells are left, with and without."""
+    model, groups = small_proofs.cart_case(tmp_path, Cart())
+    group = groups[0]
+    whole = group.grid.whole
+    core = Cells(group.grid, group.core > 0)
+    home = Cells(group.grid, sure(group.home) > 0)
+    fewer = Cells(group.grid, core.members & (np.arange(group.grid.shape[0]) % 9 > 0)[:, None])
+    every = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
+    free_cells = Cells(group.grid, sure(group.free))
+    left: list[list[object]] = []
+    for enough in (1, 1 << 30):
+        monkeypatch.setattr("soter.certificate.batches.chain_walks.FEW", enough)
+        check = ChainCheck(model, group)
+        horizon = FreeCheck(model, group, model.facts.times["H_ns"])
+        part = parts(whole, 16)[7]
+        left.append([
+            set(witnessed(check, group.core, every, core, part)),
+            set(witnessed(check, group.core, every, fewer, part)),
+            set(ranked(check, home, part)),
+            set(ranked(check, Cells(group.grid, home.members & False), part)),
+            set(free(horizon, free_cells, core, part)),
+            set(free(horizon, every, core, part)),
+        ])  # fmt: skip
+    assert left[0] == left[1]
+    assert [bool(x) for x in left[0]] == [False, True, False, True, False, True]
+    assert group_claims.CELLS_AT_ONCE > 1
