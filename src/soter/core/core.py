@@ -18,6 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from soter.language.syntax.node import Node, Shown, node
+
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.language.evaluate.arithmetic import FaultKind
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
 CellKind = Literal["topic", "local", "state"]
 
 
-@dataclass(frozen=True)
-class Cell:
+@node()
+class Cell(Node):
     """A piece of the state: `kind` is "topic", "local" (node local), "state" (plant state)."""
 
     kind: CellKind
@@ -44,14 +46,14 @@ class Cell:
 # ---------------------------------------------------------------- expressions
 
 
-@dataclass(frozen=True)
-class Expr:
+@node()
+class Expr(Node):
     """A pure expression."""
 
     type: Type
 
 
-@dataclass(frozen=True)
+@node()
 class Const(Expr):
     """A constant; `name` is the source constant it came from."""
 
@@ -59,21 +61,21 @@ class Const(Expr):
     name: str | None = None
 
 
-@dataclass(frozen=True)
+@node()
 class Var(Expr):
     """A temporary of the function, by its unique name."""
 
     name: str
 
 
-@dataclass(frozen=True)
+@node()
 class Get(Expr):
     """The content of a state cell."""
 
     cell: Cell
 
 
-@dataclass(frozen=True)
+@node()
 class Fact(Expr):
     """A fact of the run: "time" (s), "in_control", "mode" (module `index`), "age" (s, topic).
 
@@ -84,7 +86,7 @@ class Fact(Expr):
     index: int = 0
 
 
-@dataclass(frozen=True)
+@node()
 class Unary(Expr):
     """neg (float), not, sqrt, floor, abs (float), to_float (int)."""
 
@@ -92,7 +94,7 @@ class Unary(Expr):
     operand: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Binary(Expr):
     """+ - * / (float, divisor guarded before), < <= > >= == !=, && || (both sides pure)."""
 
@@ -101,7 +103,7 @@ class Binary(Expr):
     right: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Extreme(Expr):
     """min or max; `op` "min": b < a ? b : a, "max": b > a ? b : a (operands are atoms)."""
 
@@ -110,7 +112,7 @@ class Extreme(Expr):
     right: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Select(Expr):
     """condition ? then : otherwise, all three pure."""
 
@@ -119,7 +121,7 @@ class Select(Expr):
     otherwise: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Field(Expr):
     """Field of a record."""
 
@@ -127,7 +129,7 @@ class Field(Expr):
     index: int
 
 
-@dataclass(frozen=True)
+@node()
 class Element(Expr):
     """Element of an array or list at an index known to be inside."""
 
@@ -135,14 +137,14 @@ class Element(Expr):
     index: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Length(Expr):
     """Length of a bounded list."""
 
     target: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Make(Expr):
     """A record, array or list from its elements in declared order."""
 
@@ -152,14 +154,14 @@ class Make(Expr):
 # ---------------------------------------------------------------- statements
 
 
-@dataclass(frozen=True)
-class Stmt:
+@node()
+class Stmt(Node):
     """A statement."""
 
     span: Span
 
 
-@dataclass(frozen=True)
+@node()
 class Let(Stmt):
     """A new temporary; `mutable` ones may be Set later."""
 
@@ -168,7 +170,7 @@ class Let(Stmt):
     mutable: bool = False
 
 
-@dataclass(frozen=True)
+@node()
 class Checked(Stmt):
     """A new temporary from an operation that may fault; then its value is harmless.
 
@@ -183,7 +185,7 @@ class Checked(Stmt):
     limit: Expr | None = None
 
 
-@dataclass(frozen=True)
+@node()
 class Choose(Stmt):
     """A new temporary of type `type`: number `low + k` (bool, enum, int), k < `count`, picked.
 
@@ -197,7 +199,7 @@ class Choose(Stmt):
     ages: str | None = None
 
 
-@dataclass(frozen=True)
+@node()
 class Guard(Stmt):
     """A fault of this kind unless the condition holds."""
 
@@ -205,7 +207,7 @@ class Guard(Stmt):
     kind: FaultKind
 
 
-@dataclass(frozen=True)
+@node()
 class Call(Stmt):
     """A new temporary from a function; its faults become the caller's."""
 
@@ -215,7 +217,7 @@ class Call(Stmt):
     type: Type
 
 
-@dataclass(frozen=True)
+@node()
 class Set(Stmt):
     """Assignment to a mutable temporary, or a part: field indices and safe index expressions."""
 
@@ -225,7 +227,7 @@ class Set(Stmt):
     value: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class Push(Stmt):
     """Append to a bounded list that is (part of) a mutable temporary; faults when full."""
 
@@ -235,7 +237,7 @@ class Push(Stmt):
     value: Expr
 
 
-@dataclass(frozen=True)
+@node()
 class If(Stmt):
     """Two-way branch; both sides join behind it."""
 
@@ -244,7 +246,7 @@ class If(Stmt):
     otherwise: tuple[Stmt, ...]
 
 
-@dataclass(frozen=True)
+@node()
 class Loop(Stmt):
     """For `variable` = low, ..., high - 1."""
 
@@ -254,7 +256,7 @@ class Loop(Stmt):
     body: tuple[Stmt, ...]
 
 
-@dataclass(frozen=True)
+@node()
 class Publish(Stmt):
     """Remember a publication: output number `output` of the step.
 
@@ -269,16 +271,16 @@ class Publish(Stmt):
 # ---------------------------------------------------------------- functions, steps, systems
 
 
-@dataclass(frozen=True)
-class Parameter:
+@node()
+class Parameter(Node):
     """A parameter of a Core function."""
 
     name: str
     type: Type
 
 
-@dataclass(eq=False, kw_only=True)
-class Function:
+@dataclass(eq=False, repr=False, kw_only=True)
+class Function(Shown):
     """A pure function; `result` is evaluated at its single exit. `source` binds an extern.
 
     `leave`: the flag of having returned, if there is one; once it is set nothing has an effect.
@@ -296,8 +298,8 @@ class Function:
     leave: str | None = None
 
 
-@dataclass(eq=False)
-class LocalCopy:
+@dataclass(eq=False, repr=False)
+class LocalCopy(Shown):
     """A state cell that a step works on as a temporary: loaded first, stored at the exit."""
 
     cell: Cell
@@ -306,8 +308,8 @@ class LocalCopy:
     written: bool
 
 
-@dataclass(eq=False)
-class Output:
+@dataclass(eq=False, repr=False)
+class Output(Shown):
     """One output of a step: the topic and its bounds per leaf (None: finite is enough).
 
     `type` is that of the topic; of a `burst`, of which a step may publish several messages, the
@@ -320,8 +322,8 @@ class Output:
     burst: bool = False
 
 
-@dataclass(eq=False)
-class Footprint:
+@dataclass(eq=False, repr=False)
+class Footprint(Shown):
     """Cells a step may read and write; what the explorer's reduction rests on."""
 
     reads: set[Cell] = field(default_factory=set)
@@ -335,8 +337,8 @@ def output_name(output: int) -> str:
     return f"$out {output}"
 
 
-@dataclass(eq=False)
-class ShieldStep:
+@dataclass(eq=False, repr=False)
+class ShieldStep(Shown):
     """After the body: the temporary `name` is what becomes of the shield's topic `cell`.
 
     The statements that compute it guard what AC publishes. `proposed`: the cell, temporary and type
@@ -350,8 +352,8 @@ class ShieldStep:
     proposed: tuple[Cell, str, Type] | None = None
 
 
-@dataclass(eq=False)
-class NodeStep:
+@dataclass(eq=False, repr=False)
+class NodeStep(Shown):
     """The step of a node: takeover block, body, publications."""
 
     component: int
@@ -364,8 +366,8 @@ class NodeStep:
     shield: ShieldStep | None = None
 
 
-@dataclass(eq=False)
-class Draw:
+@dataclass(eq=False, repr=False)
+class Draw(Shown):
     """One random leaf: stream, bounds, and how its index follows from the release."""
 
     stream: str
@@ -374,8 +376,8 @@ class Draw:
     hold_ns: int
 
 
-@dataclass(eq=False, kw_only=True)
-class PlantStep:
+@dataclass(eq=False, repr=False, kw_only=True)
+class PlantStep(Shown):
     """A plant: choose, integrate (but for the first release), then publish.
 
     `choose`: statements with the lets that choose, on the states that the step begins with.
@@ -399,8 +401,8 @@ class PlantStep:
     extern: bool = False
 
 
-@dataclass(eq=False)
-class Predicate:
+@dataclass(eq=False, repr=False)
+class Predicate(Shown):
     """A boolean over the state: `value` after `body`."""
 
     body: tuple[Stmt, ...]
@@ -409,8 +411,8 @@ class Predicate:
     span: Span
 
 
-@dataclass(eq=False)
-class Decision:
+@dataclass(eq=False, repr=False)
+class Decision(Shown):
     """The predicates of a module's DM."""
 
     module: int
@@ -418,16 +420,16 @@ class Decision:
     safer: Predicate
 
 
-@dataclass(eq=False)
-class Timed:
+@dataclass(eq=False, repr=False)
+class Timed(Shown):
     """A timed property of a test; the condition of an invariant is its module's `safe`."""
 
     premise: Predicate | None
     condition: Predicate
 
 
-@dataclass(eq=False)
-class CoreSystem:
+@dataclass(eq=False, repr=False)
+class CoreSystem(Shown):
     """Everything that is generated for one system."""
 
     functions: tuple[Function, ...]

@@ -110,6 +110,7 @@ class CompiledEnvironment:
             for leaf in (self.truth(system.components[x.index]) if x.truth else self.topic(x.index))
         ]
         outputs, proposed = self._moved()
+        module = None if roles.module is None else system.modules[roles.module]
         sizes = {i: x.size for i, x in self.answers.items()}
         self.given = {
             "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
@@ -126,6 +127,8 @@ class CompiledEnvironment:
             {
                 "program": self.program,
                 "module": -1 if roles.module is None else roles.module,
+                "looks": 0 if module is None else module.looks,
+                "late_ns": 0 if module is None else module.late_ns,
                 "agent": roles.agent,
                 "plant": NOBODY if roles.plant is None else roles.plant,
                 "answer_most": self.answer_most,

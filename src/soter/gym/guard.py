@@ -119,6 +119,8 @@ class EnvironmentGuard:
         self._moves_numbers = self._observe is None and made.moves_numbers
         self._acts_numbers = self._act is None and made.acts_numbers
         self.asked = self._asks(made)
+        self._direct = session.alone and self._moves_numbers and self._acts_numbers
+        self._info_by_flags: dict[int, dict[str, Any]] = {}
         self._taker = None
         if self._command is None and made.commands_numbers:
             self._taker = array_mapping.taker(space, len(session.command))
@@ -163,7 +165,7 @@ class EnvironmentGuard:
             raise wrong_choice("the advanced controller has a phase: the plant would move first")
         self._last, self._over = observation, False
         self._violations = 0
-        info = self._info(given, before)
+        info = self._info(given, None, None) | {"switched": bool(session.seen.mode != before)}
         self._violations = info["violations"]
         if session.seen.ttf:
             warn_of_start(session)
@@ -182,20 +184,32 @@ class EnvironmentGuard:
             begun = self._last is not None
             what = "the episode is over" if begun else "no episode has begun"
             raise wrong_choice(what, "call reset() first")
-        session = self.session
-        due, reward, ended, cut = self._answered(action), 0.0, False, False
-        before = session.seen.taken_by
+        session, taker, direct = self.session, self._taker, self._direct
+        outside, agent = session.outside, session.agent.index
+        if direct and type(action) is np.ndarray and action.shape == session.action.shape:
+            session.action[...] = action
+            due = session.act_directly(outside)
+        else:
+            due = self._answered(action)
+        reward, ended, cut = 0.0, False, False
         given: dict[str, Any] = {}
         taken: Any = None
-        while due != session.agent.index and not (ended or cut):
-            taken = self._command_now(env)
-            self._last, gained, ended, cut, given = env.step(taken)
+        while due != agent and not (ended or cut):
+            taken = self._command_now(env) if taker is None else taker(session.command)
+            last, gained, ended, cut, given = env.step(taken)
+            self._last = last
             reward += float(gained)
-            due = self._moved(self._last)
-        broken = self._not_finite() if session.plant_latched else []
+            if direct and type(last) is np.ndarray and last.shape == session.moved.shape:
+                session.moved[...] = last
+                due = session.move_directly(outside)
+                if due < 0 or self.judged is not None:
+                    self._tell(last, due)
+            else:
+                due = self._moved(last)
+        broken = self._not_finite() if outside.latched else []
         cut = cut or bool(broken)
         self._over = ended or cut
-        info = self._info(given, before, action, taken)
+        info = self._info(given, action, taken)
         if broken:
             info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
@@ -244,13 +258,11 @@ class EnvironmentGuard:
             if self.asked is not None:
                 session.moved[:] = array_mapping.flattened(self._states, states)
                 session.judge()
-                self._tell()
+                self._tell(observation, session.plant.index)
             session.move(states)
             return session.go()
         due = session.move_numbers() if self._in_numbers(observation) else -1
-        if due < 0:
-            raise self._no_states(observation)
-        self._tell()
+        self._tell(observation, due)
         return due
 
     def _not_finite(self) -> list[str]:
@@ -261,7 +273,10 @@ class EnvironmentGuard:
         named = zip(self._states, values, strict=True)
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
-    def _tell(self) -> None:
+    def _tell(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
+        """Of a step that the model judged, and led to who is `due`; SoterError U001 for nobody."""
+        if due < 0:
+            raise self._no_states(observation)
         if self.judged is not None and self.asked is not None:
             self.judged(self.asked)
 
@@ -299,8 +314,6 @@ class EnvironmentGuard:
         return [a if b is None else b for a, b in zip(old, given, strict=True)]
 
     def _command_now(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
-        if self._taker is not None:
-            return self._taker(self.session.command)
         values = [self.session.topic(t.index) for t in self._reads]
         shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
         if self._command is None:
@@ -315,36 +328,44 @@ class EnvironmentGuard:
     def _info(
         self,
         given: dict[str, Any],
-        before: int,
-        action: Any = None,  # noqa: ANN401 - any action
-        taken: Any = None,  # noqa: ANN401 - any action of the environment
+        action: Any,  # noqa: ANN401 - any action
+        taken: Any,  # noqa: ANN401 - any action of the environment
     ) -> dict[str, Any]:
-        """`given`, what the environment says, and what is known of the module."""
+        """`given`, what the environment says, and what is known of the module after a step."""
+        session = self.session
+        outside, violations = session.outside, session.seen.violations
+        if self._over and session.compiled.linked:
+            violations = session.violations(over=True)
+        told = self._info_by_flags.get(outside.flags)
+        if told is None:
+            told = self._info_by_flags[outside.flags] = self._of_flags(session.seen.taken_by)
+        info = {**given, **told} if given else told.copy()
+        info["margin"] = outside.margin_ns / 1e9
+        info["violations"] = violations
+        info["action_taken"] = taken
+        info["action_requested"] = action
+        info["cost"] = float(violations - self._violations)
+        if info["cause"] == "gate":
+            info["cause"] = self._refused()
+        if self._masks and session.module.shield is not None:
+            info["action_mask"] = self.action_masks().astype(np.int8)
+        return info
+
+    def _of_flags(self, before: int) -> dict[str, Any]:
+        """What is known of the module by flags alone; `before`: the mode until now."""
         seen = self.session.seen
-        violations = seen.violations
-        if self._over and self.session.compiled.linked:
-            violations = self.session.violations(over=True)
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
         counted = bool(seen.taken_by) and not gate_fault and not seen.moved
-        cause = CAUSES[seen.cause]
-        if self.session.module.shield is not None and self._masks:
-            given = {**given, "action_mask": self.action_masks().astype(np.int8)}
         return {
-            **given,
             "mode": "AC" if mode else "SC",
             "ttf": bool(seen.ttf),
             "safer": bool(seen.safer),
             "stale": bool(seen.stale),
-            "margin": self.session.margin_s,
             "switched": mode != before,
-            "violations": violations,
             "taken_by": ("AC" if seen.taken_by else "SC") if stepped else None,
-            "action_taken": taken,
             "gate_fault": gate_fault,
-            "action_requested": action,
             "intervened": stepped and not counted,
-            "cause": cause if cause != "gate" else self._refused(),
-            "cost": float(violations - self._violations),
+            "cause": CAUSES[seen.cause],
             "off_model": None if self.asked is None else bool(seen.off_model),
         }
 

@@ -65,7 +65,10 @@ class Session:
 
     def _allocate(self) -> None:
         ffi, view = self.compiled.ffi, self.compiled.view
-        self._lib = self.compiled.lib
+        lib = self._lib = self.compiled.lib
+        self._go = lib.soter_outside_go
+        self.act_directly, self.move_directly = lib.soter_outside_act, lib.soter_outside_move
+        """The calls themselves, of `outside`: for those to whom no other extern is due."""
         self._room = np.zeros(-(-self.compiled.room // 8), dtype=np.int64)
         self.action = np.zeros(int(view.action.count))
         """What the agent answers, in numbers."""
@@ -75,7 +78,9 @@ class Session:
         """What the plant reads, in numbers, as of when it was last due."""
         self.seen = ffi.new("soter_facts *")
         """`soter_facts`, as of when the plant or the agent was last due."""
-        o = self._o = ffi.new("soter_outside *")
+        self.seen_bytes = ffi.buffer(self.seen)
+        o = self.outside = ffi.new("soter_outside *")
+        """`soter_outside`."""
         o.view, o.facts, o.looks = view, self.seen, not self.compiled.linked
         o.state = ffi.cast("uint8_t *", self.state.ctypes.data)
         o.room = ffi.cast("uint8_t *", self._room.ctypes.data)
@@ -86,7 +91,7 @@ class Session:
     def _begin(self, seed: int) -> None:
         self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)
         self.state[:] = self.compiled.library.new_state(seed)
-        self.compiled.ffi.buffer(self.seen)[:] = bytes(self.compiled.ffi.sizeof("soter_facts"))
+        self.seen_bytes[:] = bytes(len(self.seen_bytes))
 
     # ------------------------------------------------------------ stepping
 
@@ -103,35 +108,35 @@ class Session:
 
     def place_numbers(self) -> bool:
         """Let the plant start at `moved`; False where these are no values of its states."""
-        return int(self._lib.soter_outside_place(self._o)) == 0
+        return int(self._lib.soter_outside_place(self.outside)) == 0
 
     def go(self) -> int:
         """Run until the plant or the agent has to answer, and give its index."""
-        return self._on(int(self._lib.soter_outside_go(self._o)))
+        return self._on(self._go(self.outside))
 
     def act_numbers(self) -> int:
         """Answer for the agent with `action`, and `go`."""
-        return self._on(int(self._lib.soter_outside_act(self._o)))
+        return self._on(self.act_directly(self.outside))
 
     def move_numbers(self) -> int:
         """Answer for the plant with `moved`, and `go`; -1 where it has no such states."""
-        due = int(self._lib.soter_outside_move(self._o))
+        due: int = self.move_directly(self.outside)
         return due if due < 0 else self._on(due)
 
     def _on(self, due: int) -> int:
         while due not in self._outside:
             self._answers.answer(self.state, due)
-            due = int(self._lib.soter_outside_go(self._o))
+            due = self._go(self.outside)
         return due
 
     def attach(self, asked: SessionPlant) -> None:
         """Let a model judge every `move_numbers`, and `judge`."""
         self._asked = asked
-        self._o.model = asked.pointer
+        self.outside.model = asked.pointer
 
     def judge(self) -> None:
         """Let the model judge that the plant, which is due, goes to `moved`."""
-        self._lib.soter_outside_judge(self._o)
+        self._lib.soter_outside_judge(self.outside)
 
     def asked(self) -> Component:
         """Run until the plant or the agent has to answer, and say which."""
@@ -223,26 +228,6 @@ class Session:
         """The module's record: mode, ttf, safer, stale, gate_faults, ..."""
         return self.record["modules"][self.module.index]
 
-    @property
-    def margin_s(self) -> float:
-        """For how long AC surely keeps control, whatever it does; 0 in mode SC (docs/proof.md)."""
-        facts, module = self.facts, self.module
-        if not facts["mode"]:
-            return 0.0
-        record = self.record
-        dm = record["components"][module.dm]
-        waits = 2 if dm["pending"] else 1  # it was due at this instant, and has not looked yet
-        late_ns = (int(dm["next"]) - self.system.components[module.dm].phase_ns) % module.period_ns
-        looked = int(dm["next"]) - late_ns - waits * module.period_ns
-        unsafe = bool(facts["ttf"] or facts["stale"] or facts["saw_gate_fault"])
-        looks = module.looks_left(unsafe=unsafe, safer=bool(facts["safer"]))
-        return module.margin_ns(looks, int(record["header"]["ct"]) - looked) / 1e9
-
-    @property
-    def plant_latched(self) -> bool:
-        """Whether the plant has stopped for ever: it was given what is no finite number."""
-        return bool(self.record["components"][self.plant.index]["latched"])
-
     def states(self) -> list[Value]:
         """The plant's states."""
         raw = memoryview(self.state.data)
@@ -267,18 +252,18 @@ class Session:
         """
         if self.compiled.linked and not over:
             return int(self.record["header"]["violations"])
-        return int(self._lib.soter_outside_violations(self._o))
+        return int(self._lib.soter_outside_violations(self.outside))
 
     # ------------------------------------------------------------ copies
 
     def saved(self) -> tuple[bytes, bytes]:
         """The state and the facts, for `restore` of a session of the same system."""
-        return self.state.tobytes(), bytes(self.compiled.ffi.buffer(self.seen))
+        return self.state.tobytes(), bytes(self.seen_bytes)
 
     def restore(self, saved: tuple[bytes, bytes]) -> None:
         """Go on from there."""
         self.state[:] = np.frombuffer(saved[0], dtype=np.uint8)
-        self.compiled.ffi.buffer(self.seen)[:] = saved[1]
+        self.seen_bytes[:] = saved[1]
 
 
 def numbers(given: object, into: npt.NDArray[np.float64]) -> int | None:

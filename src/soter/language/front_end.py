@@ -50,6 +50,8 @@ class CheckResult:
     systems: dict[str, SystemSymbol] = field(default_factory=dict)
     loaded: LoadedProgram | None = None
     """The files it was made of."""
+    flat: dict[str, System] = field(default_factory=dict)
+    """Each system as it was flattened to be checked; none of a program that declares none."""
 
     @property
     def ok(self) -> bool:
@@ -118,10 +120,12 @@ def _check_file(
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_declaration(module, diagnostics, program.damaged, others)
-    components = 0
-    for system in own.values():
+    components, flat_by_name = 0, {}
+    for name, system in own.items():
         flat = _flatten(program, system, overrides, diagnostics, draft=draft)
-        components += program.system_sizes[system][0] if flat is not None else 0
+        if flat is not None:
+            components += program.system_sizes[system][0]
+            flat_by_name[name] = flat
         if components > ALL_COMPONENTS_MAX:
             diagnostics.error(
                 "M007",
@@ -135,7 +139,7 @@ def _check_file(
         elaborate_test(program, test, overrides, diagnostics)
     _check_the_rest(program, own, diagnostics)
     ordered = for_people(diagnostics, [f.source for f in loaded.files])
-    return CheckResult(program, ordered, own, loaded)
+    return CheckResult(program, ordered, own, loaded, {} if draft else flat_by_name)
 
 
 def _flatten(

@@ -7,12 +7,15 @@ Non-goals: finding or making libraries (`native/cache.py`), what the functions m
 
 from __future__ import annotations
 
+import ctypes
 import re
 from functools import lru_cache
+from runpy import run_path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
+from soter.native.cache import cached, digest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,6 +26,7 @@ INLINE = re.compile(r"^SOTER_INLINE.*?^\}$", re.DOTALL | re.MULTILINE)
 CPLUSPLUS = re.compile(r"^#ifdef __cplusplus$.*?^#endif$", re.DOTALL | re.MULTILINE)
 DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
 NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
+TABLES = "interface.py"
 
 
 def declarations(header: Path) -> str:
@@ -41,13 +45,23 @@ def declarations(header: Path) -> str:
 
 @lru_cache(maxsize=64)
 def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
-    """What calls C, given these declarations; the same object for the same texts."""
-    from cffi import FFI  # noqa: PLC0415 - only what is compiled pays for it
+    """What calls C, given these declarations; the same object for the same texts.
 
-    ffi = FFI()
-    for text in declared:
-        ffi.cdef(text)
-    return ffi
+    They are parsed once, and the tables that cffi makes of them are kept: parsing takes longer than
+    most runs. SoterError X006 where the cache cannot be used.
+    """
+    import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
+
+    def make(work: Path) -> None:
+        from cffi import FFI, recompiler  # noqa: PLC0415 - and only the first time for the parser
+
+        ffi = FFI()
+        for text in declared:
+            ffi.cdef(text)
+        recompiler.make_py_source(ffi, "soter_interface", str(work / TABLES))
+
+    content = digest(("cffi", _cffi_backend.__version__, *declared))
+    return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
 
 
 def opened(

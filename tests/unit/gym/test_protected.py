@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import copy
+import re
 import sys
 import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,9 @@ from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
+
+if TYPE_CHECKING:
+    from types import FrameType
 
 FULL = np.array([3.0], dtype=np.float32)
 
@@ -991,3 +995,56 @@ def test_the_margin_is_that_of_the_run() -> None:
     told = {env.step(FULL)[-1]["margin"] for _ in range(40)}
     assert max(told) == 0.049, "right after a look: a period of 50 ms, less `late dm 1ms`"
     assert min(told) < 0.02
+
+
+def margin_of(env: Protected) -> float:
+    """docs/proof.md, Margin, from the record of the state."""
+    session = env.session
+    module, record, facts = session.module, session.record, session.facts
+    if not facts["mode"]:
+        return 0.0
+    dm, period_ns = record["components"][module.dm], module.period_ns
+    waits = 2 if dm["pending"] else 1
+    late_ns = (int(dm["next"]) - session.system.components[module.dm].phase_ns) % period_ns
+    looked = int(dm["next"]) - late_ns - waits * period_ns
+    unsafe = bool(facts["ttf"] or facts["stale"] or facts["saw_gate_fault"])
+    looks = module.looks_left(unsafe=unsafe, safer=bool(facts["safer"]))
+    return module.margin_ns(looks, int(record["header"]["ct"]) - looked) / 1e9
+
+
+def test_the_margin_is_what_is_left_of_the_looks_that_keep_ac(tmp_path: Path) -> None:
+    computed = tmp_path / "cart.soter"
+    computed.write_text(re.sub(r"\n  (ttf|safer) [^;]*;", "", CART.read_text()))
+    rng, margins = np.random.default_rng(3), set()
+    for program in (CART, computed):
+        for steps in range(1, 60):  # episodes end at every moment between two looks
+            env = Protected(program, Cart(steps))
+            env.reset(seed=steps)
+            ended = cut = False
+            while not (ended or cut):
+                size = 6.0 if rng.random() < 0.02 else 3.0  # now and then the gate refuses
+                _, _, ended, cut, info = env.step(size * np.sign(rng.normal(0.3, 1.0, (1,))))
+                assert info["margin"] == margin_of(env)
+                margins.add((program, info["margin"]))
+    period_s = 0.05
+    assert (CART, 0.0) in margins
+    assert max(m for p, m in margins if p == CART) < period_s
+    assert max(m for p, m in margins if p == computed) > period_s, "several looks"
+
+
+def test_a_step_in_arrays_runs_little_python() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    env.step(FULL)
+    steps = env.env.unwrapped.done  # type: ignore[attr-defined]
+    ran: list[str] = []
+
+    def listen(frame: FrameType, event: str, _: object) -> None:
+        if event == "call" and "/soter/gym/" in frame.f_code.co_filename:
+            ran.append(frame.f_code.co_name)
+
+    sys.setprofile(listen)
+    env.step(FULL)
+    sys.setprofile(None)
+    released = env.env.unwrapped.done - steps  # type: ignore[attr-defined]
+    assert ran == ["step", "step", *(["<lambda>"] * released), "_info"]

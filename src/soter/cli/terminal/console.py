@@ -237,11 +237,5 @@ def _null() -> int:
 
 def _flush_c() -> None:
     """Hand over what an extern's C has printed but not written yet."""
-    if "cffi" not in sys.modules:
-        return
-    from cffi import FFI  # noqa: PLC0415 - it is loaded
-
-    ffi = FFI()
-    ffi.cdef("int fflush(void *);")
-    flush = getattr(ffi.dlopen(None), "fflush")  # noqa: B009 - types-cffi knows no attributes
-    flush(ffi.NULL)
+    if "ctypes" in sys.modules:  # what runs C has loaded it
+        sys.modules["ctypes"].CDLL(None).fflush(None)

@@ -7,8 +7,10 @@ Non-goals: all of C; only what generated programs need.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
+
+from soter.language.syntax.node import Node, node, parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -16,33 +18,33 @@ if TYPE_CHECKING:
 # ---------------------------------------------------------------- expressions
 
 
-@dataclass(frozen=True)
-class CExpr:
+@node()
+class CExpr(Node):
     """Any C expression."""
 
 
-@dataclass(frozen=True)
+@node()
 class Name(CExpr):
     """An identifier or a macro constant."""
 
     text: str
 
 
-@dataclass(frozen=True)
+@node()
 class Number(CExpr):
     """A literal, already spelled as C."""
 
     text: str
 
 
-@dataclass(frozen=True)
+@node()
 class String(CExpr):
     """A string literal; the printer escapes it."""
 
     value: str
 
 
-@dataclass(frozen=True)
+@node()
 class Unary(CExpr):
     """Prefix operator: - ! & *."""
 
@@ -50,7 +52,7 @@ class Unary(CExpr):
     operand: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Binary(CExpr):
     """Infix operator."""
 
@@ -59,7 +61,7 @@ class Binary(CExpr):
     right: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Ternary(CExpr):
     """c ? a : b."""
 
@@ -68,7 +70,7 @@ class Ternary(CExpr):
     otherwise: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class CallExpr(CExpr):
     """f(a, b)."""
 
@@ -76,7 +78,7 @@ class CallExpr(CExpr):
     arguments: tuple[CExpr, ...]
 
 
-@dataclass(frozen=True)
+@node()
 class Member(CExpr):
     """target.name; of what a pointer points to, pointer->name."""
 
@@ -84,7 +86,7 @@ class Member(CExpr):
     name: str
 
 
-@dataclass(frozen=True)
+@node()
 class Arrow(CExpr):
     """target->name."""
 
@@ -92,7 +94,7 @@ class Arrow(CExpr):
     name: str
 
 
-@dataclass(frozen=True)
+@node()
 class IndexExpr(CExpr):
     """target[index]."""
 
@@ -100,7 +102,7 @@ class IndexExpr(CExpr):
     index: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Cast(CExpr):
     """(type)operand."""
 
@@ -108,7 +110,7 @@ class Cast(CExpr):
     operand: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Initializer(CExpr):
     """{ .a = 1, .b = 2 } or { 1, 2 }; with a type, a compound literal."""
 
@@ -119,12 +121,12 @@ class Initializer(CExpr):
 # ---------------------------------------------------------------- statements
 
 
-@dataclass(frozen=True)
-class CStmt:
+@node()
+class CStmt(Node):
     """Any C statement."""
 
 
-@dataclass(frozen=True)
+@node()
 class Declare(CStmt):
     """A declaration: `type name = value;`."""
 
@@ -134,7 +136,7 @@ class Declare(CStmt):
     const: bool = False
 
 
-@dataclass(frozen=True)
+@node()
 class Assign(CStmt):
     """An assignment."""
 
@@ -142,21 +144,21 @@ class Assign(CStmt):
     value: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Do(CStmt):
     """An expression for its effect."""
 
     expression: CExpr
 
 
-@dataclass(frozen=True)
+@node()
 class Unused(CStmt):
     """Marks a name as unused on purpose: `(void)name;`; not printed where the body reads it."""
 
     name: str
 
 
-@dataclass(frozen=True)
+@node()
 class IfStmt(CStmt):
     """if (c) { ... } else { ... }."""
 
@@ -165,7 +167,7 @@ class IfStmt(CStmt):
     otherwise: tuple[CStmt, ...] = ()
 
 
-@dataclass(frozen=True)
+@node()
 class For(CStmt):
     """for (int64_t name = low; name < high; name++) { ... }."""
 
@@ -175,14 +177,14 @@ class For(CStmt):
     body: tuple[CStmt, ...]
 
 
-@dataclass(frozen=True)
+@node()
 class Return(CStmt):
     """A return."""
 
     value: CExpr | None
 
 
-@dataclass(frozen=True)
+@node()
 class Comment(CStmt):
     """A line comment among statements."""
 
@@ -192,26 +194,26 @@ class Comment(CStmt):
 # ---------------------------------------------------------------- top level
 
 
-@dataclass(frozen=True)
-class CTop:
+@node()
+class CTop(Node):
     """Anything at file level."""
 
 
-@dataclass(frozen=True)
+@node()
 class FileComment(CTop):
     """A block comment."""
 
     lines: tuple[str, ...]
 
 
-@dataclass(frozen=True)
+@node()
 class Section(CTop):
     """A heading between groups of definitions."""
 
     title: str
 
 
-@dataclass(frozen=True)
+@node()
 class Include(CTop):
     """#include; system headers in angle brackets."""
 
@@ -219,14 +221,14 @@ class Include(CTop):
     system: bool = False
 
 
-@dataclass(frozen=True)
+@node()
 class Guarded(CTop):
     """An include guard around everything after it."""
 
     macro: str
 
 
-@dataclass(frozen=True)
+@node()
 class Define(CTop):
     """#define name value."""
 
@@ -234,8 +236,8 @@ class Define(CTop):
     value: str
 
 
-@dataclass(frozen=True)
-class StructMember:
+@node()
+class StructMember(Node):
     """A member: `type name[length];`."""
 
     type: str
@@ -244,7 +246,7 @@ class StructMember:
     comment: str = ""
 
 
-@dataclass(frozen=True)
+@node()
 class StructDef(CTop):
     """A named struct: `typedef struct { ... } name;`."""
 
@@ -253,7 +255,7 @@ class StructDef(CTop):
     comment: str = ""
 
 
-@dataclass(frozen=True)
+@node()
 class Alias(CTop):
     """Another name of a type: `typedef type name;`."""
 
@@ -262,7 +264,7 @@ class Alias(CTop):
     comment: str = ""
 
 
-@dataclass(frozen=True)
+@node()
 class FunctionDef(CTop):
     """A function; `doc` is the comment above it. An inline one need not be called (soter.h)."""
 
@@ -275,7 +277,7 @@ class FunctionDef(CTop):
     inline: bool = False
 
 
-@dataclass(frozen=True)
+@node()
 class VariableDef(CTop):
     """A static const object, or an extern declaration (value None)."""
 
@@ -287,7 +289,7 @@ class VariableDef(CTop):
     comment: str = ""
 
 
-@dataclass(frozen=True)
+@node()
 class TableDef(CTop):
     """A static const union of a value and its bytes: a table, by which compilers are not slowed."""
 
@@ -327,11 +329,11 @@ def names_read(root: object) -> Iterator[str]:
         elif isinstance(node, tuple):
             stack.extend(reversed(node))
         elif isinstance(node, (CExpr, CStmt)):
-            stack.extend(reversed(vars(node).values()))
+            stack.extend(reversed(parts(node)))
 
 
-@dataclass(frozen=True)
-class CFile:
+@node()
+class CFile(Node):
     """A translation unit or header."""
 
     items: tuple[CTop, ...] = field(default=())

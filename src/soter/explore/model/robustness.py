@@ -12,12 +12,13 @@ gives its margin: so conditions keep their distance through functions, `let` and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.read_write_footprint import walk
 from soter.language.model.types import BOOL, FLOAT, FloatType, IntType
+from soter.language.syntax.node import node
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -28,7 +29,7 @@ COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 YES, NO = core.Const(FLOAT, 1.0), core.Const(FLOAT, -1.0)
 
 
-@dataclass(frozen=True)
+@node()
 class Margin(core.Expr):
     """How far two numbers are from comparing otherwise; `holds` is the comparison.
 

@@ -172,20 +172,52 @@ uint32_t soter_worlds_step(const soter_worlds* w) {
 /* ------------------------------------------------------------------ one world, its plant outside
  */
 
-int32_t soter_outside_go(const soter_outside* o) {
+/* docs/proof.md, Margin: what is left of the looks that keep AC; 0 in mode SC. */
+static int64_t soter_margin(const soter_view* v, void* state) {
+  if (v->module < 0) {
+    return 0;
+  }
+  const soter_module* const m = soter_modules_of(v->program, state) + v->module;
+  const soter_module_info* const info = &v->program->module[v->module];
+  const soter_component* const dm = soter_components_of(state) + info->dm;
+  if (m->mode != (uint8_t)SOTER_AC || m->ttf != 0U || m->stale != 0U || m->saw_gate_fault != 0U) {
+    return 0;
+  }
+  const int64_t late = (dm->next - v->program->component[info->dm].phase_ns) % info->period_ns;
+  const int64_t waits = dm->pending != 0U ? 2 : 1; /* it is due at this instant and has not looked */
+  const int64_t looked = dm->next - late - waits * info->period_ns;
+  const int64_t looks = m->safer != 0U ? (int64_t)v->looks : 1;
+  const int64_t left =
+      looks * info->period_ns - v->late_ns - (soter_header_of(state)->ct - looked);
+  return left > 0 ? left : 0;
+}
+
+/* Each fact in bits of its own. */
+static uint32_t soter_flags(const soter_facts* f) {
+  return (uint32_t)f->mode | (uint32_t)f->ttf << 1U | (uint32_t)f->safer << 2U |
+         (uint32_t)f->stale << 3U | (uint32_t)f->taken_by << 4U | (uint32_t)f->gate_fault << 5U |
+         (uint32_t)f->off_model << 6U | (f->steps != 0U ? 1U : 0U) << 7U | (uint32_t)f->cause << 8U;
+}
+
+int32_t soter_outside_go(soter_outside* o) {
   SOTER_CHECK(o != NULL);
   const soter_view* const v = o->view;
   uint32_t due = 0;
   while (soter_virtual_instant(v->program, o->state, &due) == SOTER_INSTANT_DONE) {
   }
+  if (due != v->plant && due != v->agent) {
+    return (int32_t)due;
+  }
   if (due == v->plant) {
     soter_get_all(&v->apply, o->state, o->command);
   }
-  if (due == v->plant || due == v->agent) {
-    soter_know(v, o->state, o->facts);
-    o->facts->violations = o->looks != 0U ? soter_foresee(v, o->state, o->room)
-                                          : soter_header_of(o->state)->violations;
-  }
+  soter_know(v, o->state, o->facts);
+  /* until the plant has moved nothing is known of this instant */
+  o->facts->violations = o->looks != 0U && due == v->agent ? soter_foresee(v, o->state, o->room)
+                                                           : soter_header_of(o->state)->violations;
+  o->margin_ns = soter_margin(v, o->state);
+  o->flags = soter_flags(o->facts);
+  o->latched = soter_components_of(o->state)[v->plant].latched;
   return (int32_t)due;
 }
 
@@ -199,14 +231,14 @@ int32_t soter_outside_place(const soter_outside* o) {
   return soter_put_all(&o->view->start, o->states, o->state) ? 0 : -1;
 }
 
-int32_t soter_outside_act(const soter_outside* o) {
+int32_t soter_outside_act(soter_outside* o) {
   SOTER_CHECK(o != NULL);
   const size_t behind = o->view->program->state_size;
   soter_take(o->view, o->state, o->action, o->room + behind, o->facts);
   return soter_outside_go(o);
 }
 
-int32_t soter_outside_move(const soter_outside* o) {
+int32_t soter_outside_move(soter_outside* o) {
   SOTER_CHECK(o != NULL);
   const soter_view* const v = o->view;
   uint8_t* const answer = o->room + v->program->state_size;

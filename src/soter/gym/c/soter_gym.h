@@ -42,6 +42,8 @@ typedef struct {
 typedef struct {
   const soter_program* program;
   int32_t module; /* whose AC the agent is; -1: the agent is no AC */
+  uint32_t looks; /* of its DM that keep AC, the one that finds `safer` among them */
+  int64_t late_ns; /* how late its looks may be */
   uint32_t agent;
   uint32_t plant;        /* answered from outside; as many as there are components: none */
   uint32_t answer_most;  /* bytes of the largest answer of any extern */
@@ -138,20 +140,23 @@ typedef struct {
   double* command;    /* [view->apply.count] */
   soter_facts* facts; /* as of the last time the agent or the plant was due */
   soter_model* model; /* or NULL */
+  int64_t margin_ns;  /* as of then: for how long AC surely keeps control, whatever it does */
+  uint32_t flags;     /* of the facts all that are small, and whether there was a step */
+  uint8_t latched;    /* whether the plant has stopped for ever */
   uint8_t looks;      /* whether violations include the instant that is not over yet */
 } soter_outside;
 
 /* All of these run until an extern is due and give its index. */
-int32_t soter_outside_go(const soter_outside* o);
+int32_t soter_outside_go(soter_outside* o);
 
 /* Writes `states` into a fresh state; -1: they are no values of the plant's states. */
 int32_t soter_outside_place(const soter_outside* o);
 
 /* Answers for the agent, with `action`. */
-int32_t soter_outside_act(const soter_outside* o);
+int32_t soter_outside_act(soter_outside* o);
 
 /* Answers for the plant, with `states`; -1 as above. */
-int32_t soter_outside_move(const soter_outside* o);
+int32_t soter_outside_move(soter_outside* o);
 
 /* Violations so far, the instant that is not over yet included. */
 uint32_t soter_outside_violations(const soter_outside* o);

@@ -66,6 +66,20 @@ class Calculator:
         self._all = self.left
         self._evaluator = Evaluator(params or {}, None, self.left)
 
+    def value_of(
+        self, name: str, expr: typed.TypedExpr, what: str, known: dict[str, tuple[Value, int]]
+    ) -> Value | None:
+        """The value of a declared constant: as `value`, or as it is `known`, at the same price."""
+        value, spent = known.get(name, (None, 0))
+        if name in known and spent <= min(self.left, self._most):
+            self.left -= spent
+            return value
+        left = self.left
+        value = self.value(expr, what)
+        if value is not None:
+            known[name] = value, left - self.left
+        return value
+
     def value(self, expr: typed.TypedExpr, what: str) -> Value | None:
         """The value, or None after a report (T020) that begins with `what`."""
         if isinstance(expr, typed.Literal):
@@ -136,14 +150,27 @@ class ConstantChecker:
         checked = self.shared.check_expr(expr, context, expected)
         return self.value(checked, what)
 
+    def declared(
+        self, decl: tree.ConstDecl, scope: FileScope, expected: Type, what: str
+    ) -> Value | None:
+        """The value of a declared constant, or None after a report."""
+        assert decl.value is not None
+        context = Context(scope, what, constant="T008")
+        checked = self.shared.check_expr(decl.value, context, expected)
+        if not self._computable(checked, what):
+            return None
+        known = self._reading.constants(scope.loaded)
+        return self.calculator.value_of(decl.name.text, checked, what, known)
+
     def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
         """Evaluate a checked expression without locals, topics and parameters of its own."""
+        return self.calculator.value(checked, what) if self._computable(checked, what) else None
+
+    def _computable(self, checked: typed.TypedExpr, what: str) -> bool:
         if isinstance(checked.type, ErrorType):
             self.shared.names.losses += 1
-            return None
-        if not self._callable(checked, what):
-            return None
-        return self.calculator.value(checked, what)
+            return False
+        return self._callable(checked, what)
 
     def number(
         self,

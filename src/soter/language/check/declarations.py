@@ -143,7 +143,7 @@ class DeclChecker:
                 helps=("read a `float` of seconds",),
             )
         elif decl.value is not None:
-            value = self.shared.constant(decl.value, scope, t, what)
+            value = self.constants.declared(decl, scope, t, what)
         if value is None or isinstance(t, ErrorType):
             return None
         return typed.ConstSymbol(full, decl.name.span, t, value)

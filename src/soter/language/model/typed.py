@@ -19,6 +19,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.language.model.types import ListType
+from soter.language.syntax.node import Shown
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
@@ -31,8 +32,8 @@ SYNTHESIZED = "synthesized"
 # ---------------------------------------------------------------- variables
 
 
-@dataclass(eq=False)
-class Variable:
+@dataclass(eq=False, repr=False)
+class Variable(Shown):
     """A named local: compared by identity.
 
     `kind`: "parameter" of a function, "let", "var", "loop" (all temporary), "local" (state of
@@ -49,15 +50,15 @@ class Variable:
 # ---------------------------------------------------------------- expressions
 
 
-@dataclass(eq=False)
-class TypedExpr:
+@dataclass(eq=False, repr=False)
+class TypedExpr(Shown):
     """Any checked expression."""
 
     type: Type
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Literal(TypedExpr):
     """A constant of any type (also the value of a named `const`)."""
 
@@ -65,71 +66,71 @@ class Literal(TypedExpr):
     name: str | None = None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ParamRead(TypedExpr):
     """A `param`; its value is fixed when a system is elaborated."""
 
     param: ParamSymbol
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class VarRead(TypedExpr):
     """A local, parameter, plant state, disturbance or plant let."""
 
     variable: Variable
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TopicRead(TypedExpr):
     """The value of a topic at the start of the step (for nodes: a subscribed one)."""
 
     topic: TopicSymbol
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TruthRead(TypedExpr):
     """`instance.truth`: the state of a plant instance as a record of its states."""
 
     instance: str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ModeRead(TypedExpr):
     """`mode(M)`: type MODE. In a system the instance path, elsewhere the module."""
 
     module: ModuleSymbol | str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class MarginRead(TypedExpr):
     """`margin(M)`: seconds in which the module surely keeps AC in control, whatever AC does."""
 
     module: ModuleSymbol | str
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class InControl(TypedExpr):
     """`in_control`: whether this node's outputs count (true outside every module)."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TimeRead(TypedExpr):
     """`time`: virtual time in seconds: float(ct) / 1e9."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class PeriodRead(TypedExpr):
     """`dt`: the period of this node or plant in seconds: float(period_ns) / 1e9."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class AgeRead(TypedExpr):
     """`age(topic)`: seconds since its last publication: float(ct - stamp) / 1e9."""
 
     topic: TopicSymbol
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedUnary(TypedExpr):
     """`-e` on int (faults on overflow), float, vector; `!e` on bool."""
 
@@ -137,7 +138,7 @@ class TypedUnary(TypedExpr):
     operand: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedBinary(TypedExpr):
     """A scalar operation: + - * / % < <= > >= == != && || (the last two short-circuit).
 
@@ -150,7 +151,7 @@ class TypedBinary(TypedExpr):
     right: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Vector(TypedExpr):
     """Componentwise, on one or two vectors.
 
@@ -164,7 +165,7 @@ class Vector(TypedExpr):
     right: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Conditional(TypedExpr):
     """`c ? a : b`: only the chosen side is evaluated."""
 
@@ -173,7 +174,7 @@ class Conditional(TypedExpr):
     otherwise: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedCall(TypedExpr):
     """A call of a declared function; arguments left to right."""
 
@@ -181,7 +182,7 @@ class TypedCall(TypedExpr):
     arguments: tuple[TypedExpr, ...]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Builtin(TypedExpr):
     """A machine operation; arguments left to right.
 
@@ -197,7 +198,7 @@ class Builtin(TypedExpr):
     arguments: tuple[TypedExpr, ...]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedField(TypedExpr):
     """Field `index` of a record."""
 
@@ -205,7 +206,7 @@ class TypedField(TypedExpr):
     index: int
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Index(TypedExpr):
     """Element of an array or list; faults when out of range (of `len` for lists)."""
 
@@ -213,14 +214,14 @@ class Index(TypedExpr):
     index: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedLength(TypedExpr):
     """`list.len`, or the constant length of an array; type INT."""
 
     target: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Aggregate(TypedExpr):
     """A record (values in field order, evaluated in written order), array or list literal.
 
@@ -231,7 +232,7 @@ class Aggregate(TypedExpr):
     order: tuple[int, ...] | None = None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedChoose(TypedExpr):
     """`choose ...` in a step: one of finitely many values; who runs the step picks.
 
@@ -246,7 +247,7 @@ class TypedChoose(TypedExpr):
     ages: Variable | None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Narrow(TypedExpr):
     """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
 
@@ -256,14 +257,14 @@ class Narrow(TypedExpr):
 # ---------------------------------------------------------------- statements
 
 
-@dataclass(eq=False)
-class TypedStmt:
+@dataclass(eq=False, repr=False)
+class TypedStmt(Shown):
     """Any checked statement."""
 
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedDeclare(TypedStmt):
     """`let` or `var`: the variable starts with this value."""
 
@@ -271,8 +272,8 @@ class TypedDeclare(TypedStmt):
     value: TypedExpr
 
 
-@dataclass(eq=False)
-class Place:
+@dataclass(eq=False, repr=False)
+class Place(Shown):
     """What may be assigned: a variable and a path of field indices (int) and index expressions."""
 
     variable: Variable
@@ -281,7 +282,7 @@ class Place:
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedAssign(TypedStmt):
     """`place = value;`: index expressions first, left to right, then the value."""
 
@@ -289,7 +290,7 @@ class TypedAssign(TypedStmt):
     value: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedPush(TypedStmt):
     """`push list, value;`: faults when the list is full. Place indices, then the value."""
 
@@ -297,7 +298,7 @@ class TypedPush(TypedStmt):
     value: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedPublish(TypedStmt):
     """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
 
@@ -309,14 +310,14 @@ class TypedPublish(TypedStmt):
     limit: int | None = None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedReturn(TypedStmt):
     """`return value;`."""
 
     value: TypedExpr
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Assert(TypedStmt):
     """`assert condition;`: a step fault when false."""
 
@@ -324,7 +325,7 @@ class Assert(TypedStmt):
     message: str | None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TypedIf(TypedStmt):
     """Arms in order; `otherwise` may be empty."""
 
@@ -332,7 +333,7 @@ class TypedIf(TypedStmt):
     otherwise: tuple[TypedStmt, ...]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ForRange(TypedStmt):
     """`for i in low..high`: i = low, ..., high - 1."""
 
@@ -342,7 +343,7 @@ class ForRange(TypedStmt):
     body: tuple[TypedStmt, ...]
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ForEach(TypedStmt):
     """`for x in sequence`: the sequence is evaluated once, before the loop."""
 
@@ -354,15 +355,15 @@ class ForEach(TypedStmt):
 # ---------------------------------------------------------------- symbols
 
 
-@dataclass(eq=False)
-class Symbol:
+@dataclass(eq=False, repr=False)
+class Symbol(Shown):
     """A checked declaration. `name` is the full name: `file.name` for imported ones."""
 
     name: str
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ConstSymbol(Symbol):
     """A constant with its value."""
 
@@ -370,7 +371,7 @@ class ConstSymbol(Symbol):
     value: Value
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ParamSymbol(Symbol):
     """A parameter; `default`, `low`, `high` are constant expressions."""
 
@@ -380,7 +381,7 @@ class ParamSymbol(Symbol):
     high: TypedExpr | None
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class FunSymbol(Symbol):
     """A function; `body` is None when extern, then `source` may name its binding."""
 
@@ -392,8 +393,8 @@ class FunSymbol(Symbol):
     prelude: bool = False
 
 
-@dataclass(eq=False)
-class RangeSet:
+@dataclass(eq=False, repr=False)
+class RangeSet(Shown):
     """Bounds of one or many leaves: expressions over constants and parameters."""
 
     low: TypedExpr
@@ -401,7 +402,7 @@ class RangeSet:
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TopicSymbol(Symbol):
     """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds."""
 
@@ -412,8 +413,8 @@ class TopicSymbol(Symbol):
     max_age: TypedExpr | None
 
 
-@dataclass(eq=False)
-class Subscribed:
+@dataclass(eq=False, repr=False)
+class Subscribed(Shown):
     """A subscription, with its queue where it asks for one."""
 
     topic: TopicSymbol
@@ -422,7 +423,7 @@ class Subscribed:
     span: Span
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False, repr=False, kw_only=True)
 class NodeSymbol(Symbol):
     """A node. `initial` gives, per local, its first value as an expression or None (default)."""
 
@@ -477,8 +478,8 @@ class NodeSymbol(Symbol):
         )
 
 
-@dataclass(eq=False, kw_only=True)
-class TypedGridAxis:
+@dataclass(eq=False, repr=False, kw_only=True)
+class TypedGridAxis(Shown):
     """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
 
     Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
@@ -499,8 +500,8 @@ class TypedGridAxis:
     unbounded: bool = False
 
 
-@dataclass(eq=False)
-class TypedAxisGroup:
+@dataclass(eq=False, repr=False)
+class TypedAxisGroup(Shown):
     """States that are analysed together; `kind` is "grid" or "polytope"."""
 
     kind: str
@@ -508,8 +509,8 @@ class TypedAxisGroup:
     span: Span
 
 
-@dataclass(eq=False)
-class TypedCommandSet:
+@dataclass(eq=False, repr=False)
+class TypedCommandSet(Shown):
     """The values that a synthesized controller may publish on one leaf of an output."""
 
     topic: TopicSymbol
@@ -518,8 +519,8 @@ class TypedCommandSet:
     span: Span
 
 
-@dataclass(eq=False)
-class TypedVerifyBlock:
+@dataclass(eq=False, repr=False)
+class TypedVerifyBlock(Shown):
     """What a `verify` block says; absent parts are None or empty. Times are durations."""
 
     groups: tuple[TypedAxisGroup, ...] = ()
@@ -553,8 +554,8 @@ class TypedVerifyBlock:
     span: Span | None = None
 
 
-@dataclass(eq=False)
-class ViewSymbol:
+@dataclass(eq=False, repr=False)
+class ViewSymbol(Shown):
     """`view name { ... }`; `block` has the view's groups and abstractions, and the times of all."""
 
     name: str
@@ -562,8 +563,8 @@ class ViewSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class AbstractionLink:
+@dataclass(eq=False, repr=False)
+class AbstractionLink(Shown):
     """`abstracts instance by name: Plant = expr`; `expr` reads `instance.truth`."""
 
     instance: str
@@ -573,7 +574,7 @@ class AbstractionLink:
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ClauseSymbol(Symbol):
     """`assumes name: e;` or `guarantees name: e;` of a module; `text` is `e` as it is written."""
 
@@ -582,15 +583,15 @@ class ClauseSymbol(Symbol):
     text: str
 
 
-@dataclass(eq=False)
-class Latch:
+@dataclass(eq=False, repr=False)
+class Latch(Shown):
     """`returns after topic;` (the operator's acknowledgement), or `returns never;`: no topic."""
 
     topic: TopicSymbol | None
     span: Span
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False, repr=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
@@ -676,8 +677,8 @@ class ModuleSymbol(Symbol):
         return (*self.spoken, *(c.condition for c in self.contract))
 
 
-@dataclass(eq=False)
-class MeasuredSymbol:
+@dataclass(eq=False, repr=False)
+class MeasuredSymbol(Shown):
     """An estimator error bound on the leaves of a driven topic below `path`."""
 
     topic: TopicSymbol
@@ -686,8 +687,8 @@ class MeasuredSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class DisturbanceSymbol:
+@dataclass(eq=False, repr=False)
+class DisturbanceSymbol(Shown):
     """A bounded disturbance, every leaf in [low, high], redrawn every `hold` (None: each step)."""
 
     variable: Variable
@@ -696,7 +697,7 @@ class DisturbanceSymbol:
     hold: TypedExpr | None
 
 
-@dataclass(eq=False, kw_only=True)
+@dataclass(eq=False, repr=False, kw_only=True)
 class PlantSymbol(Symbol):
     """A plant. Each state has exactly one of der / next, or neither (constant), unless extern.
 
@@ -725,8 +726,8 @@ class PlantSymbol(Symbol):
     """Where it names the topics of `reads`, in that order."""
 
 
-@dataclass(eq=False)
-class InstanceSymbol:
+@dataclass(eq=False, repr=False)
+class InstanceSymbol(Shown):
     """`name: What { topic = other };` of a system."""
 
     name: str
@@ -737,8 +738,8 @@ class InstanceSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class PropertySymbol:
+@dataclass(eq=False, repr=False)
+class PropertySymbol(Shown):
     """A property of a system or test: kind always, never, eventually, leadsto or invariant.
 
     "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
@@ -758,8 +759,8 @@ class PropertySymbol:
     asks: str = ""
 
 
-@dataclass(eq=False)
-class FaultSymbol:
+@dataclass(eq=False, repr=False)
+class FaultSymbol(Shown):
     """A timing fault of a test: `late N by d;`, `skip N at most k;`, `overrun N by d;`.
 
     `path`: the component as the system names it; exactly one of `by` and `at_most` is set.
@@ -772,8 +773,8 @@ class FaultSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class SystemFaultSymbol:
+@dataclass(eq=False, repr=False)
+class SystemFaultSymbol(Shown):
     """An item of `faults { ... }`; `path` is "" for an order. `text`: as it is written."""
 
     kind: str
@@ -786,8 +787,8 @@ class SystemFaultSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class MeasureSymbol:
+@dataclass(eq=False, repr=False)
+class MeasureSymbol(Shown):
     """`measure name = value in [low, high] / bins every d;`."""
 
     name: str
@@ -799,8 +800,8 @@ class MeasureSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class InputSymbol:
+@dataclass(eq=False, repr=False)
+class InputSymbol(Shown):
     """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
     path: str
@@ -810,8 +811,8 @@ class InputSymbol:
     values: tuple[TypedExpr, ...] = ()
 
 
-@dataclass(eq=False)
-class StatedSymbol:
+@dataclass(eq=False, repr=False)
+class StatedSymbol(Shown):
     """`guarantees t.x in { values };` or `assumes ...` of a test: of what stands for a publisher.
 
     `read` is `t.x`: a read of a topic, or of a field of one; `text` is all of it, as it is written.
@@ -824,8 +825,8 @@ class StatedSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class ExternalSymbol:
+@dataclass(eq=False, repr=False)
+class ExternalSymbol(Shown):
     """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
 
     topic: TopicSymbol
@@ -835,8 +836,8 @@ class ExternalSymbol:
     span: Span
 
 
-@dataclass(eq=False)
-class SetSymbol:
+@dataclass(eq=False, repr=False)
+class SetSymbol(Shown):
     """`set K = 3;`, of the instance `path` of the system; of everything in it where that is ""."""
 
     path: str
@@ -845,12 +846,12 @@ class SetSymbol:
     span: Span
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class ByContract(Symbol):
     """What stands in `replace M by contract;` where others name a node or a plant."""
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class SystemSymbol(Symbol):
     """A system: instances, properties and overrides."""
 
@@ -876,7 +877,7 @@ class SystemSymbol(Symbol):
         return {i.name: i for i in self.instances}
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class TestSymbol(Symbol):
     """A `test` block; executed by `soter test`. `order`: where it declares the deployed order."""
 
@@ -902,8 +903,8 @@ class Cost(NamedTuple):
     """Extern functions it may call, whose own code is not counted."""
 
 
-@dataclass(eq=False)
-class TypedProgram:
+@dataclass(eq=False, repr=False)
+class TypedProgram(Shown):
     """A whole checked program: the main file and everything it imports."""
 
     path: str

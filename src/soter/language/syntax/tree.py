@@ -6,23 +6,24 @@ Non-goals: names, types, meaning (`program/`); comments (the printer reads them 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+from soter.language.syntax.node import Node, node
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
 
 
-@dataclass(frozen=True, slots=True)
-class Name:
+@node()
+class Name(Node):
     """An identifier where it is written."""
 
     text: str
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Ref:
+@node()
+class Ref(Node):
     """A name of this file, or `file.name` of an imported one (`qualifier` set)."""
 
     qualifier: Name | None
@@ -35,8 +36,8 @@ class Ref:
         return f"{self.qualifier.text}.{self.name.text}" if self.qualifier else self.name.text
 
 
-@dataclass(frozen=True, slots=True)
-class DottedPath:
+@node()
+class DottedPath(Node):
     """A dotted path such as `motion.x` or `left.cart`."""
 
     parts: tuple[Name, ...]
@@ -51,28 +52,28 @@ class DottedPath:
 # ---------------------------------------------------------------- expressions
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ElementName(Name):
     """`r[i]` in a path: an element of an array of instances; `text` is the name of the array."""
 
     indices: tuple[SyntaxExpr, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class SyntaxExpr:
+@node()
+class SyntaxExpr(Node):
     """Any expression."""
 
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class IntLit(SyntaxExpr):
     """`42`; also stands where a float is expected."""
 
     value: int
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class FloatLit(SyntaxExpr):
     """`1.5e-3`; `text` is kept for the printer."""
 
@@ -80,7 +81,7 @@ class FloatLit(SyntaxExpr):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class DurationLit(SyntaxExpr):
     """`10ms`; `value_ns` is None when it is not a whole number of nanoseconds."""
 
@@ -88,21 +89,21 @@ class DurationLit(SyntaxExpr):
     text: str
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class BoolLit(SyntaxExpr):
     """`true` or `false`."""
 
     value: bool
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class NameExpr(SyntaxExpr):
     """A bare name in an expression."""
 
     name: Name
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class FieldExpr(SyntaxExpr):
     """`target.field`; also `file.name`, `Enum.member`, `list.len` and `plant.truth`."""
 
@@ -110,7 +111,7 @@ class FieldExpr(SyntaxExpr):
     field: Name
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class IndexExpr(SyntaxExpr):
     """`target[index]`."""
 
@@ -118,7 +119,7 @@ class IndexExpr(SyntaxExpr):
     index: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class CallExpr(SyntaxExpr):
     """`callee(arguments)`; the callee is a NameExpr or a FieldExpr."""
 
@@ -126,7 +127,7 @@ class CallExpr(SyntaxExpr):
     arguments: tuple[SyntaxExpr, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class UnaryExpr(SyntaxExpr):
     """`-e` or `!e`."""
 
@@ -134,7 +135,7 @@ class UnaryExpr(SyntaxExpr):
     operand: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class BinaryExpr(SyntaxExpr):
     """`left op right` for + - * / % < <= > >= == != && ||."""
 
@@ -143,7 +144,7 @@ class BinaryExpr(SyntaxExpr):
     right: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ConditionalExpr(SyntaxExpr):
     """`condition ? then : otherwise`."""
 
@@ -152,21 +153,21 @@ class ConditionalExpr(SyntaxExpr):
     otherwise: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class RecordExpr(SyntaxExpr):
     """`{ x: 1.0, y: 2.0 }`."""
 
     fields: tuple[tuple[Name, SyntaxExpr], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ListExpr(SyntaxExpr):
     """`[a, b, c]`: an array or a bounded list, by the expected type."""
 
     elements: tuple[SyntaxExpr, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ChooseExpr(SyntaxExpr):
     """`[fair] choose bool`, `choose Enum`, `choose [a, b]`, `choose { e1, e2 }`.
 
@@ -179,7 +180,7 @@ class ChooseExpr(SyntaxExpr):
     options: tuple[SyntaxExpr, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ErrorExpr(SyntaxExpr):
     """Stands where an expression could not be parsed; already reported, never again."""
 
@@ -187,15 +188,15 @@ class ErrorExpr(SyntaxExpr):
 # ---------------------------------------------------------------- types
 
 
-@dataclass(frozen=True, slots=True)
-class TypeExpr:
+@node()
+class TypeExpr(Node):
     """Any type expression."""
 
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class IntervalExpr:
+@node()
+class IntervalExpr(Node):
     """`[low, high]`."""
 
     low: SyntaxExpr
@@ -203,35 +204,35 @@ class IntervalExpr:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class BuiltinType(TypeExpr):
     """`bool`, `int`, `float` or `duration`."""
 
     name: str
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class RangedIntType(TypeExpr):
     """`int in [low, high]`."""
 
     interval: IntervalExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class NamedType(TypeExpr):
     """A declared type."""
 
     ref: Ref
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class RecordTypeExpr(TypeExpr):
     """`{ x: float, y: float }`."""
 
     fields: tuple[tuple[Name, TypeExpr], ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ArrayTypeExpr(TypeExpr):
     """`T[n]`."""
 
@@ -239,7 +240,7 @@ class ArrayTypeExpr(TypeExpr):
     size: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ListTypeExpr(TypeExpr):
     """`T[<=n]`."""
 
@@ -247,7 +248,7 @@ class ListTypeExpr(TypeExpr):
     capacity: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class UnitTypeExpr(TypeExpr):
     """`T unit "m/s"`: what the numbers of T count, for people."""
 
@@ -256,14 +257,14 @@ class UnitTypeExpr(TypeExpr):
     unit_span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class EnumTypeExpr(TypeExpr):
     """`enum { A, B }`; only on the right of a `type` declaration."""
 
     members: tuple[Name, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ErrorTypeExpr(TypeExpr):
     """Stands where a type could not be parsed; already reported, never again."""
 
@@ -271,22 +272,22 @@ class ErrorTypeExpr(TypeExpr):
 # ---------------------------------------------------------------- statements
 
 
-@dataclass(frozen=True, slots=True)
-class SyntaxStmt:
+@node()
+class SyntaxStmt(Node):
     """Any statement."""
 
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+@node()
+class Block(Node):
     """`{ statements }`."""
 
     statements: tuple[SyntaxStmt, ...]
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class LetStmt(SyntaxStmt):
     """`let name [: type] = value;`, never assigned again."""
 
@@ -295,7 +296,7 @@ class LetStmt(SyntaxStmt):
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class VarStmt(SyntaxStmt):
     """`var name [: type] [= value];`; at least one of the two stands."""
 
@@ -304,7 +305,7 @@ class VarStmt(SyntaxStmt):
     value: SyntaxExpr | None
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class AssignStmt(SyntaxStmt):
     """`place = value;`; the place is a chain of NameExpr, FieldExpr, IndexExpr."""
 
@@ -312,7 +313,7 @@ class AssignStmt(SyntaxStmt):
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class PushStmt(SyntaxStmt):
     """`push list, value;`."""
 
@@ -320,7 +321,7 @@ class PushStmt(SyntaxStmt):
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class PublishStmt(SyntaxStmt):
     """`publish topic = value;`."""
 
@@ -328,14 +329,14 @@ class PublishStmt(SyntaxStmt):
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ReturnStmt(SyntaxStmt):
     """`return value;`."""
 
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class AssertStmt(SyntaxStmt):
     """`assert condition [, "message"];`."""
 
@@ -343,7 +344,7 @@ class AssertStmt(SyntaxStmt):
     message: str | None
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class IfStmt(SyntaxStmt):
     """`if c {...} elseif d {...} else {...}`; `arms` in order."""
 
@@ -351,7 +352,7 @@ class IfStmt(SyntaxStmt):
     otherwise: Block | None
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ForRangeStmt(SyntaxStmt):
     """`for name in low..high {...}`: low, low+1, ..., high-1, both constant."""
 
@@ -361,7 +362,7 @@ class ForRangeStmt(SyntaxStmt):
     body: Block
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ForEachStmt(SyntaxStmt):
     """`for name in array_or_list {...}`."""
 
@@ -373,15 +374,15 @@ class ForEachStmt(SyntaxStmt):
 # ---------------------------------------------------------------- declarations
 
 
-@dataclass(frozen=True, slots=True)
-class Decl:
+@node()
+class Decl(Node):
     """Any top-level declaration."""
 
     name: Name
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ImportDecl(Decl):
     """`import "path" as name;`."""
 
@@ -389,14 +390,14 @@ class ImportDecl(Decl):
     path_span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class TypeDecl(Decl):
     """`type Name = ...;`."""
 
     type: TypeExpr
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ConstDecl(Decl):
     """`const NAME: type = value;` or `= data "file";`: exactly one of `value`, `data` is set."""
 
@@ -406,7 +407,7 @@ class ConstDecl(Decl):
     data_span: Span | None
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class ParamDecl(Decl):
     """`param NAME: type = default in [low, high];`."""
 
@@ -415,7 +416,7 @@ class ParamDecl(Decl):
     interval: IntervalExpr | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class FunDecl(Decl):
     """`fun name(parameters): type {...}`; an `extern fun` has no body."""
 
@@ -427,8 +428,8 @@ class FunDecl(Decl):
     source_span: Span | None
 
 
-@dataclass(frozen=True, slots=True)
-class RecordSet:
+@node()
+class RecordSet(Node):
     """`{ x in [a, b], p in { ... } }`: a value set field by field."""
 
     fields: tuple[tuple[Name, IntervalExpr | RecordSet], ...]
@@ -438,7 +439,7 @@ class RecordSet:
 ValueSet = IntervalExpr | RecordSet
 
 
-@dataclass(frozen=True, slots=True)
+@node()
 class TopicDecl(Decl):
     """`[input] topic name: type [in set] [= default] [max_age d];`."""
 
@@ -449,8 +450,8 @@ class TopicDecl(Decl):
     max_age: SyntaxExpr | None
 
 
-@dataclass(frozen=True, slots=True)
-class Subscription:
+@node()
+class Subscription(Node):
     """A subscribed topic; `queue` is its length when it asks for one."""
 
     topic: Ref
@@ -459,8 +460,8 @@ class Subscription:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Publication:
+@node()
+class Publication(Node):
     """A published topic; `burst`: how many messages a step may publish, where it is said."""
 
     topic: Ref
@@ -468,8 +469,8 @@ class Publication:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class LocalVar:
+@node()
+class LocalVar(Node):
     """`var name: type [= initial];` of a node."""
 
     name: Name
@@ -478,7 +479,7 @@ class LocalVar:
     span: Span
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class NodeDecl(Decl):
     """`node` or `extern node`; `step` is None exactly when extern (or after a parse error)."""
 
@@ -500,8 +501,8 @@ class NodeDecl(Decl):
     jitter: SyntaxExpr | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class GridAxis:
+@node()
+class GridAxis(Node):
     """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells.
 
     `unbounded`: `open` without an end.
@@ -514,8 +515,8 @@ class GridAxis:
     unbounded: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class AxisGroup:
+@node()
+class AxisGroup(Node):
     """`grid a ..., b ...;` or `polytope a, b;`: axes that are analysed together."""
 
     kind: str
@@ -523,8 +524,8 @@ class AxisGroup:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class CommandSet:
+@node()
+class CommandSet(Node):
     """`commands accel in {-1.0, 0.0, 1.0};`: what a synthesized controller may publish."""
 
     path: DottedPath
@@ -532,8 +533,8 @@ class CommandSet:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Delays:
+@node()
+class Delays(Node):
     """`late dm D, sc D, Node D;` or the same of `response`: times of the DM, of SC, of nodes."""
 
     dm: SyntaxExpr | None
@@ -541,8 +542,8 @@ class Delays:
     nodes: tuple[tuple[DottedPath, SyntaxExpr], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Abstraction:
+@node()
+class Abstraction(Node):
     """`along: Axis = expr` of `abstracts d by ...`."""
 
     name: Name
@@ -550,8 +551,8 @@ class Abstraction:
     value: SyntaxExpr
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+@node()
+class View(Node):
     """`view east { abstracts ...; grid ...; }`: a part of the predicates, on plants of its own."""
 
     name: Name
@@ -560,8 +561,8 @@ class View:
     span: Span
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VerifyBlock:
+@node(kw_only=True)
+class VerifyBlock(Node):
     """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
 
     groups: tuple[AxisGroup, ...]
@@ -585,24 +586,24 @@ class VerifyBlock:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class ModuleAsAc:
+@node()
+class ModuleAsAc(Node):
     """`ac module Keep;`: a whole module in the place of an advanced controller."""
 
     module: Ref
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Synthesized:
+@node()
+class Synthesized(Node):
     """`sc synthesized period 10ms;`: a controller that `soter verify --synthesize` finds."""
 
     period: SyntaxExpr
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Clause:
+@node()
+class Clause(Node):
     """`assumes name: e;` or `guarantees name: e;` of a module."""
 
     kind: str
@@ -611,15 +612,15 @@ class Clause:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Returns:
+@node()
+class Returns(Node):
     """`returns after topic;`, or `returns never;`: then there is no topic."""
 
     topic: Ref | None
     span: Span
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
 
@@ -643,8 +644,8 @@ class RtaDecl(Decl):
     """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
 
 
-@dataclass(frozen=True, slots=True)
-class PlantState:
+@node()
+class PlantState(Node):
     """`state name: type [in [a, b]] [= initial];`: drawn uniformly from the interval if given."""
 
     name: Name
@@ -654,8 +655,8 @@ class PlantState:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class DisturbanceItem:
+@node()
+class DisturbanceItem(Node):
     """`disturbance name: type in [a, b] [hold d];`."""
 
     name: Name
@@ -665,8 +666,8 @@ class DisturbanceItem:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class PlantLet:
+@node()
+class PlantLet(Node):
     """`let name = value;` inside a plant, seen by what follows it."""
 
     name: Name
@@ -675,7 +676,7 @@ class PlantLet:
     span: Span
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class PlantDecl(Decl):
     """`plant` or `extern plant`. `drives` has an expression unless the plant is extern.
 
@@ -697,8 +698,8 @@ class PlantDecl(Decl):
     measured: tuple[tuple[DottedPath, SyntaxExpr], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Repeated:
+@node()
+class Repeated(Node):
     """`for i in low..high { items }` of a system or a test: its items of one kind, in order.
 
     A loop is a `Repeated` for each kind of item in it, all with the same span; loops nest.
@@ -711,8 +712,8 @@ class Repeated:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class SetParam:
+@node()
+class SetParam(Node):
     """`set K = 3;`, `set r[0].K = 3;`."""
 
     param: DottedPath
@@ -720,8 +721,8 @@ class SetParam:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Instance:
+@node()
+class Instance(Node):
     """`name: What { topic = other, set K = 3 };`; `kind` is None there, else "module" or "node".
 
     `name` is an `ElementName` where it is `r[i]: What;`.
@@ -735,8 +736,8 @@ class Instance:
     sets: tuple[SetParam, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class PropertyItem:
+@node()
+class PropertyItem(Node):
     """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`.
 
     `in_loop`: it stood in a loop, whose variables are filled in.
@@ -750,16 +751,16 @@ class PropertyItem:
     in_loop: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Inline:
+@node()
+class Inline(Node):
     """`inline M.Fast;`: it runs in the thread of the trusted part."""
 
     what: DottedPath
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Force:
+@node()
+class Force(Node):
     """`force M ac;`."""
 
     module: DottedPath
@@ -767,8 +768,8 @@ class Force:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class Replace:
+@node()
+class Replace(Node):
     """`replace A by B;`."""
 
     what: DottedPath
@@ -776,8 +777,8 @@ class Replace:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class DriveInput:
+@node()
+class DriveInput(Node):
     """`input goal [in { a, b }] every 1s;`: drawn from the values, without any from its set."""
 
     topic: DottedPath
@@ -786,8 +787,8 @@ class DriveInput:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class StatedValues:
+@node()
+class StatedValues(Node):
     """`guarantees t.x in { a, b };`, `assumes ...` of a test: what a stand-in publishes there."""
 
     kind: str
@@ -796,8 +797,8 @@ class StatedValues:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class ExternalTopic:
+@node()
+class ExternalTopic(Node):
     """`external topic motion [every d] [delayed d] [measured motion.x within e, ...];`."""
 
     topic: DottedPath
@@ -807,8 +808,8 @@ class ExternalTopic:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class TimingFaultItem:
+@node()
+class TimingFaultItem(Node):
     """`late N by d;`, `skip N [at most k];`, `overrun N by d;` of a test."""
 
     kind: str
@@ -818,8 +819,8 @@ class TimingFaultItem:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class SystemFault:
+@node()
+class SystemFault(Node):
     """One item of `faults { ... }`: `nan M.Fast at 4 per 1h for 1s;`, `order any;`.
 
     `target` is None for an order; `by`: what a fault is given, several for a measured lateness.
@@ -834,8 +835,8 @@ class SystemFault:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
-class MeasureItem:
+@node()
+class MeasureItem(Node):
     """`measure name = e in [low, high] / bins every d;`: what campaigns tell of a run."""
 
     name: Name
@@ -846,7 +847,7 @@ class MeasureItem:
     span: Span
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class SystemDecl(Decl):
     """`system Name [default] [deploys Other] {...}`."""
 
@@ -865,7 +866,7 @@ class SystemDecl(Decl):
     deploys: Ref | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@node(kw_only=True)
 class TestDecl(Decl):
     """`test Name {...}`: read by `soter test`."""
 
@@ -883,8 +884,8 @@ class TestDecl(Decl):
     """Where it says `order deployed;`."""
 
 
-@dataclass(frozen=True, slots=True)
-class File:
+@node()
+class File(Node):
     """One parsed file; `edition` is None when the first line is missing (already reported).
 
     `broken` holds the names of declarations (and imports) that were dropped or lost a part to

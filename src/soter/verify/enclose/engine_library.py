@@ -68,7 +68,7 @@ class ReachLibrary:
         """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
         try:
             return self.ffi.cast("void *", self.ffi.addressof(self.lib, f"soter_{name}"))
-        except AttributeError:
+        except (AttributeError, self.ffi.error):
             return self.ffi.NULL
 
 

@@ -1,0 +1,75 @@
+"""Classes of trees: dataclasses that are cheap to make, as every start of a command makes them all.
+
+Purpose: `node`: a dataclass that is never changed; `Node`: how its objects are compared, hashed and
+shown, written once instead of compiled anew for each class; `Shown`: the last of these alone.
+Non-goals: what the trees are (`tree.py`, `core/core.py`, `codegen/c/tree.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from dataclasses import field
+
+    from typing_extensions import dataclass_transform
+
+    T = TypeVar("T")
+
+    @dataclass_transform(frozen_default=True, field_specifiers=(field,))
+    def node(*, kw_only: bool = False) -> Callable[[type[T]], type[T]]:
+        """A dataclass with slots that is never changed, for a class below `Node`."""
+
+else:
+
+    def node(*, kw_only: bool = False) -> Callable[[type], type]:
+        """The same; that nobody changes its objects is for the type checker to see."""
+        return dataclass(slots=True, eq=False, repr=False, kw_only=kw_only)
+
+
+class Shown:
+    """Shown as dataclasses are."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        own: Any = type(self)
+        parts = (f"{name}={getattr(self, name)!r}" for name in _names(own))
+        return f"{own.__qualname__}({', '.join(parts)})"
+
+
+class Node(Shown):
+    """Equal to what is of the same class and has equal parts."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if other.__class__ is not self.__class__:
+            return NotImplemented
+        return parts(self) == parts(other)
+
+    def __hash__(self) -> int:
+        return hash(parts(self))
+
+
+@cache
+def _names(of: Any) -> tuple[str, ...]:  # noqa: ANN401 - a dataclass
+    return tuple([f.name for f in fields(of)])
+
+
+@cache
+def _getter(of: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 - the same
+    names = _names(of)
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda node: tuple([getattr(node, name) for name in names])
+
+
+def parts(node: object) -> tuple[object, ...]:
+    """What a node is made of, in declared order."""
+    own: Any = type(node)
+    return _getter(own)(node)
