@@ -166,7 +166,7 @@ def test_another_recording_has_the_trace_of_the_host_too(name: str, tmp_path: Pa
     system = vehicle.flat()
     own = recorded_inputs(system, UNTIL_NS, 1)
     chance = random.Random(7)  # noqa: S311 - the same every time
-    moved = sorted((time + chance.randrange(9_000_000), *rest) for time, *rest in own)
+    moved = sorted((time + chance.randrange(9_000_000), topic, x) for time, topic, x in own)
     nan = struct.pack("<dd", float("nan"), 0.0)
     moved[50::100] = [(time, topic, nan) for time, topic, _ in moved[50::100]]
     (package.folder / "recording.txt").write_text(recording_text(moved))
