@@ -26,7 +26,7 @@ EXAMPLES = """\
   soter measure cart.soter --system Protected --until 20s --samples 100000
   soter measure cart.soter --margin 3      wcet: three times the longest that was seen
   soter check cart.soter --times .soter/cart-times.json
-  soter measure cart.soter --board mps2-an500 --instruction 20ns
+  soter measure cart.soter --board my_board.c --instruction 20ns
                                            instructions in QEMU, times a factor that you state
 
 The compiled steps of the trusted thread (decision modules, safe controllers, other nodes that

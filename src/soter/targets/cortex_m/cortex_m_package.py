@@ -48,7 +48,7 @@ PRODUCTS = "_arm_muldivdf3.o"
 NOTHING_APART = 512
 """Bytes of the thread that waits, where nothing computes in it."""
 INSTANTS = 1000
-LIMIT_S = 100
+LIMIT_S = 300
 """How long QEMU may take."""
 ICOUNT = 6
 FASTER = 4
