@@ -493,3 +493,20 @@ def test_check_tells_of_a_shield_whose_group_two_commands_move(tmp_path: Path) -
     assert "W033" not in [d.code for d in soter.load(path).check().warnings]
     path.write_text(turning.replace("der x = speed.x", "der x = speed.x + sin(speed.y)"), "utf-8")
     assert [d.code for d in soter.load(path).check().warnings] == ["W033"]
+
+
+def test_a_memory_behind_the_module_that_no_plant_of_the_proof_shows_is_refused_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it makes of a command is no command of V."""
+    path = tmp_path / "memory.soter"
+    text = PASSED_ON.replace(
+        "step { publish passed = speed; }",
+        "var last: float;\n  step { publish passed = 0.5 * (last + speed); last = speed; }",
+    )
+    path.write_text(text, "utf-8")
+    with pytest.raises(soter.SoterError, match="R007"):
+        soter.load(path).verify(refute=False)
+    monkeypatch.setattr(extract, "_shield", lambda *_: None)
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason
