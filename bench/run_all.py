@@ -78,6 +78,12 @@ BENCHMARKS = (
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
+        "The drone's laps with a shield",
+        ("bench/drone/laps.py", "--shield"),
+        "The laps with the AC that overshoots and with a gentle one, under the module that looks "
+        "at the state alone and under one with `shield 8`.",
+    ),
+    Benchmark(
         "The drone in corridors of boxes",
         ("bench/drone/corridors.py", "--hours", "4"),
         "Four hours an arm over ways of the roadmap, with the example's AC at 3 m/s, SC alone, and "
@@ -155,6 +161,12 @@ BENCHMARKS = (
         ("bench/running/simplex_peer.py", "--peer", "peer/bin/python"),
         "The same docking on a line in one run, in turns; `peer` is a Python environment with "
         "run-time-assurance 1.18.6 (its filter is compiled by JAX, its call is not).",
+    ),
+    Benchmark(
+        "Docking in one to three directions, against run-time-assurance",
+        ("bench/running/docking_peer.py", "--peer", "peer/bin/python"),
+        "The same craft, ACs and period; a state outside of their zoo's constraint is counted ten "
+        "times a period. Theirs read the truth or what is measured, ours what is measured.",
     ),
     Benchmark(
         "The decision module's time",

@@ -67,9 +67,9 @@ def _in_the_instants(facts: Facts) -> bool:
 
 
 def _passed_on(facts: Facts) -> bool:
-    """Whether what runs behind SC in its instant runs in its thread, and reads commands alone.
+    """Whether what runs behind SC in its instant runs in its thread, and knows commands alone.
 
-    What reads sensors, too, has to show all that it makes of them to the plants of the proof.
+    What reads sensors, too, or has a memory has to show what it says to the plants of the proof.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
     nodes = [c for c in system.components if c.node is not None and c.name in names]
@@ -78,16 +78,16 @@ def _passed_on(facts: Facts) -> bool:
     for c in nodes:
         assert c.node is not None
         told |= {c.scope.topics[t] for t in c.node.publishes}
-    return all(_there(c) and (_heard(c) <= told or _is_shown(c, shown)) for c in nodes)
+    return all(_there(c) and (_only_of(c, told) or _is_shown(c, shown)) for c in nodes)
 
 
 def _there(c: Component) -> bool:
     return c.inline or not c.extern
 
 
-def _heard(c: Component) -> set[int]:
+def _only_of(c: Component, told: set[int]) -> bool:
     assert c.node is not None
-    return {c.scope.topics[s.topic] for s in c.node.subscribes}
+    return {c.scope.topics[s.topic] for s in c.node.subscribes} <= told and not c.node.locals
 
 
 def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:

@@ -31,6 +31,7 @@ from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
 from soter.verify.time.cause_effect_chains import side_inputs
+from soter.verify.time.downstream_paths import is_state_of_proof
 from soter.verify.time.problem_times import times_of
 
 if TYPE_CHECKING:
@@ -193,8 +194,8 @@ def _shield(
     """R007 for a shield where its meaning is not settled.
 
     A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
-    which W covers; one that runs at other times, or elsewhere, may be as late as it likes. One that
-    reads sensors, too, belongs with all behind it to the plants of the proof, as it does for SC.
+    which W covers; one that runs at other times, or elsewhere, may be as late as it likes. What one
+    makes of sensors or of a memory, too, has to be state of the plants of the proof.
     """
     symbol = at.module.symbol
     if symbol.shield is None:
@@ -202,6 +203,8 @@ def _shield(
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
     behind = behind or any(not all(map(in_thread, w.in_step)) for w in ways)
     behind = behind or any(w.inner and w.inner[0] not in w.in_step for w in ways)
+    keeping = [n for w in ways for n in w.in_step if n.node is not None and n.node.locals]
+    behind = behind or not all(is_state_of_proof(at, n) for n in keeping)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,

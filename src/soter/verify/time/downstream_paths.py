@@ -106,14 +106,17 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
 
 
 def _prompt(place: VerificationSystem, node: Component) -> bool:
-    """Whether a node with sensors of its own takes a command over behind SC, at every step.
+    """Whether a node with sensors of its own takes a command over behind SC, at every step."""
+    assert node.node is not None
+    always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
+    return always and is_state_of_proof(place, node) and _in_step(place, node)
 
-    All that it makes of commands and sensors has to be state of the plants of the proof.
-    """
+
+def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
+    """Whether all that a node publishes is read by the maps of `abstracts`."""
     assert node.node is not None
     shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
-    always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
-    return always and set(node.node.publishes) <= shown.keys() and _in_step(place, node)
+    return set(node.node.publishes) <= shown.keys()
 
 
 def _in_step(place: VerificationSystem, node: Component) -> bool:
