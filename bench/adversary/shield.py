@@ -6,7 +6,8 @@ Carts, an arm, a multicopter and a docking craft, each under an AC that goes as 
 late as it dares, one that pushes at the border, one that changes its mind at every release; the
 same module with `shield` left out, with `shield 8` and with `shield 8 toward sc`; of the last also
 what share of AC's commands was moved while it had control. Then how long a step of AC takes in C
-without a judgement and with each. Exit code 1 where a flight left `safe`.
+without a judgement, with one, and below `toward sc` where the command stays and where it is moved.
+Exit code 1 where a flight left `safe`.
 
 Purpose: the table of docs/benchmarks.md. Non-goals: times and errors at their bounds (disturbances
 and errors are drawn from their sets; `against_proofs.py` puts them at their ends).
@@ -22,6 +23,8 @@ import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 import soter
 from soter.codegen.unit import generate
@@ -180,8 +183,11 @@ def moved_share(path: Path, model: Model) -> float:
     return moved / max(published, 1)
 
 
-def step_ns(path: Path, model: Model) -> float:
-    """A step of AC in C, in control and with fresh readings; the least of some rounds."""
+def step_ns(path: Path, model: Model, *, moved: bool = False) -> float:
+    """A step of AC in C, in control and with fresh readings; the least of some rounds.
+
+    `moved`: nearest to the middle where the command is moved and not refused.
+    """
     flat = system_of(check_file(str(path)), model.system)
     complete(flat)
     unit = generate(flat, lower(flat))
@@ -191,14 +197,26 @@ def step_ns(path: Path, model: Model) -> float:
         "void soter_begin(void *state);"
     )
     lib = opened(ffi, library(replace(unit, source=source)))
-    state = bytearray(unit.layout.size)
-    lib.soter_begin(ffi.from_buffer(state))
-    struct.pack_into("<q", state, 0, NOW_NS)
-    for i in range(len(flat.topics)):
-        struct.pack_into("<q", state, unit.layout.stamp_offset + 8 * i, NOW_NS)
-    topic = next(t.index for t in flat.topics if t.name == model.middle[0])
-    struct.pack_into("<d", state, unit.layout.topic_offset(topic), model.middle[1])
-    ac = next(m for m in flat.modules if m.name == model.module).ac
+    module = next(m for m in flat.modules if m.name == model.module)
+    state, ac = bytearray(unit.layout.size), module.ac
+    offset = {t.name: unit.layout.topic_offset(t.index) for t in flat.topics}
+    for way in (0.0, *np.geomspace(1e-3, 50.0, 3000)) if moved else (0.0,):
+        lib.soter_begin(ffi.from_buffer(state))
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(flat.topics)):
+            struct.pack_into("<q", state, unit.layout.stamp_offset + 8 * i, NOW_NS)
+        struct.pack_into("<d", state, offset[model.middle[0]], model.middle[1] + way)
+        faults = lib.soter_steps(ffi.from_buffer(state), ac, 2)
+        if not moved:
+            break
+        told, proposed = (
+            struct.unpack_from("<d", state, offset[name])[0]
+            for name in (flat.topics[module.outputs[0]].name, f"{module.name}.proposed")
+        )
+        if faults == 0.0 and told != proposed:
+            break
+    else:
+        raise AssertionError("no command is moved")
     least = float("inf")
     for _ in range(ROUNDS):
         began = time.perf_counter()
@@ -236,11 +254,13 @@ def main() -> int:
                 cells += [f"{moved_share(path, model):.0%}", " + ".join(map(str, left))]
                 print(f"| {model.name} | {name} | {' | '.join(cells)} |", flush=True)
         for model in MODELS:
-            step = f"publish {model.output} = 0.0;"
             took = []
             for shield in SHIELDS:
-                path.write_text(text_of(model, step, shield), "utf-8")
+                path.write_text(text_of(model, f"publish {model.output} = 0.0;", shield), "utf-8")
                 took.append(f"{step_ns(path, model):.0f}")
+            step = f"publish {model.output} = {model.greatest};"
+            path.write_text(text_of(model, step, SHIELDS[-1]), "utf-8")
+            took.append(f"{step_ns(path, model, moved=True):.0f}")
             print(f"{model.name}: a step of AC, ns: {', '.join(took)}")
     return 1 if lost else 0
 

@@ -241,8 +241,7 @@ def run_interpreted(
 
     def flush() -> None:
         if waiting:
-            rows = np.frombuffer(b"".join(waiting), dtype=np.uint8)
-            observer.see(rows.reshape(-1, layout.size))
+            observer.see(np.frombuffer(b"".join(waiting), np.uint8).reshape(-1, layout.size))
             waiting.clear()
 
     def observe(c: Configuration, record: Record) -> None:
