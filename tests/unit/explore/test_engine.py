@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.explorer_library import STEPS_MAX, Engine, EngineSettings, sources
-from soter.explore.methods import EXHAUSTIVE, STRATEGIES
+from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
+from soter.explore.methods import EXHAUSTIVE, STEPS_MAX, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
 from soter.native.package_sources import SOTER
 
