@@ -17,7 +17,7 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
-from soter.codegen.lanes import Lanes
+from soter.codegen.lanes.lanes import Lanes
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact, If, Loop
@@ -191,7 +191,6 @@ class UnitCache(UnitBuilder):
         defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
         return [*declarations, declared, defined]
 
-
     def _lanes(self) -> tuple[list[c.CTop], c.CExpr]:
         """Steps and properties over several worlds at once, and the table of them."""
         lanes = Lanes(self.frame, self.core.functions)
@@ -226,7 +225,6 @@ class UnitCache(UnitBuilder):
         return [c.Include("soter_lanes.h"), *lanes.definitions, *tables], c.Initializer(
             tuple(fields)
         )
-
 
     def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
         """A DM in two parts; one that remembers is asked only once, and so has no lanes."""

@@ -122,7 +122,8 @@ static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) 
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
     const soter_component* const c = soter_components_of(g->state[w]) + index;
-    if (c->latched != 0U || (c->oe != 0U && c->had_control == 0U && info->role != SOTER_ROLE_PLANT)) {
+    if (c->latched != 0U ||
+        (c->oe != 0U && c->had_control == 0U && info->role != SOTER_ROLE_PLANT)) {
       return false;
     }
     flags[w] = c->oe != 0U ? SOTER_ENABLED : 0U;
