@@ -13,6 +13,29 @@ import random
 COMPARED = ("<", "<=", ">", ">=", "==", "!=")
 NUMBERS = ("0.0", "1.0", "-0.5", "2.5", "0.1", "-3.0")
 
+FIXED = """\
+fun Plain(p: Pair, q: float): float {
+  var r = q;
+  if p.on && r < p.a { return p.b; }
+  for i in 0..4 {
+    if STEPS[i] > r { return r * STEPS[i] + p.a; }
+    r = r + STEPS[i];
+  }
+  return max(r, p.b);
+}
+fun Squashed(x: float): float { return x / (1.0 + abs(x)); }
+node Calm period 20ms {
+  subscribes y;
+  publishes command;
+  var since: float;
+  on takeover { since = 0.0; }
+  step {
+    since = since + 0.02;
+    publish command = vec3(clamp(-y, -1.0, 1.0), 0.0, Squashed(since));
+  }
+}
+"""
+
 
 class _Text:
     """Random code over the names in `floats` and `bools`."""
@@ -93,15 +116,6 @@ topic made: Pair;
 topic told: float in [-{gain}, {gain}];
 topic command: Vec3 in [-1.0, 1.0];
 
-fun Plain(p: Pair, q: float): float {{
-  var r = q;
-  if p.on && r < p.a {{ return p.b; }}
-  for i in 0..4 {{
-    if STEPS[i] > r {{ return r * STEPS[i] + p.a; }}
-    r = r + STEPS[i];
-  }}
-  return max(r, p.b);
-}}
 fun Bent(p: Pair, q: float): float {{
   let r = Plain(p, q);
   if r < q {{ return {inside.number(1).replace("Bent", "Plain")}; }}
@@ -134,7 +148,6 @@ node Shape period {rng.choice((10, 20))}ms {{
     publish made = {{ a: clamp(all.a, -9.0, 9.0), b: clamp(row[1], -9.0, 9.0), on: flag }};
   }}
 }}
-fun Squashed(x: float): float {{ return x / (1.0 + abs(x)); }}
 node Bold period 20ms {{
   subscribes y, wind, made;
   publishes command;
@@ -145,17 +158,7 @@ node Bold period 20ms {{
     publish command = vec3(along, Squashed({ac.number(1)}), 0.0);
   }}
 }}
-node Calm period 20ms {{
-  subscribes y;
-  publishes command;
-  var since: float;
-  on takeover {{ since = 0.0; }}
-  step {{
-    since = since + 0.02;
-    publish command = vec3(clamp(-y, -1.0, 1.0), 0.0, Squashed(since));
-  }}
-}}
-rta Guard {{
+{FIXED}rta Guard {{
   ac Bold;
   sc Calm;
   period 20ms;

@@ -104,9 +104,11 @@ def unpacked(recipe: Recipe) -> Recipe:
     return replace(recipe, unit=replace(recipe.unit, c_sources=sources), files=())
 
 
-def generate_measured(system: System, core: CoreSystem | None = None) -> Unit:
-    """The unit of a system with its measures."""
-    return UnitCache(system, core or lower(system)).run()
+def generate_measured(
+    system: System, core: CoreSystem | None = None, *, lanes: bool = True
+) -> Unit:
+    """The unit of a system with its measures; with `lanes` for worlds that go in step."""
+    return UnitCache(system, core or lower(system), lanes=lanes).run()
 
 
 DEAR = 16
@@ -116,8 +118,9 @@ DEAR = 16
 class UnitCache(UnitBuilder):
     """Builds the unit of a system that is flown many times."""
 
-    def __init__(self, system: System, core: CoreSystem) -> None:
+    def __init__(self, system: System, core: CoreSystem, *, lanes: bool = True) -> None:
         super().__init__(system, core, None)
+        self.lanes = lanes
         self.remembered = _dear_calls(core)
         self.frame.works_in_place = True
 
@@ -179,7 +182,7 @@ class UnitCache(UnitBuilder):
             declarations.append(
                 c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
             )
-        lanes, tables = self._lanes()
+        lanes, tables = self._lanes() if self.lanes else ([], c.Initializer(()))
         declarations += lanes
         fields = (
             ("count", c.Number(f"{len(rows)}U")),

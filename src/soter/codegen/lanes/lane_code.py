@@ -30,7 +30,7 @@ LANE_CALLS = {"sqrt": "soter_lane_sqrt", "floor": "soter_lane_floor", "abs": "so
 
 
 class LaneCode:
-    """Core statements over lanes."""
+    """Core statements over lanes; NotStraight for what has none."""
 
     def __init__(self, lanes: LaneValues) -> None:
         self.lanes = lanes

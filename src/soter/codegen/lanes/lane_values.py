@@ -26,7 +26,10 @@ class NotStraight(Exception):  # noqa: N818 - nothing is wrong
 
 
 class LaneValues:
-    """Types of one program; what they need stands in `definitions`, in order."""
+    """Types of one program; what they need stands in `definitions`, in order.
+
+    NotStraight for a type that has no lanes.
+    """
 
     def __init__(self, frame: Frame) -> None:
         self.frame = frame

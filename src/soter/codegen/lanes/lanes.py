@@ -30,7 +30,7 @@ VERDICT = (("const void *const *", STATES), ("bool *", "given_verdicts"))
 
 
 class Lanes(LaneValues):
-    """The lanes of one system."""
+    """The lanes of one system; NotStraight for a function that has none."""
 
     def __init__(self, frame: Frame, functions: tuple[core.Function, ...]) -> None:
         super().__init__(frame)
