@@ -98,6 +98,22 @@ class _Text:
         return " ".join(lines)
 
 
+def _mass(rng: random.Random) -> str:
+    """The plant."""
+    plant = _Text(rng, ["s", "v", "d.x", "command.x"], [])
+    return f"""plant Mass period 10ms {{
+  reads command;
+  drives y = s;
+  state s: float;
+  state v: float = 0.5;
+  disturbance d: Vec3 in [-1.0, 1.0] hold {rng.choice((10, 30))}ms;
+  der s = v;
+  der v = clamp({plant.number(2)}, -5.0, 5.0) - s;
+  measured y within 0.1;
+}}
+"""
+
+
 def program(number: int, faults: str = "") -> str:
     """Program `number`; its system is `Whole`, its module `Guard`, a node of it `Shape`."""
     rng = random.Random(number)  # noqa: S311 - programs
@@ -105,7 +121,6 @@ def program(number: int, faults: str = "") -> str:
     node = _Text(rng, ["y", "wind", "m", "all.a", "row[1]"], ["flag", "all.on"])
     ac = _Text(rng, ["y", "wind", "held", "made.a"], ["made.on"])
     dm = _Text(rng, ["y", "made.a", "made.b"], ["made.on"])
-    plant = _Text(rng, ["s", "v", "d.x", "command.x"], [])
     gain = rng.choice(["1.0", "4.0", "30.0"])
     return f"""soter 1;
 type Pair = {{ a: float, b: float, on: bool }};
@@ -122,17 +137,7 @@ fun Bent(p: Pair, q: float): float {{
   return {inside.number(1).replace("Bent", "Plain")};
 }}
 
-plant Mass period 10ms {{
-  reads command;
-  drives y = s;
-  state s: float;
-  state v: float = 0.5;
-  disturbance d: Vec3 in [-1.0, 1.0] hold {rng.choice((10, 30))}ms;
-  der s = v;
-  der v = clamp({plant.number(2)}, -5.0, 5.0) - s;
-  measured y within 0.1;
-}}
-node Shape period {rng.choice((10, 20))}ms {{
+{_mass(rng)}node Shape period {rng.choice((10, 20))}ms {{
   subscribes y, wind;
   publishes made, told;
   var m: float;
