@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.campaign.batch_flights import EPISODE_NS, EVENT, LOOK, SPARE, Fleet
+from soter.campaign.compiled_unit import generate_measured
 from soter.language.front_end import check_file, system_of
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -219,7 +220,7 @@ def one(path: str, until_ns: int, horizon_ns: int, args: argparse.Namespace, fol
     """One unit."""
     system = system_of(check_file(str(ROOT / path)), None)
     fleet = Fleet(system, until_ns, horizon_ns=horizon_ns)
-    text = translated(fleet.recipe.unit)
+    text = translated(generate_measured(system, lanes=False))
     if args.keep:
         args.keep.mkdir(parents=True, exist_ok=True)
         (args.keep / f"{fleet.recipe.unit.prefix}.cu").write_text(text, encoding="utf-8")

@@ -1,6 +1,6 @@
 """The generated C of a campaign as one file of C++, which also compiles as device code.
 
-Purpose: `translated`: kernel, virtual driver, batch driver, SHA-256 and the unit of a system, one
+Purpose: `translated`: kernel, virtual driver, batch drivers, SHA-256 and the unit of a system, one
 after another, with a kernel that flies a world a thread. All that is changed in the text:
 
 - `#include` lines go; one head stands for the standard headers (NVRTC has none);
@@ -70,7 +70,7 @@ typedef struct {
   uint64_t first_seed;
   int64_t until_ns, horizon_ns, episode_ns;
   uint64_t room; /* events of a flight */
-  uint8_t *states; /* of each flight its own, and three to work in */
+  uint8_t *states; /* of each flight its own, and some to work in */
   soter_event *events;
   soter_look *looks;
   uint32_t *histogram, *saves, *precautions;
@@ -86,7 +86,7 @@ static void soter_lane(const soter_lanes *all, uint32_t k) {
   o.horizon_ns = all->horizon_ns;
   o.episode_ns = all->episode_ns;
   o.measured = &@_measured;
-  o.states = all->states + (size_t)k * 4U * p->state_size;
+  o.states = all->states + (size_t)k * 10U * p->state_size;
   o.events = all->events + (size_t)k * all->room;
   o.room = all->room;
   o.looks = all->looks + (size_t)k * @_measured.count;
@@ -126,9 +126,11 @@ def translated(unit: Unit) -> str:
     before = ("soter.h", "soter_faults.h", "soter_sha256.h")
     after = ("soter_sha256.c", "soter_kernel.c", "soter_virtual.c")
     texts = [(RUNTIME / name).read_text(encoding="utf-8") for name in before]
-    texts += [BATCH.with_suffix(".h").read_text(encoding="utf-8"), unit.header]
+    step = BATCH.with_name("soter_lockstep.c")
+    texts += [x.with_suffix(".h").read_text(encoding="utf-8") for x in (BATCH, step)]
+    texts += [unit.header]
     texts += [(RUNTIME / name).read_text(encoding="utf-8") for name in after]
-    texts += [BATCH.read_text(encoding="utf-8"), _own(unit)]
+    texts += [*(x.read_text(encoding="utf-8") for x in (step, BATCH)), _own(unit)]
     body = "\n".join(LITERAL.sub(r"\1{", INCLUDE.sub("", text)) for text in texts)
     return HEAD + body + TAIL.replace("@", unit.prefix)
 

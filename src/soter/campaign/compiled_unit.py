@@ -17,7 +17,7 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
-from soter.codegen.lanes import Lanes
+from soter.codegen.lanes.lanes import Lanes
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact, If, Loop
@@ -104,9 +104,11 @@ def unpacked(recipe: Recipe) -> Recipe:
     return replace(recipe, unit=replace(recipe.unit, c_sources=sources), files=())
 
 
-def generate_measured(system: System, core: CoreSystem | None = None) -> Unit:
-    """The unit of a system with its measures."""
-    return UnitCache(system, core or lower(system)).run()
+def generate_measured(
+    system: System, core: CoreSystem | None = None, *, lanes: bool = True
+) -> Unit:
+    """The unit of a system with its measures; with `lanes` for worlds that go in step."""
+    return UnitCache(system, core or lower(system), lanes=lanes).run()
 
 
 DEAR = 16
@@ -116,8 +118,9 @@ DEAR = 16
 class UnitCache(UnitBuilder):
     """Builds the unit of a system that is flown many times."""
 
-    def __init__(self, system: System, core: CoreSystem) -> None:
+    def __init__(self, system: System, core: CoreSystem, *, lanes: bool = True) -> None:
         super().__init__(system, core, None)
+        self.lanes = lanes
         self.remembered = _dear_calls(core)
         self.frame.works_in_place = True
 
@@ -179,7 +182,7 @@ class UnitCache(UnitBuilder):
             declarations.append(
                 c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
             )
-        lanes, tables = self._lanes()
+        lanes, tables = self._lanes() if self.lanes else ([], c.Initializer(()))
         declarations += lanes
         fields = (
             ("count", c.Number(f"{len(rows)}U")),
@@ -190,7 +193,6 @@ class UnitCache(UnitBuilder):
         value_of = c.Initializer(fields)
         defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
         return [*declarations, declared, defined]
-
 
     def _lanes(self) -> tuple[list[c.CTop], c.CExpr]:
         """Steps and properties over several worlds at once, and the table of them."""
@@ -226,7 +228,6 @@ class UnitCache(UnitBuilder):
         return [c.Include("soter_lanes.h"), *lanes.definitions, *tables], c.Initializer(
             tuple(fields)
         )
-
 
     def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
         """A DM in two parts; one that remembers is asked only once, and so has no lanes."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import pytest
+from typing import TYPE_CHECKING
 
 from soter.native import vector_instructions
 from soter.native.compiler import MEANING
 from soter.native.vector_instructions import AVX2, of_processor, vector_flags
+
+if TYPE_CHECKING:
+    import pytest
 
 CORE = "processor\t: {}\nmodel name\t: of a test\nflags\t\t: fpu sse2 {}\n\n"
 

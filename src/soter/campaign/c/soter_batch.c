@@ -146,9 +146,9 @@ typedef struct {
   uint32_t *saves, *precautions;
 } soter_saves;
 
-static bool soter_decides_next(const soter_program* p, void* state) {
+/* Whether a DM decides at the time `next`, which is that of the next instant. */
+static bool soter_decides(const soter_program* p, void* state, int64_t next) {
   const soter_component* const c = soter_components_of(state);
-  const int64_t next = soter_next_instant(p, state);
   for (uint32_t i = 0; i < p->modules; i++) {
     if (c[p->module[i].dm].next == next) {
       return true;
@@ -206,9 +206,9 @@ typedef struct {
 
 static const soter_due soter_at_start = {.since = -1, .look = 0, .sample = 0};
 
-/* What is noted after an instant; false where its events do not fit. */
+/* What is noted after an instant, whose events begin at `first`; false where they do not fit. */
 static bool soter_after(const soter_program* p, const soter_order* o, const soter_places* at,
-                        soter_due* due, soter_events* e) {
+                        soter_due* due, soter_events* e, size_t first) {
   const int64_t ct = soter_header_of(at->state)->ct;
   if (!soter_compare(p, at->state, at->before, e)) {
     return false;
@@ -222,7 +222,19 @@ static bool soter_after(const soter_program* p, const soter_order* o, const sote
     soter_add_state(at->trajectory, at->state, p->state_size);
     due->sample = (ct / apart + 1) * apart;
   }
+  if (at->saves != NULL && e->used != first) {
+    soter_judge(p, o, e, first, at->pre, at->work, at->saves);
+  }
   return true;
+}
+
+/* What has to be known before an instant at `next`: the first of its events, and the state. */
+static size_t soter_before(const soter_program* p, const soter_places* at, int64_t next,
+                           const soter_events* e) {
+  if (at->saves != NULL && soter_decides(p, at->state, next)) {
+    (void)memcpy(at->pre, at->state, p->state_size);
+  }
+  return e->used;
 }
 
 /* One flight; false where its events do not fit, or an extern is due. */
@@ -232,22 +244,17 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
   soter_due noted = soter_at_start;
   soter_start(p, at->state, seed);
   (void)memcpy(at->before, at->state, p->state_size);
-  while (soter_next_instant(p, at->state) <= o->until_ns) {
-    const size_t first = e->used;
-    if (at->saves != NULL && soter_decides_next(p, at->state)) {
-      (void)memcpy(at->pre, at->state, p->state_size);
+  for (;;) {
+    const int64_t next = soter_next_instant(p, at->state);
+    if (next > o->until_ns) {
+      return true;
     }
-    if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE) {
+    const size_t first = soter_before(p, at, next, e);
+    if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE ||
+        !soter_after(p, o, at, &noted, e, first)) {
       return false;
-    }
-    if (!soter_after(p, o, at, &noted, e)) {
-      return false;
-    }
-    if (at->saves != NULL && e->used != first) {
-      soter_judge(p, o, e, first, at->pre, at->work, at->saves);
     }
   }
-  return true;
 }
 
 /* The instants of one world of a group before `end`. */
@@ -255,13 +262,17 @@ static bool soter_fly_alone(const soter_lockstep* g, uint32_t world, int64_t end
                             const soter_order* o, const soter_places* at, soter_due* noted,
                             soter_events* e) {
   uint32_t due = 0;
-  while (soter_lockstep_alone(g, world) < end) {
+  for (;;) {
+    const int64_t next = soter_lockstep_alone(g, world);
+    if (next >= end) {
+      return true;
+    }
+    const size_t first = soter_before(g->p, at, next, e);
     (void)soter_virtual_instant(g->p, at->state, &due);
-    if (!soter_after(g->p, o, at, noted, e)) {
+    if (!soter_after(g->p, o, at, noted, e, first)) {
       return false;
     }
   }
-  return true;
 }
 
 /* As many flights as there are lanes, in step; false where the events of one do not fit. */
@@ -288,9 +299,13 @@ static bool soter_fly_together(const soter_program* p, const soter_flight* fligh
       }
     }
     if (goes_on) {
+      size_t first[SOTER_LOCKSTEP_WORLDS];
+      for (uint32_t w = 0; w < lanes->count; w++) {
+        first[w] = soter_before(p, &at[w], next, &e[w]);
+      }
       soter_lockstep_instant(&g);
       for (uint32_t w = 0; w < lanes->count; w++) {
-        if (!soter_after(p, o, &at[w], &noted[w], &e[w])) {
+        if (!soter_after(p, o, &at[w], &noted[w], &e[w], first[w])) {
           return false;
         }
       }
@@ -333,9 +348,9 @@ static soter_places soter_places_of(const soter_program* p, const soter_order* o
   saves->precautions = o->precautions + (size_t)k * p->modules;
   const soter_places at = {
       .state = states + (size_t)k * p->state_size,
-      .before = spare,
-      .pre = spare + p->state_size,
-      .work = spare + 2U * p->state_size,
+      .work = spare,
+      .before = spare + p->state_size,
+      .pre = spare + 2U * p->state_size,
       .looks = o->looks + (size_t)k * o->measured->count,
       .bins = o->histogram + (size_t)k * soter_bins(o->measured),
       .saves = o->horizon_ns > 0 ? saves : NULL,
@@ -345,11 +360,15 @@ static soter_places soter_places_of(const soter_program* p, const soter_order* o
 }
 
 /* What a flight noted that was given up is noted again. */
-static void soter_forget(const soter_order* o, uint32_t k, uint32_t count) {
+static void soter_forget(const soter_order* o, size_t k, size_t count, size_t modules) {
   const size_t looks = o->measured->count;
   const size_t bins = soter_bins(o->measured);
   (void)memset(o->looks + k * looks, 0, count * looks * sizeof *o->looks);
   (void)memset(o->histogram + k * bins, 0, count * bins * sizeof *o->histogram);
+  if (o->horizon_ns > 0) {
+    (void)memset(o->saves + k * modules, 0, count * modules * sizeof *o->saves);
+    (void)memset(o->precautions + k * modules, 0, count * modules * sizeof *o->precautions);
+  }
 }
 
 /* Flights from number k on, as many as there are lanes; false where none of them was flown. */
@@ -359,8 +378,8 @@ static bool soter_group(const soter_program* p, soter_flight* flights, uint32_t 
   soter_places at[SOTER_LOCKSTEP_WORLDS];
   soter_events each[SOTER_LOCKSTEP_WORLDS];
   soter_sha256 trajectory[SOTER_LOCKSTEP_WORLDS];
-  soter_saves saves;
-  if (o->horizon_ns > 0 || worlds == 0U || count - k < worlds) {
+  soter_saves saves[SOTER_LOCKSTEP_WORLDS];
+  if (worlds == 0U || count - k < worlds) {
     return false;
   }
   if (!soter_lockstep_fits(p, &o->measured->lanes)) {
@@ -368,12 +387,13 @@ static bool soter_group(const soter_program* p, soter_flight* flights, uint32_t 
   }
   const size_t room = (e->room - e->used) / worlds;
   for (uint32_t w = 0; w < worlds; w++) {
-    at[w] = soter_places_of(p, o, count, k + w, &saves, &trajectory[w]);
-    at[w].before += (size_t)w * p->state_size;
+    at[w] = soter_places_of(p, o, count, k + w, &saves[w], &trajectory[w]);
+    at[w].before += (2U * w) * p->state_size;
+    at[w].pre += (2U * w) * p->state_size;
     each[w] = (soter_events){e->at + e->used + w * room, room, 0};
   }
   if (!soter_fly_together(p, flights + k, o, at, each)) {
-    soter_forget(o, k, worlds);
+    soter_forget(o, k, worlds, p->modules);
     return false;
   }
   for (uint32_t w = 0; w < worlds; w++) {

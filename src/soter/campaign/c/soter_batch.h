@@ -43,7 +43,8 @@ typedef struct {
 } soter_measure;
 
 /* Steps and verdicts over as many states as there are lanes, all of them at the same time; false:
- * nothing was changed, each has to go alone. `flags`, `published`: as of soter_step_fn, one a lane. */
+ * nothing was changed, each has to go alone. `flags`, `published`: as of soter_step_fn, one a lane.
+ */
 typedef bool (*soter_lane_step)(void* const* states, const uint32_t* flags, uint32_t* published);
 typedef bool (*soter_lane_verdict)(const void* const* states, bool* verdicts);
 
@@ -54,7 +55,7 @@ typedef struct {
 } soter_lane_decision;
 
 typedef struct {
-  uint32_t count; /* of lanes; 0: this program has none */
+  uint32_t count;                     /* of lanes; 0: this program has none */
   const soter_lane_step* step;        /* [components], NULL where one has none */
   const soter_lane_verdict* violated; /* [properties] */
   const soter_lane_decision* decide;  /* [modules] */
@@ -83,7 +84,7 @@ typedef struct {
 #define SOTER_BATCH_MODULES 64U /* of a program whose saves are counted, at most */
 
 /* What a batch is about, and where it writes. Of flight number k: `states` + k * state_size is its
- * last state (eight more states are places to work in); `looks` + k * count of
+ * last state (nine more states are places to work in); `looks` + k * count of
  * measures; `histogram` + k * all bins, two more than its own of each measure; `saves` and
  * `precautions` + k * modules, all of them zero at first. */
 typedef struct {

@@ -23,18 +23,20 @@ typedef int64_t soter_lane_bool __attribute__((vector_size(8 * SOTER_LANES))); /
 typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
 
 /* What `member` is in each of the states that SOTER_LANE_STATES named. */
-#define SOTER_LANE_STATES(type)                 \
+#define SOTER_LANE_STATES(type)                  \
   type* const given_s0 = (type*)given_states[0]; \
   type* const given_s1 = (type*)given_states[1]; \
   type* const given_s2 = (type*)given_states[2]; \
   type* const given_s3 = (type*)given_states[3]
-#define SOTER_LANE_OF(kind, member) \
-  (kind) { given_s0->member, given_s1->member, given_s2->member, given_s3->member }
+#define SOTER_LANE_OF(kind, member)                                        \
+  (kind) {                                                                 \
+    given_s0->member, given_s1->member, given_s2->member, given_s3->member \
+  }
 #define SOTER_LANE_FLOAT(member) SOTER_LANE_OF(soter_lane_float, member)
 #define SOTER_LANE_BITS(member) SOTER_LANE_OF(soter_lane_bits, member)
 #define SOTER_LANE_BOOL(member) (-(SOTER_LANE_OF(soter_lane_bool, member)))
 
-#define SOTER_LANE_ENABLED(flags)                                                         \
+#define SOTER_LANE_ENABLED(flags) \
   ((soter_lane_bool){(flags)[0], (flags)[1], (flags)[2], (flags)[3]} & SOTER_ENABLED)
 
 /* Lanes on their way into the states, where `on` says so. */
@@ -42,16 +44,16 @@ typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
   do {                                                      \
     const kind given_put = (lanes);                         \
     const soter_lane_bool given_on = (on);                  \
-    if (given_on[0]) {                                          \
+    if (given_on[0]) {                                      \
       given_s0->member = of_lane(given_put[0]);             \
     }                                                       \
-    if (given_on[1]) {                                          \
+    if (given_on[1]) {                                      \
       given_s1->member = of_lane(given_put[1]);             \
     }                                                       \
-    if (given_on[2]) {                                          \
+    if (given_on[2]) {                                      \
       given_s2->member = of_lane(given_put[2]);             \
     }                                                       \
-    if (given_on[3]) {                                          \
+    if (given_on[3]) {                                      \
       given_s3->member = of_lane(given_put[3]);             \
     }                                                       \
   } while (0)

@@ -109,37 +109,51 @@ static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
   return true;
 }
 
-/* A step of all worlds at once; false where it is one for each of them alone. */
-static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
+/* Whether a step is one for all worlds at once, and the flags of each. */
+static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_t ct,
+                                 uint32_t* flags) {
   const soter_component_info* const info = &g->p->component[index];
-  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
-  uint32_t published[SOTER_LOCKSTEP_WORLDS];
-  if (info->role == SOTER_ROLE_DM) {
-    return soter_decide_all(g, index);
-  }
   if (g->lanes->step[index] == NULL || info->judged || ct == info->phase_ns) {
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
     const soter_component* const c = soter_components_of(g->state[w]) + index;
-    if (c->latched != 0U || (c->oe != 0U && c->had_control == 0U && info->role != SOTER_ROLE_PLANT)) {
+    const bool taken_over = c->oe != 0U && c->had_control == 0U;
+    if (c->latched != 0U || (taken_over && info->role != SOTER_ROLE_PLANT)) {
       return false;
     }
     flags[w] = c->oe != 0U ? SOTER_ENABLED : 0U;
   }
-  if (!g->lanes->step[index](g->state, flags, published)) {
+  return true;
+}
+
+/* What the kernel does after a step that went well, in one world. */
+static void soter_stepped(const soter_program* p, void* state, uint32_t index, uint32_t published) {
+  const soter_component_info* const info = &p->component[index];
+  soter_component* const c = soter_components_of(state) + index;
+  if (info->role == SOTER_ROLE_PLANT) {
+    return;
+  }
+  c->had_control = c->oe;
+  if (info->role == SOTER_ROLE_AC && published == info->outputs) {
+    soter_module* const m = soter_modules_of(p, state) + info->module;
+    m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
+  }
+}
+
+/* A step of all worlds at once; false where it is one for each of them alone. */
+static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
+  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
+  uint32_t published[SOTER_LOCKSTEP_WORLDS];
+  if (g->p->component[index].role == SOTER_ROLE_DM) {
+    return soter_decide_all(g, index);
+  }
+  if (!soter_steps_together(g, index, ct, flags) ||
+      !g->lanes->step[index](g->state, flags, published)) {
     return false;
   }
-  if (info->role == SOTER_ROLE_PLANT) {
-    return true;
-  }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_component* const c = soter_components_of(g->state[w]) + index;
-    c->had_control = c->oe;
-    if (info->role == SOTER_ROLE_AC && published[w] == info->outputs) {
-      soter_module* const m = soter_modules_of(g->p, g->state[w]) + info->module;
-      m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
-    }
+    soter_stepped(g->p, g->state[w], index, published[w]);
   }
   return true;
 }
@@ -171,6 +185,15 @@ static void soter_judge_all(const soter_lockstep* g) {
   }
 }
 
+/* Steps of a component in those worlds where it is released now. */
+static void soter_step_each(const soter_lockstep* g, uint32_t index, bool released) {
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    if (released || soter_components_of(g->state[w])[index].pending != 0U) {
+      (void)soter_fire(g->p, g->state[w], index, NULL);
+    }
+  }
+}
+
 void soter_lockstep_instant(soter_lockstep* g) {
   const soter_program* const p = g->p;
   const int64_t ct = soter_lockstep_next(g);
@@ -178,23 +201,15 @@ void soter_lockstep_instant(soter_lockstep* g) {
     soter_move(g, g->state[w], ct);
   }
   for (uint32_t i = 0; i < p->components; i++) {
-    if (g->next[i] == ct) {
+    const bool released = g->next[i] == ct;
+    if (released) {
       g->next[i] = ct + p->component[i].period_ns;
       for (uint32_t w = 0; w < g->worlds; w++) {
         soter_components_of(g->state[w])[i].next = g->next[i];
       }
-      if (soter_step_all(g, i, ct)) {
-        continue;
-      }
-      for (uint32_t w = 0; w < g->worlds; w++) {
-        (void)soter_fire(p, g->state[w], i, NULL);
-      }
-    } else if (p->component[i].happens != NULL) {
-      for (uint32_t w = 0; w < g->worlds; w++) {
-        if (soter_components_of(g->state[w])[i].pending != 0U) {
-          (void)soter_fire(p, g->state[w], i, NULL);
-        }
-      }
+    }
+    if (released ? !soter_step_all(g, i, ct) : p->component[i].happens != NULL) {
+      soter_step_each(g, i, released);
     }
   }
   soter_judge_all(g);

@@ -18,7 +18,7 @@ typedef struct {
   const soter_lane_table* lanes;
   uint32_t worlds;
   void* state[SOTER_LOCKSTEP_WORLDS];
-  int64_t next[SOTER_LOCKSTEP_COMPONENTS]; /* of each component whose releases nothing moves */
+  int64_t next[SOTER_LOCKSTEP_COMPONENTS];   /* of each component whose releases nothing moves */
   uint32_t moved[SOTER_LOCKSTEP_COMPONENTS]; /* the others */
   uint32_t moves;
 } soter_lockstep;
