@@ -82,7 +82,7 @@ class BallArray:
             self.centre[..., index], None if self.radius is None else self.radius[..., index]
         )
 
-    def __getitem__(self, index: Any) -> BallArray:
+    def __getitem__(self, index: Any) -> BallArray:  # noqa: ANN401  of numpy
         """Along axes before that of the boxes."""
         return BallArray(self.centre[index], None if self.radius is None else self.radius[index])
 
