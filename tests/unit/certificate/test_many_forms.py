@@ -21,7 +21,9 @@ from soter.certificate.inclusions.group_claims import (
     ranked,
     witnessed,
 )
+from soter.certificate.inclusions.inward_flow import ClippedStep
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import form_of_box
 from unit.certificate import small_proofs, test_local_chains
 from unit.certificate.test_local_chains import THINGS, TIMES, Runs, group_of, inside, sure
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from bench.recheck.corruptions import Sealed
+    from flint import arb
 
     from soter.certificate.batches.ball_arrays import Floats
 
@@ -185,3 +188,30 @@ def _nothing_shown(*of: Any) -> Any:
     members = np.zeros_like(claimed.members)
     members[block_index(block)] = claimed.members[block_index(block)]
     return members
+
+
+def test_ends_that_the_flow_keeps_cut_off_the_boxes_of_many() -> None:
+    """As those of one, on the sides that are kept alone."""
+
+    class Wider:
+        """A step that makes boxes twice as wide."""
+
+        def __call__(self, form: tuple[arb, ...]) -> Any:
+            low, high = form[0], form[1]
+            return (low * 2, high * 2, *form[2:]), (float(low * 2), float(high * 2))
+
+        def of_many(self, form: Any) -> Any:
+            low, high = 2 * form[0], 2 * form[1]
+            return ((low, high, *form[2:]), [low.lower(), high.upper()]), True
+
+    lows, highs = np.array([-1.0, 0.25, -0.5]), np.array([-0.5, 1.0, 0.75])
+    for kept in ([(True, True)], [(True, False)], [(False, True)]):
+        step = ClippedStep(kept, [(-1.0, 1.0)], Wider())
+        (after, boxes), _ = step.of_many(of_boxes([(lows, highs)]))
+        ends = box_of(after, 1)
+        for k, interval in enumerate(zip(lows, highs, strict=True)):
+            low, high = (exact(float(x)) for x in interval)
+            one, box = sure(step(form_of_box([(low, high)], symbols=True)))
+            assert of_one(boxes, k) == pytest.approx(list(box), abs=1e-12)
+            assert of_one(ends, k) == pytest.approx([float(x) for x in one[:2]], abs=1e-12)
+            assert (boxes[0][k] >= -1.0) == (kept[0][0] or lows[k] > -0.5)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.certificate.batches.cell_arrays import cells_of, contained
-from soter.certificate.batches.chain_walks import Walk, unkept, unled
+from soter.certificate.batches.chain_walks import ArrayStep, Walk, unkept, unled
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     Grid,
@@ -437,7 +437,7 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
 
     largest = 4 * CELLS_AT_ONCE
     (step, *others) = check.phase(FREE_PIECES[0]).steps
-    if hasattr(step, "of_many") and not any(grid.unbounded):
+    if isinstance(step, ArrayStep) and not any(grid.unbounded):
         left = unkept(step, 1 + len(others), claimed, within, block, largest)
         claimed, largest = Cells(grid, left), 1
     return uncovered(claimed, block, attempt, largest)
