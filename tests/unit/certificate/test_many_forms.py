@@ -11,6 +11,7 @@ from soter.certificate.batches import chain_walks
 from soter.certificate.batches.ball_arrays import no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained
 from soter.certificate.batches.form_arrays import box_of, of_boxes
+from soter.certificate.batches.part_walks import unled_in_parts
 from soter.certificate.inclusions import group_claims
 from soter.certificate.inclusions.cell_sets import Cells, Grid, block_index, parts
 from soter.certificate.inclusions.group_claims import (
@@ -215,3 +216,50 @@ def test_ends_that_the_flow_keeps_cut_off_the_boxes_of_many() -> None:
             assert of_one(boxes, k) == pytest.approx(list(box), abs=1e-12)
             assert of_one(ends, k) == pytest.approx([float(x) for x in one[:2]], abs=1e-12)
             assert (boxes[0][k] >= -1.0) == (kept[0][0] or lows[k] > -0.5)
+
+
+def test_parts_of_many_cells_lead_where_those_of_one_do(
+    tmp_path: Path, sealed: Sealed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cells that as a whole do not lead far enough: the same ones do in parts, and in windows."""
+    monkeypatch.setattr(group_claims, "LED_IN", ((0, 0), (2, 2)))
+    path = tmp_path / "cart.soter"
+    path.write_text(sealed.cart.text())
+    facts = small_proofs.facts_of(path, "Track", "SafeCart")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    grid = Grid(tuple(tuple(float(x) for x in e) for e in sealed.edges))
+    check = ChainCheck(model, GroupTables((0, 1), grid, sealed.tables["K"]))
+    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    cells = np.argwhere((sealed.tables["W"] > 0) & (sealed.tables["W_N"] <= 5))
+    cells = cells[np.random.default_rng(3).integers(len(cells), size=4)]
+    answers = set()
+    for shrunk in (0.5, 0.75, 1.0):
+        for cell in cells:
+            block = tuple((int(i), int(i) + 1) for i in cell)
+            holds = int(sealed.tables["W_N"][tuple(cell)])
+            ends = sure(list(check.reached(block, [holds], every, _unseen(grid))))[0][1]
+            target = Cells(grid, np.zeros(grid.shape, dtype=np.bool_))
+            for end in ends:
+                low, high = np.array(end[::2]), np.array(end[1::2])
+                middle, half = (low + high) / 2, (high - low) / 2 * shrunk
+                box = [x for pair in zip(middle - half, middle + half, strict=True) for x in pair]
+                target.members[block_index(sure(grid.cells(box)))] = True
+            target = Cells(grid, target.members)
+            alone = check.leads_in_parts(grid.box(block), holds, every, target.contains)
+            left = np.zeros(grid.shape, dtype=np.bool_)
+            left[tuple(cell)] = True
+            walk = chain_walks.Walk(
+                sure(check.chain(1).arrays),
+                every,
+                sealed.tables["W_N"],
+                np.ones(grid.shape, dtype=np.int64),
+                lambda boxes, target=target: (~contained(target, boxes)).astype(np.int64),
+            )
+            together = not unled_in_parts(walk, left, check._tries()).any()
+            assert together == alone
+            answers.add(together)
+    assert answers == {True, False}
+
+
+def _unseen(grid: Grid) -> Any:
+    return np.zeros(grid.shape, dtype=np.uint16)
