@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,8 +47,9 @@ def of_one(boxes: Sequence[Floats], k: int) -> list[float]:
     return [float(x[k] if len(x) > 1 else x[0]) for x in boxes]
 
 
-def widths(box: Sequence[float]) -> np.ndarray:
-    return np.array(box[1::2]) - np.array(box[::2])
+def widths(box: Sequence[float]) -> Floats:
+    both: Floats = np.array(box[1::2]) - np.array(box[::2])
+    return both
 
 
 @pytest.mark.parametrize("times", TIMES)
@@ -101,6 +103,7 @@ def test_free_phases_of_many_forms_enclose_runs(tmp_path: Path, name: str) -> No
     model = test_local_chains.model_of(tmp_path, thing, 15, 20, 3)
     group = group_of(model)
     (step,) = FreeCheck(model, group, 80_000_000).phase(4).steps
+    assert isinstance(step, chain_walks.ArrayStep)
     blocks = [((10, 12), (20, 22)), ((18, 19), (17, 18))]
     with no_underflow():
         (_, boxes), defined = step.of_many(of_boxes(boxes_of(group.grid, blocks)))
@@ -253,12 +256,16 @@ def test_parts_of_many_cells_lead_where_those_of_one_do(
                 every,
                 sealed.tables["W_N"],
                 np.ones(grid.shape, dtype=np.int64),
-                lambda boxes, target=target: (~contained(target, boxes)).astype(np.int64),
+                partial(_outside, target),
             )
             together = not unled_in_parts(walk, left, check._tries()).any()
             assert together == alone
             answers.add(together)
     assert answers == {True, False}
+
+
+def _outside(target: Cells, boxes: Sequence[Floats]) -> Any:
+    return (~contained(target, boxes)).astype(np.int64)
 
 
 def _unseen(grid: Grid) -> Any:

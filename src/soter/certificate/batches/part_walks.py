@@ -61,7 +61,7 @@ def unled_in_parts(walk: Walk, left: NDArray[np.bool_], tries: Iterable[Try]) ->
                     break
     except FloatingPointError:
         pass
-    rest = left & (walk.holds == 0)
+    rest: NDArray[np.bool_] = left & (walk.holds == 0)
     rest[tuple(x[waiting] for x in at)] = True
     return rest
 
