@@ -199,9 +199,8 @@ class CaseCheck:
                 continue
             check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core)
-            self._add(
-                "SC does not certainly lead back to K from", group.grid, show, group.core, check
-            )
+            what = "SC does not certainly lead back to K from"
+            self._add(what, group.grid, show, group.core, check)
 
     def _published(self, allowed: list[Cells]) -> list[Cells]:
         """The cells, of those given, of whose states all that is published lies in declared sets.
@@ -288,21 +287,10 @@ class CaseCheck:
                 continue
             check = self._chains(k)
             kept = partial(witnessed, check, group.home, within, home)
-            self._add(
-                "SC does not certainly stay where `safer` holds from",
-                group.grid,
-                kept,
-                group.home,
-                check,
-            )
-            show = partial(ranked, check, home)
-            self._add(
-                "SC does not certainly come nearer to Q from",
-                group.grid,
-                show,
-                group.rank_holds,
-                check,
-            )
+            what = "SC does not certainly stay where `safer` holds from"
+            self._add(what, group.grid, kept, group.home, check)
+            show, what = partial(ranked, check, home), "SC does not certainly come nearer to Q from"
+            self._add(what, group.grid, show, group.rank_holds, check)
 
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""
@@ -351,9 +339,8 @@ class CaseCheck:
                 if self._never_left(i, calm):
                     continue
                 show = partial(drifts, check, levels[k], calm)
-                self._add(
-                    f"S_{k} may be left for outside S_{k - 1} at once, from", group.grid, show
-                )
+                what = f"S_{k} may be left for outside S_{k - 1} at once, from"
+                self._add(what, group.grid, show)
 
     def _recover(self) -> None:
         """The time to return, bounded by the longest witness of every rank."""

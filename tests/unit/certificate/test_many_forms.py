@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.recheck.models import Cart
 
+from soter.certificate.batches import chain_walks
 from soter.certificate.batches.ball_arrays import no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained
 from soter.certificate.batches.form_arrays import box_of, of_boxes
+from soter.certificate.batches.part_walks import unled_in_parts
 from soter.certificate.inclusions import group_claims
-from soter.certificate.inclusions.cell_sets import Cells, Grid, parts
-from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, free, ranked, witnessed
+from soter.certificate.inclusions.cell_sets import Cells, Grid, block_index, parts
+from soter.certificate.inclusions.group_claims import (
+    ChainCheck,
+    FreeCheck,
+    GroupTables,
+    free,
+    ranked,
+    witnessed,
+)
+from soter.certificate.inclusions.inward_flow import ClippedStep
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import form_of_box
 from unit.certificate import small_proofs, test_local_chains
 from unit.certificate.test_local_chains import THINGS, TIMES, Runs, group_of, inside, sure
@@ -21,6 +33,9 @@ from unit.certificate.test_local_chains import THINGS, TIMES, Runs, group_of, in
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from bench.recheck.corruptions import Sealed
+    from flint import arb
 
     from soter.certificate.batches.ball_arrays import Floats
 
@@ -32,8 +47,9 @@ def of_one(boxes: Sequence[Floats], k: int) -> list[float]:
     return [float(x[k] if len(x) > 1 else x[0]) for x in boxes]
 
 
-def widths(box: Sequence[float]) -> np.ndarray:
-    return np.array(box[1::2]) - np.array(box[::2])
+def widths(box: Sequence[float]) -> Floats:
+    both: Floats = np.array(box[1::2]) - np.array(box[::2])
+    return both
 
 
 @pytest.mark.parametrize("times", TIMES)
@@ -87,6 +103,7 @@ def test_free_phases_of_many_forms_enclose_runs(tmp_path: Path, name: str) -> No
     model = test_local_chains.model_of(tmp_path, thing, 15, 20, 3)
     group = group_of(model)
     (step,) = FreeCheck(model, group, 80_000_000).phase(4).steps
+    assert isinstance(step, chain_walks.ArrayStep)
     blocks = [((10, 12), (20, 22)), ((18, 19), (17, 18))]
     with no_underflow():
         (_, boxes), defined = step.of_many(of_boxes(boxes_of(group.grid, blocks)))
@@ -131,31 +148,125 @@ def test_boxes_are_contained_as_one_by_one() -> None:
 
 
 def test_what_arrays_show_is_what_arb_shows(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, sealed: Sealed, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the cart's tables, whole and made wrong: the same cells are left, with and without."""
-    model, groups = small_proofs.cart_case(tmp_path, Cart())
-    group = groups[0]
-    whole = group.grid.whole
-    core = Cells(group.grid, group.core > 0)
-    home = Cells(group.grid, sure(group.home) > 0)
-    fewer = Cells(group.grid, core.members & (np.arange(group.grid.shape[0]) % 9 > 0)[:, None])
-    every = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
-    free_cells = Cells(group.grid, sure(group.free))
-    left: list[list[object]] = []
-    for enough in (1, 1 << 30):
-        monkeypatch.setattr("soter.certificate.batches.chain_walks.FEW", enough)
-        check = ChainCheck(model, group)
-        horizon = FreeCheck(model, group, model.facts.times["H_ns"])
-        part = parts(whole, 16)[7]
-        left.append([
-            set(witnessed(check, group.core, every, core, part)),
-            set(witnessed(check, group.core, every, fewer, part)),
-            set(ranked(check, home, part)),
-            set(ranked(check, Cells(group.grid, home.members & False), part)),
-            set(free(horizon, free_cells, core, part)),
-            set(free(horizon, every, core, part)),
-        ])  # fmt: skip
+    """Of the cart's tables, right ones and wrong ones: the same cells are left either way."""
+    path = tmp_path / "cart.soter"
+    path.write_text(sealed.cart.text())
+    facts = small_proofs.facts_of(path, "Track", "SafeCart")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    grid = Grid(tuple(tuple(float(x) for x in e) for e in sealed.edges))
+    tables = sealed.as_tables()
+    group = GroupTables(
+        (0, 1), grid, tables.core, tables.free > 0, tables.home, tables.rank, tables.rank_holds
+    )
+    core, home = Cells(grid, group.core > 0), Cells(grid, tables.home > 0)
+    fewer = Cells(grid, core.members & (np.arange(grid.shape[0]) % 9 > 0)[:, None])
+    none = Cells(grid, home.members & False)
+    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    horizon = facts.times["H_ns"]
+    monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)  # of single cells, by Arb
+    left: list[list[set[Any]]] = []
+    for few in (1, 1 << 30):
+        monkeypatch.setattr(chain_walks, "FEW", few)
+        check, phase = ChainCheck(model, group), FreeCheck(model, group, horizon)
+        part = parts(grid.whole, 8)[3]
+        left.append(
+            [
+                set(witnessed(check, group.core, every, core, part)),
+                set(witnessed(check, group.core, every, fewer, part)),
+                set(ranked(check, home, part)),
+                set(ranked(check, none, part)),
+                set(free(phase, Cells(grid, tables.free > 0), core, part)),
+                set(free(phase, core, core, part)),
+            ]
+        )
+        monkeypatch.setattr(group_claims, "unkept", _nothing_shown)
     assert left[0] == left[1]
     assert [bool(x) for x in left[0]] == [False, True, False, True, False, True]
-    assert group_claims.CELLS_AT_ONCE > 1
+
+
+def _nothing_shown(*of: Any) -> Any:
+    """In place of `chain_walks.unkept`."""
+    claimed, block = of[2], of[4]
+    members = np.zeros_like(claimed.members)
+    members[block_index(block)] = claimed.members[block_index(block)]
+    return members
+
+
+def test_ends_that_the_flow_keeps_cut_off_the_boxes_of_many() -> None:
+    """As those of one, on the sides that are kept alone."""
+
+    class Wider:
+        """A step that makes boxes twice as wide."""
+
+        def __call__(self, form: tuple[arb, ...]) -> Any:
+            low, high = form[0], form[1]
+            return (low * 2, high * 2, *form[2:]), (float(low * 2), float(high * 2))
+
+        def of_many(self, form: Any) -> Any:
+            low, high = 2 * form[0], 2 * form[1]
+            return ((low, high, *form[2:]), [low.lower(), high.upper()]), True
+
+    lows, highs = np.array([-1.0, 0.25, -0.5]), np.array([-0.5, 1.0, 0.75])
+    for kept in ([(True, True)], [(True, False)], [(False, True)]):
+        step = ClippedStep(kept, [(-1.0, 1.0)], Wider())
+        (after, boxes), _ = step.of_many(of_boxes([(lows, highs)]))
+        ends = box_of(after, 1)
+        for k, interval in enumerate(zip(lows, highs, strict=True)):
+            low, high = (exact(float(x)) for x in interval)
+            one, box = sure(step(form_of_box([(low, high)], symbols=True)))
+            assert of_one(boxes, k) == pytest.approx(list(box), abs=1e-12)
+            assert of_one(ends, k) == pytest.approx([float(x) for x in one[:2]], abs=1e-12)
+            assert (boxes[0][k] >= -1.0) == (kept[0][0] or lows[k] > -0.5)
+
+
+def test_parts_of_many_cells_lead_where_those_of_one_do(
+    tmp_path: Path, sealed: Sealed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cells that as a whole do not lead far enough: the same ones do in parts, and in windows."""
+    monkeypatch.setattr(group_claims, "LED_IN", ((0, 0), (2, 2)))
+    path = tmp_path / "cart.soter"
+    path.write_text(sealed.cart.text())
+    facts = small_proofs.facts_of(path, "Track", "SafeCart")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    grid = Grid(tuple(tuple(float(x) for x in e) for e in sealed.edges))
+    check = ChainCheck(model, GroupTables((0, 1), grid, sealed.tables["K"]))
+    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    cells = np.argwhere((sealed.tables["W"] > 0) & (sealed.tables["W_N"] <= 5))
+    cells = cells[np.random.default_rng(3).integers(len(cells), size=4)]
+    answers = set()
+    for shrunk in (0.5, 0.75, 1.0):
+        for cell in cells:
+            block = tuple((int(i), int(i) + 1) for i in cell)
+            holds = int(sealed.tables["W_N"][tuple(cell)])
+            ends = sure(list(check.reached(block, [holds], every, _unseen(grid))))[0][1]
+            target = Cells(grid, np.zeros(grid.shape, dtype=np.bool_))
+            for end in ends:
+                low, high = np.array(end[::2]), np.array(end[1::2])
+                middle, half = (low + high) / 2, (high - low) / 2 * shrunk
+                box = [x for pair in zip(middle - half, middle + half, strict=True) for x in pair]
+                target.members[block_index(sure(grid.cells(box)))] = True
+            target = Cells(grid, target.members)
+            alone = check.leads_in_parts(grid.box(block), holds, every, target.contains)
+            left = np.zeros(grid.shape, dtype=np.bool_)
+            left[tuple(cell)] = True
+            walk = chain_walks.Walk(
+                sure(check.chain(1).arrays),
+                every,
+                sealed.tables["W_N"],
+                np.ones(grid.shape, dtype=np.int64),
+                partial(_outside, target),
+            )
+            together = not unled_in_parts(walk, left, check._tries()).any()
+            assert together == alone
+            answers.add(together)
+    assert answers == {True, False}
+
+
+def _outside(target: Cells, boxes: Sequence[Floats]) -> Any:
+    return (~contained(target, boxes)).astype(np.int64)
+
+
+def _unseen(grid: Grid) -> Any:
+    return np.zeros(grid.shape, dtype=np.uint16)

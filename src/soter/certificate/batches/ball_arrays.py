@@ -82,7 +82,7 @@ class BallArray:
             self.centre[..., index], None if self.radius is None else self.radius[..., index]
         )
 
-    def __getitem__(self, index: Any) -> BallArray:
+    def __getitem__(self, index: Any) -> BallArray:  # noqa: ANN401  of numpy
         """Along axes before that of the boxes."""
         return BallArray(self.centre[index], None if self.radius is None else self.radius[index])
 
@@ -130,8 +130,8 @@ class BallArray:
 
     def __mul__(self, other: Operand) -> BallArray:
         y = _balls(other)
-        if isinstance(y, Constant) or isinstance(self, Constant):
-            return y.times(self) if isinstance(y, Constant) else self.times(y)
+        if isinstance(y, Constant):
+            return y.times(self)
         x, y = (self, y) if self.centre.size >= y.centre.size else (y, self)
         centre = x.centre * y.centre
         radius = np.abs(centre)
@@ -144,7 +144,8 @@ class BallArray:
             radius += np.abs(x.centre) * (y.radius * GROWN)
         return BallArray(centre, radius)
 
-    __rmul__ = __mul__
+    def __rmul__(self, other: int) -> BallArray:
+        return self * other
 
     def inverse(self) -> BallArray:
         """1 / x: |1/x - 1/c| = |x - c| / |x c|; nothing is known where 0 may be in the ball."""
@@ -208,6 +209,9 @@ class Constant(BallArray):
         self._size = (abs(value) + radius) * GROWN
         self._share = EPS + (radius / abs(value) * GROWN if value else 0.0)
         """The rounding of a product, and what the radius adds, relative to the product."""
+
+    def __mul__(self, other: Operand) -> BallArray:
+        return self.times(_balls(other))
 
     def times(self, x: BallArray) -> BallArray:
         """The product: (|c| + its radius) times the radius of x, and |x| times its radius."""

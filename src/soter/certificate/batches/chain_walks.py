@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -41,6 +41,7 @@ ENOUGH = 400
 """Blocks to begin with."""
 
 
+@runtime_checkable
 class ArrayStep(Protocol):
     """A step of a chain that is also one of many forms."""
 

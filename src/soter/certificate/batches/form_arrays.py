@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
+import numpy as np
+
 from soter.certificate.batches.ball_arrays import BallArray
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from soter.certificate.batches.ball_arrays import Floats
@@ -42,3 +43,20 @@ def box_of(form: Forms, n: int) -> list[Floats]:
 def taken(form: Forms, index: NDArray[np.intp]) -> Forms:
     """The forms of some boxes."""
     return tuple(x.taken(index) for x in form)
+
+
+def behind(forms: Sequence[Forms], counts: Sequence[int]) -> Forms:
+    """The forms of so many sets each, one behind the other."""
+    none = np.zeros(1)
+    joined = []
+    for parts in zip(*forms, strict=True):
+        radii = [none if x.radius is None else x.radius for x in parts]
+        joined.append(
+            BallArray(
+                np.concatenate(
+                    [np.broadcast_to(x.centre, c) for x, c in zip(parts, counts, strict=True)]
+                ),
+                np.concatenate([np.broadcast_to(r, c) for r, c in zip(radii, counts, strict=True)]),
+            )
+        )
+    return tuple(joined)

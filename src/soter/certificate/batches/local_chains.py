@@ -154,8 +154,8 @@ class LocalChains:
         n, q = self.n, self.q
         spread = product(way.rows, start.z)
         rests = total(abs(spread[:, 1 + n :]), axis=1) + way.rest
-        ranges, centres = list(zip(*way.box, strict=True)), [spread[i, 0] for i in range(n)]
         ranges = [(way.box[0][i], way.box[1][i]) for i in range(n)]
+        centres = [spread[i, 0] for i in range(n)]
         symbols = [spread[i, 1 + k] for i in range(n) for k in range(n)]
         radii, common = [rests[i] for i in range(n)], list[BallArray]()
         if self.depth and q:

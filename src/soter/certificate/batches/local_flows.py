@@ -189,8 +189,8 @@ def outwards(low: BallArray, high: BallArray) -> Ends:
 
 
 def _is_zero(x: BallArray) -> Truths:
-    exact: Truths = np.ones(1, dtype=np.bool_) if x.radius is None else x.radius == 0
-    return exact & (x.centre == 0)
+    zero: Truths = x.centre == 0
+    return zero if x.radius is None else zero & (x.radius == 0)
 
 
 def _ends(intervals: list[tuple[arb, arb]]) -> Ends:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.batches.ball_arrays import GROWN, BallArray
+from soter.certificate.batches.ball_arrays import GROWN, BallArray, chosen
 from soter.certificate.terms.arb_balls import exact
 
 if TYPE_CHECKING:
@@ -25,12 +25,15 @@ FARTHEST = 64.0
 """Of what is farther from 0 only that it is between -1 and 1."""
 DEGREE = 9
 """Terms of the series."""
+INVERSE_FACTORIALS = [BallArray.of(1 / exact(float(factorial(k)))) for k in range(DEGREE)]
+NARROW = 1e-6
+"""Radii up to which the slope does not matter."""
 LEFT_OUT = 2.0**-72
 """More than (1/64)^9/9!, what the next term may be."""
 
 
 def sine(x: BallArray) -> BallArray:
-    """sin(x): |sin x - sin c| <= |x - c|."""
+    """sin(x)."""
     return _around(x, 0)
 
 
@@ -40,9 +43,25 @@ def cosine(x: BallArray) -> BallArray:
 
 
 def _around(x: BallArray, turns: int) -> BallArray:
-    """The `turns`th derivative of the sine."""
-    near = np.abs(x.centre) <= FARTHEST
-    centre = np.where(near, x.centre, 0.0)
+    """The `turns`th derivative f of the sine: |f(x) - f(c)| <= r (|f'(c)| + r), and <= r."""
+    value, radius = _at(x.centre, turns)
+    if x.radius is not None:
+        more = x.radius
+        if (more > NARROW).any():
+            slope, off = _at(x.centre, turns + 1)
+            more = more * np.minimum(np.abs(slope) + off + more, 1.0) * GROWN
+        radius = (radius + more) * GROWN
+    ball = BallArray(value, radius)
+    low, high = np.maximum(ball.lower(), -1.0), np.minimum(ball.upper(), 1.0)
+    cut = ~(np.abs(value) + radius < 1.0)  # and what is no number
+    ends = BallArray.between(np.where(low <= 1.0, low, -1.0), np.where(high >= -1.0, high, 1.0))
+    return chosen(cut, ends, ball)
+
+
+def _at(centre: Floats, turns: int) -> tuple[Floats, Floats]:
+    """Values of the `turns`th derivative of the sine, and how far they may be off."""
+    near = np.abs(centre) <= FARTHEST
+    centre = np.where(near, centre, 0.0)
     step = np.rint(centre * PER_ONE)
     off = BallArray(centre) - BallArray(step / PER_ONE)
     places, known = np.unique(step.astype(np.int64), return_inverse=True)
@@ -50,13 +69,10 @@ def _around(x: BallArray, turns: int) -> BallArray:
     for k in range(DEGREE - 1, -1, -1):
         values = [_derivative(int(p), (turns + k) % 4) for p in places]
         factor = BallArray(*(np.array(v) for v in zip(*values, strict=True))).taken(known)
-        total = total * off + factor * BallArray.of(1 / exact(float(factorial(k))))
+        total = total * off + factor * INVERSE_FACTORIALS[k]
     assert total.radius is not None
-    radius: Floats = (total.radius + LEFT_OUT) * GROWN
-    if x.radius is not None:
-        radius = (radius + x.radius) * GROWN
-    wide = ~near | ~(radius < 1.0)
-    return BallArray(np.where(wide, 0.0, total.centre), np.where(wide, 1.0, radius))
+    radius = (total.radius + LEFT_OUT) * GROWN
+    return np.where(near, total.centre, 0.0), np.where(near, radius, 1.0)
 
 
 @lru_cache(maxsize=1 << 16)

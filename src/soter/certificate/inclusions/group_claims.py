@@ -8,12 +8,14 @@ Non-goals: predicates (`predicates.py`), certificates (`folder.py`), which claim
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.certificate.batches.cell_arrays import cells_of, contained
-from soter.certificate.batches.chain_walks import Walk, unkept, unled
+from soter.certificate.batches.chain_walks import ArrayStep, Walk, unkept, unled
+from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     Grid,
@@ -55,6 +57,8 @@ SPLITS_CUT = 4
 """The same where sets are halved on the way as well."""
 MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
+LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
+"""How often a cell is halved, and sets on the way: what is tried, one after the other."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -136,7 +140,24 @@ class ChainCheck:
         if arrays is None or not self.many:
             return todo, CELLS_AT_ONCE
         walk = Walk(arrays, within, holds, order, highest)
-        return unled(walk, todo, block, CELLS_AT_ONCE)
+        left, largest = unled(walk, todo, block, CELLS_AT_ONCE)
+        if largest == 1:
+            left = unled_in_parts(walk, left, self._tries())
+        return left, largest
+
+    def _tries(self) -> Iterator[Try]:
+        """What `leads_in_parts` does, of many cells."""
+        for some in self._tried():
+            chains = [self.chain(PIECES[1], w).arrays for w in some]
+            known = tuple(c for c in chains if c is not None)
+            if len(known) == len(chains):
+                for splits, cuts in LED_IN:
+                    yield Try(known, splits, cuts)
+
+    def _tried(self) -> list[tuple[Window, ...]]:
+        """Windows of which all together are all runs: one first, then several."""
+        parts = windows(self.model, WINDOWS)
+        return [(EVERY,)] if len(parts) == 1 else [(EVERY,), parts]
 
     def leads(
         self,
@@ -234,9 +255,7 @@ class ChainCheck:
 
         Then once more for runs whose commands act nearly as late as each other.
         """
-        parts = windows(self.model, WINDOWS)
-        tried = [(EVERY,)] if len(parts) == 1 else [(EVERY,), parts]
-        return any(self._leads_in(box, holds, within, target, some) for some in tried)
+        return any(self._leads_in(box, holds, within, target, some) for some in self._tried())
 
     def _leads_in(
         self,
@@ -254,12 +273,7 @@ class ChainCheck:
                 for w in some
             )
 
-        return (
-            fine(box, 0)
-            or finer(box, lambda b: fine(b, MID_CUTS[0]), SPLITS_CUT)
-            or finer(box, lambda b: fine(b, 0), SPLITS)
-            or finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
-        )
+        return any(finer(box, partial(fine, cuts=cuts), splits) for splits, cuts in LED_IN)
 
     def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
@@ -437,7 +451,7 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
 
     largest = 4 * CELLS_AT_ONCE
     (step, *others) = check.phase(FREE_PIECES[0]).steps
-    if hasattr(step, "of_many") and not any(grid.unbounded):
+    if isinstance(step, ArrayStep) and not any(grid.unbounded):
         left = unkept(step, 1 + len(others), claimed, within, block, largest)
         claimed, largest = Cells(grid, left), 1
     return uncovered(claimed, block, attempt, largest)

@@ -18,8 +18,13 @@ holds of the whole grid, with no condition.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from soter.certificate.batches.ball_arrays import BallArray
+from soter.certificate.batches.chain_walks import ArrayStep
 from soter.certificate.inclusions.cell_sets import finer
 from soter.certificate.inclusions.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
@@ -30,6 +35,8 @@ if TYPE_CHECKING:
 
     from flint import arb
 
+    from soter.certificate.batches.chain_walks import Image
+    from soter.certificate.batches.form_arrays import Forms
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 
@@ -124,26 +131,50 @@ def clipping(model: CaseModel, members: Sequence[int], kept: Kept) -> Callable[[
     """What makes a step cut off its boxes at ends that the flow keeps; None where there is none."""
     if not any(end for ends in kept for end in ends):
         return None
-    grid = [model.extents[i] for i in members]
-    n = len(members)
+    return partial(ClippedStep, kept, [model.extents[i] for i in members])
 
-    def clip(step: Step) -> Step:
-        def clipped(form: tuple[arb, ...]) -> tuple[tuple[arb, ...], tuple[float, ...]] | None:
-            image = step(form)
-            if image is None:
-                return None
-            after, boxes = list(image[0]), list(image[1])
-            for i, ((low, high), (first, last)) in enumerate(zip(grid, kept, strict=True)):
-                if first:
-                    boxes[2 * i :: 2 * n] = [max(x, low) for x in boxes[2 * i :: 2 * n]]
-                if last:
-                    boxes[2 * i + 1 :: 2 * n] = [min(x, high) for x in boxes[2 * i + 1 :: 2 * n]]
-                if after and first:
-                    after[2 * i] = after[2 * i].max(exact(low))
-                if after and last:
-                    after[2 * i + 1] = after[2 * i + 1].min(exact(high))
-            return tuple(after), tuple(boxes)
 
-        return clipped
+class ClippedStep:
+    """A step whose boxes are cut off at ends that the flow keeps."""
 
-    return clip
+    def __init__(self, kept: Kept, grid: Sequence[tuple[float, float]], step: Step) -> None:
+        self._step, self._n = step, len(grid)
+        self._ends = [
+            (i, low if first else None, high if last else None)
+            for i, ((low, high), (first, last)) in enumerate(zip(grid, kept, strict=True))
+        ]
+
+    def __call__(self, form: tuple[arb, ...]) -> tuple[tuple[arb, ...], tuple[float, ...]] | None:
+        """Of one form."""
+        image = self._step(form)
+        if image is None:
+            return None
+        after, boxes = list(image[0]), list(image[1])
+        for i, low, high in self._ends:
+            lows, highs = slice(2 * i, None, 2 * self._n), slice(2 * i + 1, None, 2 * self._n)
+            if low is not None:
+                boxes[lows] = [max(x, low) for x in boxes[lows]]
+            if high is not None:
+                boxes[highs] = [min(x, high) for x in boxes[highs]]
+            if after and low is not None:
+                after[2 * i] = after[2 * i].max(exact(low))
+            if after and high is not None:
+                after[2 * i + 1] = after[2 * i + 1].min(exact(high))
+        return tuple(after), tuple(boxes)
+
+    def of_many(self, form: Forms) -> Image:
+        """Of many forms."""
+        assert isinstance(self._step, ArrayStep)
+        (after, boxes), sure = self._step.of_many(form)
+        new, ends = list(after), list(boxes)
+        for i, low, high in self._ends:
+            lows, highs = slice(2 * i, None, 2 * self._n), slice(2 * i + 1, None, 2 * self._n)
+            if low is not None:
+                ends[lows] = [np.maximum(x, low) for x in ends[lows]]
+            if high is not None:
+                ends[highs] = [np.minimum(x, high) for x in ends[highs]]
+            if new and low is not None:
+                new[2 * i] = new[2 * i].max(BallArray.of(low))
+            if new and high is not None:
+                new[2 * i + 1] = new[2 * i + 1].min(BallArray.of(high))
+        return (tuple(new), ends), sure

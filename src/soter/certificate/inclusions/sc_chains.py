@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.batches.chain_walks import ArrayChain
+from soter.certificate.batches.chain_walks import ArrayChain, ArrayStep
 from soter.certificate.batches.local_chains import LocalChains
 from soter.certificate.inclusions.inward_flow import clipping, uncrossed_ends
 from soter.certificate.inclusions.nonlinear_chains import DEPTH_MAX, NANOSECOND, LocalChain
@@ -65,9 +65,14 @@ class Chain:
     @property
     def arrays(self) -> ArrayChain | None:
         """The same over many forms at once; None where they are made one by one."""
-        if not all(hasattr(s, "of_many") for s in (self.first, *self.bare)):
+        first, later, last, bare = self.first, self.later, self.last, self.bare
+        if not (isinstance(first, ArrayStep) and isinstance(later, ArrayStep)):
             return None
-        return ArrayChain(self.dimension, self.first, self.later, self.last, self.bare)
+        if not (isinstance(bare[0], ArrayStep) and isinstance(bare[1], ArrayStep)):
+            return None
+        if last is not None and not isinstance(last, ArrayStep):
+            return None
+        return ArrayChain(self.dimension, first, later, last, (bare[0], bare[1]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,13 +15,12 @@ from soter.certificate.terms.atom_code import demand, write_atoms
 from soter.certificate.terms.python_source import tuple_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from flint import arb
 
+    from soter.certificate.terms.python_source import WrittenFunction
     from soter.certificate.terms.terms import Linear, Proposition, Terms
-
-    Lines = Callable[[tuple[arb, ...]], "tuple[arb, ...] | None"]
 
 TAIL = 4
 """Behind the coefficients of a row: constant, spread, low, high."""
@@ -34,7 +33,7 @@ def compile_lines(
     outputs: Sequence[Linear],
     must: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
-) -> Lines:
+) -> WrittenFunction:
     """`form -> rows`, one after the other; None where something in `must` is not certain.
 
     For every point of the form: output = sum coefficient * input + constant +- spread, and the
@@ -50,8 +49,7 @@ def compile_lines(
         entries += [forms.text.code(row[a]) if a in row else "ZERO" for a in forms.place]
         entries += [constant or "ZERO", spread or "ZERO", *_both_ranges(forms, x)]
     forms.text.lines.append(f"return {tuple_of(entries)}")
-    compiled: Lines = forms.text.function(forms.arguments())
-    return compiled
+    return forms.text.function(forms.arguments())
 
 
 def _both_ranges(forms: AffineForms, x: Linear) -> tuple[str, str]:
