@@ -1,6 +1,7 @@
 """How large a system `soter test` can exhaust: one robot, and two in one airspace.
 
     .venv/bin/python bench/testing/size.py [--runs 3] [--seconds 60] [--json FILE]
+    .venv/bin/python bench/testing/size.py --two-threads [--runs 5] [--reductions R ...]
 
 *One*: the surveillance of one robot (11 actors, 35 ticks of 10 ms): a body and a battery, a
 mission, a planner, modules for the geofence and the battery, a lift. *Both*: two of them without
@@ -11,14 +12,25 @@ the other reductions search all of it: `before` is sleep and ample sets, `all` e
 groups, too. Times are medians. Bytes are those of table and frontier when most was taken, a state
 (and of all that is kept); a search of a few thousand states has the first tables to bear.
 
-Purpose: the figures of size of issue 11. Non-goals: verdicts (tests/correct).
+`--two-threads`: models of a million configurations and more under each reduction on one thread and
+on two, turn by turn. *Path* is what two free cores would take: the CPU time of the slower thread
+between two waits for each other, summed up (`critical_path.h`); on a machine that others use, too,
+wall time tells of them. Efficiency is CPU time of one thread over twice the path, of the least of
+all runs and of the medians. Both must store the same configurations (`same`); where something is
+violated, both must find the same shortest execution.
+
+Purpose: the figures of size of issue 11, and of cores of issue 34. Non-goals: verdicts (tests/correct).
 """
 
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
+import os
 import sys
+import time
+import zlib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -31,14 +43,37 @@ from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.terminal_tables import table
 
+ROOT = Path(__file__).resolve().parents[2]
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+
+from bench.testing.spin import MODELS  # noqa: E402 - found beside this file
+
 if TYPE_CHECKING:
     from soter.explore.engine.explorer_library import Searched
     from soter.explore.engine.search import Found
+    from soter.language.model.system import System
 
 BEFORE = "before"
 APART = "apart"
 MEMORY = 2 << 30
 TICK_NS = 10_000_000
+EFFICIENCY = 0.8
+SHARED = (
+    ("five_moves", 1, "none"),
+    ("five_moves", 1, "sleep"),
+    ("five_moves", 1, "ample"),
+    ("five_moves", 1, "symmetry"),
+    ("crossing", 20, "instants"),
+    ("alternating_bit", 20, "groups"),
+    ("One", 200, "parts"),
+    ("One", 200, "all"),
+    ("Both", 3, "ample"),
+)
+"""Model, its horizon in ticks (of `spin.py`: how many times as long), reduction. `Both` has
+configurations of two words, the others of one."""
+VIOLATED = (("Low", 20, "none"), ("Low", 20, "ample"), ("Low", 20, "sleep"), ("Low", 20, "all"))
+CRITICAL_PATH = ROOT / "bench/testing/critical_path.h"
 ROWS = (
     ("One", 35, BEFORE, "bfs"),
     ("One", 35, "instants", "bfs"),
@@ -202,6 +237,12 @@ test Both {
   horizon 200ms;
 }
 
+test Low {
+  system Surveillance;
+  horizon 200ms;
+  always battery.truth.left > FULL - 9;
+}
+
 test Near {
   system Two;
   horizon 200ms;
@@ -292,12 +333,121 @@ def missed(rows: list[Row]) -> int:
     return count + (not met)
 
 
+def system_of(name: str, ticks: int) -> System:
+    """A test of `PROGRAM`, or a model of `spin.py`, whose horizon is `ticks` times as long."""
+    model = next((m for m in MODELS if m.name == name), None)
+    if model is None:
+        system, horizon = system_of_test(check_file("robots.soter", PROGRAM), name), TICK_NS
+    else:
+        system = system_of_test(check_file(str(model.program)), model.test)
+        assert system.test is not None
+        horizon = system.test.horizon_ns
+    assert system.test is not None
+    return replace(system, test=replace(system.test, horizon_ns=ticks * horizon))
+
+
+@dataclass(frozen=True)
+class OnThreads:
+    """CPU seconds and wall seconds of the searches on one thread and on two, and paths on two."""
+
+    cpu: tuple[list[float], list[float]]
+    wall: tuple[list[float], list[float]]
+    path: list[float]
+    states: tuple[int, int]
+    status: tuple[str, str]
+
+    @property
+    def efficiency(self) -> tuple[float, float]:
+        """By the least of all runs, and by medians."""
+        one, path = self.cpu[0], self.path
+        return min(one) / (2.0 * min(path)), median(one) / (2.0 * median(path))
+
+
+def on_threads(engine: Engine, reduction: str, runs: int) -> OnThreads:
+    """Turn by turn; nobody looks for what comes again, and no choice is made beforehand."""
+    path = ctypes.c_double.in_dll(ctypes.CDLL(str(engine.path)), "critical_path_s")
+    cpu: tuple[list[float], list[float]] = ([], [])
+    wall: tuple[list[float], list[float]] = ([], [])
+    paths = []
+    last = {}
+    for _ in range(runs):
+        for threads in (1, 2):
+            settings = EngineSettings(reduction=reduction, threads=threads, memory=MEMORY)
+            path.value, before = 0.0, time.process_time()
+            last[threads] = outcome = engine.explore(settings)
+            cpu[threads - 1].append(time.process_time() - before)
+            wall[threads - 1].append(outcome.seconds)
+            if threads == 2:
+                paths.append(path.value)
+    states, status = (last[1].states, last[2].states), (last[1].status, last[2].status)
+    return OnThreads(cpu, wall, paths, states, status)
+
+
+def same_traces(engine: Engine, reduction: str) -> bool:
+    """Whether one thread and two find the same violation, execution and least execution."""
+    both = []
+    for threads in (1, 2):
+        settings = EngineSettings(reduction=reduction, threads=threads, memory=MEMORY)
+        outcome = engine.explore(settings)
+        if outcome.status != "violated" or outcome.broken is None or not outcome.steps:
+            return False
+        least = engine.least(settings, outcome.broken)
+        both.append((outcome.broken, outcome.depth, outcome.steps, least.status, least.steps))
+    return both[0] == both[1]
+
+
+def two_threads(runs: int, only: list[str] | None) -> int:
+    """Prints one thread beside two; returns how many rows miss their target."""
+    header = CRITICAL_PATH.read_bytes()
+    flags = ("-include", str(CRITICAL_PATH), f"-DCRITICAL_PATH={zlib.crc32(header)}")
+    cells, count = [], 0
+    for name, ticks, reduction in SHARED:
+        if only and reduction not in only:
+            continue
+        engine = Engine(system_of(name, ticks), extra=flags)
+        row = on_threads(engine, reduction, runs)
+        engine.close()
+        same = row.states[0] == row.states[1] and row.status == ("exhausted", "exhausted")
+        best, middle = row.efficiency
+        count += not same or best < EFFICIENCY
+        cells.append(
+            (
+                f"{name}, {ticks}",
+                reduction,
+                f"{row.states[0]:,}",
+                "yes" if same else "NO",
+                *(f"{x:.3f} s" for x in (min(row.cpu[0]), min(row.cpu[1]), min(row.path))),
+                f"{min(row.wall[0]):.2f}, {min(row.wall[1]):.2f} s",
+                f"{best:.2f}",
+                f"{middle:.2f}",
+            )
+        )
+    heads = ("model", "reduction", "states", "same", "CPU, 1", "CPU, 2", "path, 2", "wall, 1, 2")
+    print(table((*heads, "efficiency", "by medians"), cells))
+    for name, ticks, reduction in VIOLATED:
+        if only and reduction not in only:
+            continue
+        engine = Engine(system_of(name, ticks))
+        same = same_traces(engine, reduction)
+        engine.close()
+        count += not same
+        print(f"{name}, {reduction}: {'the same execution' if same else 'ANOTHER EXECUTION'}")
+    load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
+    print(f"least of {runs} runs; rows that miss {EFFICIENCY}, or are not the same: {count}")
+    print(f"load of the machine at the end (1, 5, 15 minutes): {load}; {os.cpu_count()} cores")
+    return count
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--runs", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=60.0, help="that a search may take")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--two-threads", action="store_true", help="beside one, and nothing else")
+    parser.add_argument("--reductions", nargs="+", choices=methods.REDUCTIONS)
     arguments = parser.parse_args()
+    if arguments.two_threads:
+        return 1 if two_threads(arguments.runs, arguments.reductions) else 0
     methods.REDUCTIONS[BEFORE] = methods.REDUCTIONS["sleep"] | methods.REDUCTIONS["ample"]
     rows = [search(*asked, arguments.runs, arguments.seconds) for asked in ROWS]
     cells = [

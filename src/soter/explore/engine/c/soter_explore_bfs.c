@@ -19,6 +19,8 @@
 #define SUCCESSORS 256U /* successors of configurations that are expanded at once, more or less */
 #define OWED 16U        /* this part of a worker's memory is for what it found for others */
 #define LOOK 32768U     /* configurations taken in between two looks at the bounds */
+#define RECEIVED 64U    /* that others found are looked for at once, */
+#define SHORT 1024U     /* or so many of a word */
 
 /* ------------------------------------------------------------------ room */
 
@@ -85,7 +87,7 @@ static void name_successors(worker* w) {
     }
   }
   if (!folds || !all->link) {
-    soter_store_announce(&w->store, h->packed, h->count, w->key);
+    soter_store_keys(&w->store, h->packed, h->count, w->key, all->threads == 1U);
   }
 }
 
@@ -182,46 +184,112 @@ static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
   w->fresh += count;
 }
 
-/* Takes in all successors at once, where they are a word each and nobody else's. */
-static void take_all_in(worker* w) {
-  const soter_successors* const h = &w->expander.successors;
-  uint32_t count = h->count;
-  const uint32_t news = soter_store_put_short(&w->store, h->packed, &count, w->key);
-  w->full = w->full || count < h->count;
+/* Takes in configurations of a word that are all this worker's; returns how many there was room
+ * for. Room for their keys is there. */
+static uint32_t take_short_in(worker* w, const uint64_t* packed, uint32_t count, uint64_t from) {
+  uint32_t put = count;
+  const uint32_t news = soter_store_put_short(&w->store, packed, &put, w->key);
+  w->full = w->full || put < count;
+  SOTER_CHECK(put <= count && news <= put && count <= w->keys);
   const bool wait = w->all->tables && w->all->s->o->noted == NULL;
   for (uint32_t k = 0; k < news;) {
     const uint32_t fine = wait ? soter_memo_fine(&w->expander, w->key + k, news - k) : 0U;
     take_fine(w, w->key + k, fine);
     k += fine;
     if (k < news) {
-      take_new(w, w->key + k++, 0U, w->moved + w->first);
+      take_new(w, w->key + k++, 0U, from);
+    }
+  }
+  return put;
+}
+
+/* Whether configurations are a word each, and are stored as they are: many are put at a time. */
+static bool takes_short(const worker* w) {
+  const bool folds = w->all->s->o->families > 0U;
+  return soter_store_is_short(&w->store) && !(folds && w->all->link);
+}
+
+static void fold_successors(worker* w) {
+  const soter_explore_options* const o = w->all->s->o;
+  const soter_successors* const h = &w->expander.successors;
+  for (uint32_t k = 0; k < h->count && o->families > 0U; k++) {
+    soter_fold(o, h->packed + (size_t)k * w->all->words);
+  }
+}
+
+/* Gives every successor of a word to its owner. No branch asks whose it is: no machine knows. */
+static void hand_on_short(worker* w) {
+  layered* const all = w->all;
+  const soter_successors* const h = &w->expander.successors;
+  uint64_t* end[THREADS] = {NULL};
+  if (all->threads == 1U || h->count == 0U) {
+    (void)take_short_in(w, h->packed, h->count, w->moved + w->first);
+    return;
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    if (!soter_row_reserve(&w->out[k], h->count)) {
+      w->full = true;
+      return;
+    }
+    end[k] = soter_row_at(&w->out[k], w->out[k].count);
+  }
+  soter_store_keys(&w->store, h->packed, h->count, w->key, false);
+  for (uint32_t k = 0; k < h->count; k++) {
+    *end[soter_owner_of(all, w->key + k)]++ = h->packed[k];
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    const uint64_t* const first = soter_row_at(&w->out[k], w->out[k].count);
+    const uint32_t count = (uint32_t)(end[k] - first);
+    if (k == w->id) {
+      (void)take_short_in(w, first, count, 0U); /* with links there is one thread */
+    } else {
+      w->out[k].count += count;
+      w->owed += count;
     }
   }
 }
 
+/* Gives the successors of others to their owners: what is left is this worker's. */
+static void hand_over(worker* w) {
+  const layered* const all = w->all;
+  const uint32_t words = all->words;
+  soter_successors* const h = &w->expander.successors;
+  uint32_t own = 0U;
+  for (uint32_t k = 0; k < h->count && !w->full; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * words;
+    const uint64_t* const key = w->key + (size_t)k * words;
+    const uint32_t owner = soter_owner_of(all, key);
+    SOTER_CHECK(owner < all->threads && own <= k);
+    if (owner != w->id) {
+      w->full = !soter_row_put(&w->out[owner], packed, h->sleep[k], 0U);
+      w->owed++;
+      continue;
+    }
+    soter_store_expect(&w->store, packed, key);
+    soter_copy_words(h->packed + (size_t)own * words, packed, words);
+    soter_copy_words(w->key + (size_t)own * words, key, words);
+    h->sleep[own++] = h->sleep[k];
+  }
+  h->count = own;
+}
+
 /* Gives every successor to its owner, of which this worker may be one. */
 static void hand_on(worker* w) {
-  layered* const all = w->all;
-  const uint32_t words = all->words;
+  const uint32_t words = w->all->words;
   const soter_successors* const h = &w->expander.successors;
-  if (all->threads == 1U && all->s->o->families == 0U && soter_store_is_short(&w->store)) {
-    w->taken += h->count;
-    take_all_in(w);
+  w->taken += h->count;
+  if (takes_short(w)) {
+    fold_successors(w);
+    hand_on_short(w);
     return;
   }
   name_successors(w);
-  w->taken += h->count;
+  if (w->all->threads > 1U) {
+    hand_over(w);
+  }
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
-    const uint64_t* const packed = h->packed + (size_t)k * words;
-    const uint32_t owner = soter_owner_of(all, w->key + (size_t)k * words);
-    SOTER_CHECK(owner < all->threads);
-    if (owner == w->id) {
-      take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + w->first);
-    } else if (!soter_row_put(&w->out[owner], packed, h->sleep[k], 0U)) {
-      w->full = true;
-    } else {
-      w->owed++;
-    }
+    take_in(w, h->packed + (size_t)k * words, w->key + (size_t)k * words, h->sleep[k],
+            w->moved + w->first);
   }
 }
 
@@ -414,7 +482,7 @@ static void go_ahead(worker* w) {
 
 /* Expands all of it, or until there is much that others have to take in. */
 static void expand_layer(worker* w) {
-  const uint64_t each = (w->all->words + 1U) * sizeof(uint64_t) * OWED;
+  const uint64_t each = w->out[0].width * sizeof(uint64_t) * OWED;
   const uint64_t most = w->all->s->o->memory / w->all->threads / each + 1U;
   uint64_t told = w->expanded;
   bool pause = false;
@@ -449,20 +517,40 @@ static void wait_for_others(layered* all) {
   (void)pthread_mutex_unlock(&all->mutex);
 }
 
+/* Takes in some of what another worker has found; returns how many there was room for. */
+static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
+  const uint32_t words = w->all->words;
+  const uint64_t* const packed = soter_row_at(q, first);
+  if (!more_keys(w, count)) {
+    return 0U;
+  }
+  if (takes_short(w)) {
+    return take_short_in(w, packed, count, 0U);
+  }
+  for (uint32_t k = 0; k < count; k++) {
+    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words, true);
+  }
+  uint32_t taken = 0U;
+  for (; taken < count && !w->full; taken++) {
+    const uint64_t* const item = packed + (size_t)taken * q->width;
+    take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
+  }
+  return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
+}
+
 /* Takes in what another worker has found; what there is no room for stays. */
 static void receive_from(worker* w, soter_row* q) {
-  layered* const all = w->all;
+  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
   uint64_t i = 0U;
-  for (; i < q->count && !w->full && !stops(all); i++) {
-    const uint64_t* const item = soter_row_at(q, i);
-    if (++w->taken >= LOOK) {
+  while (i < q->count && !w->full && !stops(w->all)) {
+    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
+    w->taken += count;
+    if (w->taken >= LOOK) {
       weigh(w);
     }
-    uint64_t key[SOTER_WORDS];
-    soter_store_key(&w->store, item, key);
-    take_in(w, item, key, item[all->words], 0U);
+    i += receive_some(w, q, i, count);
   }
-  soter_row_drop(q, w->full && i > 0U ? i - 1U : i); /* it may be the one without room */
+  soter_row_drop(q, i);
 }
 
 static void receive(worker* w) {
@@ -691,15 +779,15 @@ static bool open_worker(layered* all, uint32_t id) {
   w->here.words = w->next.words = w->links.words = all->words;
   w->links.width = all->words + 1U;
   w->here_ns = w->next_ns = w->waiting_ns = SOTER_NO_DEADLINE;
-  for (uint32_t k = 0; k < THREADS; k++) {
-    w->out[k].words = all->words;
-    w->out[k].width = all->words + 1U;
-  }
   const bool fine =
       coverage_open(&w->coverage, s->m) &&
       soter_expander_open(&w->expander, s, &w->coverage, s->o->memory / 4U / all->threads) &&
       soter_layers_open_store(w, &w->store) &&
       (!all->tables || soter_layers_open_store(w, &w->before)) && open_noted(w);
+  for (uint32_t k = 0; k < THREADS; k++) {
+    w->out[k].words = all->words;
+    w->out[k].width = all->words + (takes_short(w) ? 0U : 1U);
+  }
   w->here.width = w->next.width = all->words + (w->expander.instant != NULL ? 0U : 2U);
   w->expander.spill = take_away;
   w->expander.to = w;

@@ -122,7 +122,7 @@ SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* key) {
     h = (h ^ key[k]) * UINT64_C(0x9e3779b97f4a7c15);
   }
   SOTER_CHECK(all->threads <= THREADS);
-  return (uint32_t)(h >> 40) % all->threads;
+  return (uint32_t)((h >> 32) * all->threads >> 32);
 }
 
 /* How many configurations wait for the next layer. */

@@ -257,14 +257,15 @@ void* soter_keep(void* others, soter_store* s);
 void* soter_keep_all(void* others, void* more);
 /* All that is in tables that are kept. */
 void soter_kept_each(const void* kept, void (*each)(void* to, const uint64_t* packed), void* to);
-/* What stands in the table for a packed configuration; with it, putting, and a hint that it will be
- * put soon. */
+/* What stands in the table for a packed configuration; with it, putting. */
 void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key);
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again);
-/* Both for `count` packed configurations, one after the other, as their keys are then. */
-void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
-                          uint64_t* key);
+/* A hint that a configuration will be put soon. */
+void soter_store_expect(const soter_store* s, const uint64_t* packed, const uint64_t* key);
+/* The keys of `count` packed configurations, one after the other; `expect`: with that hint. */
+void soter_store_keys(const soter_store* s, const uint64_t* packed, uint32_t count, uint64_t* key,
+                      bool expect);
 /* Whether configurations are put many at a time: they are a word each, and an entry is nothing
  * else. */
 SOTER_INLINE bool soter_store_is_short(const soter_store* s) {
@@ -512,6 +513,8 @@ typedef struct {
 /* Appends; false: there is no memory. `first` and `only` are left out where the row has no place
  * for them. */
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
+/* Room for so many more; false: there is no memory. */
+bool soter_row_reserve(soter_row* r, uint64_t more);
 void soter_row_close(soter_row* r);
 /* Takes the first ones away. */
 void soter_row_drop(soter_row* r, uint64_t count);

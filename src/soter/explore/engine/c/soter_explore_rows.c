@@ -50,9 +50,12 @@ void soter_row_drop(soter_row* r, uint64_t count) {
   r->count -= count;
 }
 
-bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
-  if (r->count == r->room) {
-    const uint64_t room = r->room == 0U ? 1024U : r->room + r->room / 2U;
+bool soter_row_reserve(soter_row* r, uint64_t more) {
+  uint64_t room = r->room == 0U ? 1024U : r->room;
+  while (room - r->count < more) {
+    room += room / 2U;
+  }
+  if (room > r->room) {
     const uint64_t each = r->width * sizeof *r->item;
     uint64_t* const item = soter_regrow(r->item, r->room * each, room * each);
     if (item == NULL) {
@@ -60,6 +63,15 @@ bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_
     }
     r->item = item;
     r->room = room;
+  }
+  r->most = r->count + more > r->most ? r->count + more : r->most;
+  SOTER_CHECK(r->most <= r->room);
+  return true;
+}
+
+bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
+  if (!soter_row_reserve(r, 1U)) {
+    return false;
   }
   uint64_t* const to = soter_row_at(r, r->count);
   soter_copy_words(to, packed, r->words);
@@ -70,7 +82,6 @@ bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_
     to[r->words + 1U] = only;
   }
   r->count++;
-  r->most = r->count > r->most ? r->count : r->most;
   SOTER_CHECK(r->count <= r->room && r->width >= r->words);
   return true;
 }

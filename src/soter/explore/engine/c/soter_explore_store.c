@@ -425,20 +425,26 @@ SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t fi
   prefetch(g->entry + home_of(s, g, first) * s->bytes);
 }
 
-void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
-                          uint64_t* key) {
+void soter_store_expect(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
+  hint(s, packed, key[0]);
+}
+
+void soter_store_keys(const soter_store* s, const uint64_t* packed, uint32_t count, uint64_t* key,
+                      bool expect) {
   const uint32_t words = s->packed;
   SOTER_CHECK(s->words <= words);
-  if (words == 1U && !s->fingerprint) {
-    for (uint32_t i = 0; i < count; i++) {
-      key[i] = mixed(without(s, packed[i]), s->first, s->all);
-      hint(s, packed + i, key[i]);
-    }
-    return;
-  }
+  const bool mixes = words == 1U && !s->fingerprint;
   for (uint32_t i = 0; i < count; i++) {
-    soter_store_key(s, packed + (size_t)i * words, key + (size_t)i * words);
-    hint(s, packed + (size_t)i * words, key[(size_t)i * words]);
+    const uint64_t* const one = packed + (size_t)i * words;
+    uint64_t* const to = key + (size_t)i * words;
+    if (mixes) {
+      *to = mixed(without(s, *one), s->first, s->all);
+    } else {
+      soter_store_key(s, one, to);
+    }
+    if (expect) {
+      hint(s, one, *to);
+    }
   }
 }
 
