@@ -56,7 +56,7 @@ BLOCK = 1024
 """So many states at most are kept from the observer, and so from the log, by externs."""
 SLICE_NS = 1_000_000_000
 """Without a trace, how much virtual time may pass until Ctrl-C is looked at."""
-LARGE_C = 1_000_000
+LARGE_C = 800_000
 """Characters of C from which a run does not wait for all that a compiler can do: of a thousand
 nodes it takes 2 s in place of 5, and the program 1.4 times as long, to the same bits."""
 BATCH = 64
