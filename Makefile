@@ -13,7 +13,7 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs proofs bench vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs proofs bench bench-quick vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -25,7 +25,7 @@ $(VENV)/bin/python:
 	$(PIP) --upgrade pip
 
 $(VENV)/.run: pyproject.toml | $(VENV)/bin/python
-	$(PIP) -e '.[all$(ZIG)]'
+	$(PIP) -e '.[demo$(ZIG)]'
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
@@ -81,6 +81,9 @@ proofs:  ## the theorem of docs/proof.md, checked by Coq (needs coqc), in build/
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py
+
+bench-quick: $(VENV)/.dev  ## five minutes: what people wait for, beside its targets and its peers
+	$(PY) bench/quick.py
 
 vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)
 	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package

@@ -1,25 +1,36 @@
 """Run every benchmark and write docs/benchmarks.md from what they print.
 
-    make bench            (or: .venv/bin/python bench/run_all.py [--only NAME])
+    make bench            (or: .venv/bin/python bench/run_all.py [--only NAME | --adopt | --write])
 
-Purpose: no figure in the docs that a command did not make. Each section holds the command and its
-whole output; `--only` makes one anew and leaves the others.
+Purpose: no figure in the docs that a command did not make. bench/results.json holds what each
+command printed, when, and at which commit; the page is made of it, and says how old a section is.
+`--only` makes one section anew, `--write` but the page. `--adopt` takes over what was edited in the
+page itself, dated by `git blame`.
 Non-goals: judging; every benchmark prints its targets beside its figures.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import platform
 import re
 import shlex
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from datetime import date, datetime, timezone
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "benchmarks.md"
+RESULTS = ROOT / "bench" / "results.json"
+OLD_DAYS = 2
+"""A section that is older than the newest one by more days is marked."""
 HEAD = """# Benchmarks
 
 Written by `make bench`; every section is one command and what it printed. The machine is a
@@ -28,6 +39,16 @@ different days, perhaps on different machines of that kind; the last one was:
 
 {machine}
 """
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command printed, as the page has it: when (YYYY-MM-DD), and after which commit."""
+
+    command: str
+    made: str
+    commit: str
+    text: str
 
 
 @dataclass(frozen=True)
@@ -769,7 +790,8 @@ BENCHMARKS = (
     Benchmark(
         "A policy in another process",
         ("bench/real_time/remote_policy.py", "--seconds", "15"),
-        "From the observation in its channel to the action in its, a constant policy in Python.",
+        "From the observation in its channel to the action in its, a constant policy in Python. "
+        "The robot is C, and the other end of the pipe is Python.",
     ),
     Benchmark(
         "MAVLink: who dies beside an autopilot's double",
@@ -831,35 +853,126 @@ def machine() -> str:
 
 
 def sections() -> dict[str, str]:
-    """The page as it stands, by heading."""
-    if not PAGE.exists():
-        return {}
-    parts = re.split(r"^## (.*)$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    """The page as it stands, by heading, without when each section was made."""
+    text = re.sub(r"^Made .*\n\n", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)[1:]
     return dict(zip(parts[::2], (text.strip() for text in parts[1::2]), strict=True))
 
 
-def write(section_by_name: dict[str, str]) -> None:
-    """The page in the order of BENCHMARKS."""
-    parts = [HEAD.format(machine=machine())]
-    parts += [
-        f"## {b.name}\n\n{section_by_name[b.name]}\n"
-        for b in BENCHMARKS
-        if b.name in section_by_name
-    ]
+def results() -> dict[str, Result]:
+    """What is kept, by section."""
+    if not RESULTS.exists():
+        return {}
+    kept = json.loads(RESULTS.read_text(encoding="utf-8"))
+    return {name: Result(**fields) for name, fields in kept.items()}
+
+
+def write(made: dict[str, Result], where: str) -> None:
+    """The data, and the page in the order of BENCHMARKS; `where`: the machine of the last one."""
+    kept = {name: asdict(made[name]) for name in sorted(made)}
+    RESULTS.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    parts = [HEAD.format(machine=where)]
+    newest = max((date.fromisoformat(r.made) for r in made.values()), default=date.min)
+    parts += [section(b, made[b.name], newest) for b in BENCHMARKS if b.name in made]
     PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+def section(b: Benchmark, r: Result, newest: date) -> str:
+    """A section of the page: the command, when it ran, what to know, what it printed."""
+    days = (newest - date.fromisoformat(r.made)).days
+    old = f"; **old**: {days} days before the newest section" if days > OLD_DAYS else ""
+    return (
+        f"## {b.name}\n\n`{r.command}`\n\nMade {r.made}, after {r.commit}{old}.\n\n"
+        f"{b.about}\n\n{r.text}\n"
+    )
+
+
+def adopted() -> dict[str, Result]:
+    """What the page says that the data do not: each section with the date of its last line."""
+    made = results()
+    text = PAGE.read_text(encoding="utf-8")
+    newest = max((date.fromisoformat(r.made) for r in made.values()), default=date.min)
+    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)
+    line = parts[0].count("\n")
+    blame = blamed()
+    by_name = {b.name: b for b in BENCHMARKS}
+    for name, body in zip(parts[1::2], parts[2::2], strict=True):
+        size, known = body.count("\n"), by_name.get(name)
+        same = known is not None and name in made and section(known, made[name], newest)
+        if known is not None and not (same and same.strip() == f"## {name}{body}".strip()):
+            lines = zip(body.splitlines(), blame[line : line + size], strict=False)
+            made[name] = read_section(body, latest(lines))
+        line += size
+    return made
+
+
+def latest(lines: Iterable[tuple[str, tuple[int, str]]]) -> tuple[str, str]:
+    """Day and commit of the latest line that a command printed."""
+    printed, inside = [], False
+    for text, when in lines:
+        inside ^= text.startswith("```")
+        printed += [when] if inside and not text.startswith("```") else []
+    at, commit = max(printed)
+    return datetime.fromtimestamp(at, tz=timezone.utc).date().isoformat(), commit
+
+
+def read_section(body: str, last: tuple[str, str]) -> Result:
+    """A section as it stands in the page; `last`: day and commit of its latest line."""
+    paragraphs = body.strip().split("\n\n")
+    command = paragraphs.pop(0).strip("`")
+    if paragraphs[0].startswith("Made "):
+        paragraphs.pop(0)
+    first = next((i for i, p in enumerate(paragraphs) if p.startswith("```")), 1)
+    return Result(command, *last, "\n\n".join(paragraphs[min(first, 1) :]))
+
+
+def blamed() -> list[tuple[int, str]]:
+    """Of every line of the page when it was committed (s since 1970), and by which commit."""
+    command = ["git", "blame", "--line-porcelain", str(PAGE)]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    lines, commit, at = [], "", 0
+    for text in told.splitlines():
+        head = re.match(r"([0-9a-f]{40}) ", text)
+        if head is not None:
+            commit = head[1][:8]
+        elif text.startswith("committer-time "):
+            at = int(text.split()[1])
+        elif text.startswith("\t"):
+            lines.append((at, commit))
+    return lines
+
+
+def now() -> tuple[str, str]:
+    """The day, and the commit that is checked out."""
+    command = ["git", "rev-parse", "--short=8", "HEAD"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return datetime.now(tz=timezone.utc).date().isoformat(), told.stdout.strip()
+
+
+def last_machine() -> str:
+    """The machine that the page names."""
+    head = PAGE.read_text(encoding="utf-8").partition("\n## ")[0].strip()
+    return head.rpartition("\n")[2]
 
 
 def main() -> int:
     """Run, and write each section as soon as it is there; others stay as they were."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", help="run the benchmarks whose name contains this")
+    parser.add_argument(
+        "--adopt", action="store_true", help="take over what was edited in the page"
+    )
+    parser.add_argument("--write", action="store_true", help="only write the page")
     arguments = parser.parse_args()
-    section_by_name = sections()
-    failed = 0
+    if arguments.adopt or arguments.write:
+        write(adopted() if arguments.adopt else results(), last_machine())
+        return 0
+    made, failed = results(), 0
     for b in BENCHMARKS:
         if arguments.only and arguments.only.lower() not in b.name.lower():
             continue
         print(f"== {b.name}", flush=True)
+        when = now()
         done = subprocess.run(
             [sys.executable, *b.arguments], cwd=ROOT, capture_output=True, text=True, check=False
         )
@@ -869,8 +982,8 @@ def main() -> int:
             print("no figures: the section stays as it was", flush=True)
             continue
         command = shlex.join(["python", *b.arguments])
-        section_by_name[b.name] = f"`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```"
-        write(section_by_name)
+        made[b.name] = Result(command, *when, f"```\n{done.stdout.rstrip()}\n```")
+        write(made, machine())
     print(f"wrote {PAGE.relative_to(ROOT)}")
     return 1 if failed else 0
 

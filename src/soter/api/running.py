@@ -31,7 +31,6 @@ from soter.simulate.interrupt import (
     stopped_by,
 )
 from soter.simulate.parameter_text import changed
-from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
 from soter.simulate.wall_clock_pacing import Pacer
 from soter.verify.proof_cache import stored_verdicts
@@ -62,7 +61,7 @@ def simulate(
     """
     seed, engine, stop = options.seed, options.engine, stop_request()
     bindings = bind_again(prepared.bindings, given)
-    paced = why_not(bindings, engine) if options.real_time else ""
+    paced = _why_paced(bindings, engine) if options.real_time else ""
     if options.real_time and not paced:
         require_runnable(bindings, engine)
         go: Callable[..., Run] = partial_(_in_real_time, bindings, not options.apart)
@@ -107,6 +106,13 @@ def simulate(
     return run
 
 
+def _why_paced(bindings: Bindings, engine: str) -> str:
+    """Why virtual time is paced in the place of a run in real time; "" where it need not be."""
+    from soter.simulate.real_time import why_not  # noqa: PLC0415 - with --real-time only
+
+    return why_not(bindings, engine)
+
+
 def _in_real_time(
     bindings: Bindings,
     quiet: bool,
@@ -116,6 +122,8 @@ def _in_real_time(
     **how: Any,  # noqa: ANN401 - as the engines take it
 ) -> Run:
     """As an engine: what the clock paces needs no pacer and shows its own progress."""
+    from soter.simulate.real_time import run_real_time  # noqa: PLC0415 - as above
+
     wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
     return run_real_time(bindings, until_ns, seed, quiet=quiet, **wanted)
 

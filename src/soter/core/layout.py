@@ -12,6 +12,7 @@ implicit holes and a state is its bytes.
 from __future__ import annotations
 
 import struct
+import sys
 from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
@@ -264,6 +265,10 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
     """The image of a table."""
+    if isinstance(t, ArrayType) and isinstance(t.element, IntType) and sys.byteorder == "little":
+        stored = scalar(t.element)
+        assert stored is not None
+        return struct.pack(f"<{t.size}{stored.format}", *memoryview(value.packed).cast("q"))
     if not value.of_floats or len(value) * size_of(t.element) != len(value.packed):
         whole = bytearray(size_of(t))
         encode_into(whole, 0, t, value)

@@ -37,6 +37,8 @@ ENGINE = tuple(
     FOLDER / name
     for name in ("soter_gym.c", "soter_gym_explain.c", "soter_gym.h", "soter_gym_leaves.h")
 )
+OPTIMISE = "-O3"
+"""Learners take millions of steps: the kernel's small functions are worth inlining."""
 NOBODY = 2**32 - 1
 
 
@@ -77,7 +79,7 @@ class CompiledEnvironment:
         unit = generate(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
-        path = library(unit, engine=ENGINE)
+        path = library(unit, OPTIMISE, engine=ENGINE)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
         self.ffi = interface(

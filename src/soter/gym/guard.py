@@ -466,7 +466,7 @@ def modelled(
     """The program's own plant, to be asked; None where it cannot be."""
 
     def make() -> PlantModel | str:
-        flat = program.flat(system, params)
+        flat = program.declared(system, params)
         body = chosen_plant(flat, plant)
         return why_not(body) or PlantModel(flat, body)
 

@@ -98,6 +98,5 @@ def opened(
 
 def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
     """The address of a constant of the library, as a pointer of this type."""
-    own = interface(f"extern const char {symbol}[];")
-    held = own.dlopen(str(path))
-    return ffi.cast(type_, int(own.cast("uintptr_t", own.addressof(held, symbol))))
+    held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
+    return ffi.cast(type_, ctypes.addressof(held))

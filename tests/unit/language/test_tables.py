@@ -12,11 +12,14 @@ import pytest
 
 import soter
 from soter.core.layout import encode_into, image_of_table, size_of
+from soter.diagnostics.source import Source
+from soter.diagnostics.span import Span
 from soter.language.check import constants
 from soter.language.evaluate import expressions
 from soter.language.front_end import check_file, system_of
 from soter.language.model import data_table
-from soter.language.model.data_table import Table, is_table
+from soter.language.model.data_table import VALUE_MAX, Table, is_table
+from soter.language.model.typed import Literal
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -31,6 +34,7 @@ from soter.language.model.types import (
 )
 from soter.native.compiler import WARNINGS
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.verify.tables.typed_tree_builder import Writer
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -94,6 +98,29 @@ def test_the_image_of_a_table_is_that_of_the_value(seed: int) -> None:
         expected = bytearray(size_of(t))
         encode_into(expected, 0, t, values)
         assert image_of_table(t, Table.of(element, values)) == expected
+
+
+def test_ints_of_every_width_lie_in_an_image_as_values_do() -> None:
+    rng = random.Random(0)  # noqa: S311 - no secret
+    for low, high in ((0, 255), (-128, 127), (-3, 300), (0, 2**31), (-(2**40), 2**62)):
+        element = IntType(low, high)
+        values = (low, high, *(rng.randint(low, high) for _ in range(50)))
+        t, expected = ArrayType(element, len(values)), bytearray(size_of(ArrayType(element, 52)))
+        encode_into(expected, 0, t, values)
+        assert image_of_table(t, Table.of(element, values)) == expected
+
+
+def test_a_table_of_a_dm_is_data_where_it_is_large() -> None:
+    source = Source("a", "x")
+    writer = Writer(Span(source, 0, 1))
+    few, many = bytes(range(256)), bytes(k % 256 for k in range(VALUE_MAX + 1))
+    small, large = (writer.table_of_bytes("T", values) for values in (few, many))
+    assert isinstance(small, Literal)
+    assert isinstance(large, Literal)
+    assert small.value == tuple(few)
+    assert isinstance(large.value, Table)
+    assert large.type == ArrayType(IntType(0, 255), len(many))
+    assert bytes(large.value) == many
 
 
 # ---------------------------------------------------------------- the same program with tables

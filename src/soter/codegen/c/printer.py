@@ -317,9 +317,10 @@ def _table(item: c.TableDef) -> Iterator[str]:
     rows = -(-len(item.image) // ROW_BYTES)
     image = memoryview(item.image.ljust(rows * ROW_BYTES, b"\0"))
     yield "/* its bytes, little-endian: numbers would take compilers minutes */"
-    yield "#if defined __BYTE_ORDER__ && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__"
-    yield '#error "a table of this program is for little-endian processors"'
-    yield "#endif"
+    if not item.bytewise:
+        yield "#if defined __BYTE_ORDER__ && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__"
+        yield '#error "a table of this program is for little-endian processors"'
+        yield "#endif"
     yield from QUIET_ROWS
     yield "static const union {"
     yield f"  char bytes[{rows}][{ROW_BYTES}];"

@@ -296,6 +296,8 @@ class TableDef(CTop):
     type: str
     name: str
     image: bytes
+    bytewise: bool = False
+    """Whether its elements are single bytes, which lie alike on every processor."""
 
 
 def address(e: CExpr) -> CExpr:

@@ -121,7 +121,8 @@ class TypeTable:
             if isinstance(value, Table):
                 assert isinstance(t, (ArrayType, ListType))
                 image = image_of_table(t, value)
-                self.constants.append(c.TableDef(self.stored(t), known, image))
+                bytewise = scalar(t.element) is not None and size_of(t.element) == 1
+                self.constants.append(c.TableDef(self.stored(t), known, image, bytewise=bytewise))
             else:
                 initial = self.initializer(t, value)
                 self.constants.append(c.VariableDef(self.stored(t), known, initial))

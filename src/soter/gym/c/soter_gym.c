@@ -184,11 +184,11 @@ static int64_t soter_margin(const soter_view* v, void* state) {
     return 0;
   }
   const int64_t late = (dm->next - v->program->component[info->dm].phase_ns) % info->period_ns;
-  const int64_t waits = dm->pending != 0U ? 2 : 1; /* it is due at this instant and has not looked */
+  const int64_t waits =
+      dm->pending != 0U ? 2 : 1; /* it is due at this instant and has not looked */
   const int64_t looked = dm->next - late - waits * info->period_ns;
   const int64_t looks = m->safer != 0U ? (int64_t)v->looks : 1;
-  const int64_t left =
-      looks * info->period_ns - v->late_ns - (soter_header_of(state)->ct - looked);
+  const int64_t left = looks * info->period_ns - v->late_ns - (soter_header_of(state)->ct - looked);
   return left > 0 ? left : 0;
 }
 

@@ -41,8 +41,8 @@ typedef struct {
 /* Who is outside, and where the numbers lie. */
 typedef struct {
   const soter_program* program;
-  int32_t module; /* whose AC the agent is; -1: the agent is no AC */
-  uint32_t looks; /* of its DM that keep AC, the one that finds `safer` among them */
+  int32_t module;  /* whose AC the agent is; -1: the agent is no AC */
+  uint32_t looks;  /* of its DM that keep AC, the one that finds `safer` among them */
   int64_t late_ns; /* how late its looks may be */
   uint32_t agent;
   uint32_t plant;        /* answered from outside; as many as there are components: none */

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model import typed as t
-from soter.language.model.types import FLOAT, INT, IntType, leaves
+from soter.language.model.types import FLOAT, INT, leaves
 from soter.verify.claims.cell_boxes import drawn_edges, share
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
@@ -76,12 +76,12 @@ class GroupTable(LevelTable):
     commands: CommandTable | None = None
 
     @property
-    def packed(self) -> tuple[int, ...]:
+    def packed(self) -> bytes:
         """Four cells a byte, the first in the lowest bits; C order."""
         flat = self.entries.ravel()
         flat = np.concatenate([flat, np.zeros(-len(flat) % PER_BYTE, dtype=np.uint8)])
-        four = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
-        return tuple(int(v) for v in four)
+        four: NDArray[np.uint8] = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
+        return four.tobytes()
 
     def share(self, group: Group) -> float:
         """By the volume of cells."""
@@ -128,7 +128,7 @@ class GroupTable(LevelTable):
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """Breakpoints and packed levels, as in the C."""
-        files[f"{stem}.bin"] = bytes(self.packed)
+        files[f"{stem}.bin"] = self.packed
         axes = []
         for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
             files[f"{stem}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
@@ -251,7 +251,7 @@ def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
     body, cell = cell_of(w, name, inputs, table.edges)
     at = w.variable("cell", "let", INT)
     body.append(w.declare(at, cell))
-    packed = w.array(f"{name}_TABLE", IntType(0, 255), table.packed)
+    packed = w.table_of_bytes(f"{name}_TABLE", table.packed)
     powers = w.array(f"{name}_POWERS", INT, POWERS)
     four = w.number(PER_BYTE)
     byte = w.at(packed, w.op("/", w.read(at), four))

@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
-from soter.language.model.types import BOOL, FLOAT, INT, IntType
+from soter.language.model.types import BOOL, FLOAT, INT
 from soter.verify.problem.estimates import seen
 from soter.verify.tables import toward_sc
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
@@ -171,8 +171,7 @@ class ShieldWriter(toward_sc.ShieldParts):
         body, cell = cell_of(self, name, inputs, table.edges)
         n = self.number(self.cells)
         low, high = (self.op(op, self.read(ends), n) for op in "%/")
-        tops = tuple(int(v) for v in table.commands.tops.ravel())
-        packed = self.array(f"{name}_TABLE", IntType(0, 255), tops)
+        packed = self.table_of_bytes(f"{name}_TABLE", table.commands.tops.tobytes())
         top = self.at(packed, self.op("+", self.op("*", cell, n), low))
         fine = t.Conditional(
             INT, self.span, self.op("<", high, top), self.number(1), self.number(0)

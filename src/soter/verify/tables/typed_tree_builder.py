@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from soter.language.model import typed as t
-from soter.language.model.types import BOOL, INT, ArrayType, RecordType
+from soter.language.model.data_table import Table, is_table
+from soter.language.model.types import BOOL, INT, ArrayType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -55,6 +58,15 @@ class Writer:
     def array(self, name: str, element: Type, values: tuple[Value, ...]) -> t.TypedExpr:
         """A constant table."""
         return t.Literal(ArrayType(element, len(values)), self.span, values, name)
+
+    def table_of_bytes(self, name: str, values: bytes) -> t.TypedExpr:
+        """A constant table of ints in [0, 255]; as data where there are many."""
+        element = IntType(0, 255)
+        of = ArrayType(element, len(values))
+        if not is_table(of):
+            return self.array(name, element, tuple(values))
+        numbers = np.frombuffer(values, dtype=np.uint8).astype("<i8")
+        return t.Literal(of, self.span, Table(element, numbers.tobytes()), name)
 
     def leaf(self, topic: t.TopicSymbol, path: Sequence[str]) -> t.TypedExpr:
         """One leaf of a topic."""

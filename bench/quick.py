@@ -1,0 +1,282 @@
+"""All ratios of speed that people feel, beside their peers, in one run of five minutes.
+
+    make bench-quick      (or: .venv/bin/python bench/quick.py [--peer PYTHON] [--only WORD])
+
+Purpose: a row a figure: what was measured, beside what, the target. Commands are whole processes,
+their processor time (median), so that others on the machine matter less; steps and flights are
+processor time of this process, in turns with their peers. `--peer`: a Python with
+run-time-assurance (bench/running/simplex_peer.py). What takes minutes each has a command of its own
+and is named at the end. Exit code 1 where a target is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import re
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import venv
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import soter
+from soter.campaign.batch_flights import Fleet
+from soter.editor.overlay import Overlay
+from soter.gym import Protected
+from soter.language.elaborate.derived_systems import faultless
+from soter.language.front_end import check_file
+from soter.report.terminal_tables import table
+from soter.simulate.run import NativeProgram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples"
+sys.path[:0] = [str(ROOT), str(EXAMPLES / "mountain_car")]
+import cliff_env  # type: ignore[import-not-found]  # noqa: E402
+from bench.running.gym_steps import bare_worlds, one, protected_worlds  # noqa: E402
+
+DRONE = EXAMPLES / "drone"
+SECOND = 10**9
+TURNS = 5
+NODES = 1000
+ELSEWHERE = """not in these five minutes: `verify` and `recheck` of the examples
+(bench/verify/time_to_verdict.py, bench/recheck/time_to_recheck.py), sets beside hj-reachability
+(bench/verify/reach_sets.py), the explorer and SPIN (bench/testing/size.py, spin.py)"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure in `unit`; `most`: whether the target is an upper bound."""
+
+    name: str
+    value: float
+    unit: str
+    target: float | None = None
+    beside: str = ""
+    most: bool = True
+
+    @property
+    def met(self) -> bool:
+        """Whether it is what it is to be."""
+        if self.target is None:
+            return True
+        return self.value <= self.target if self.most else self.value >= self.target
+
+
+# ---------------------------------------------------------------- whole processes
+
+
+def processor_s(*arguments: str, turns: int = TURNS, cache: str = "") -> float:
+    """Processor seconds of `soter ARGUMENTS`, the median of several behind one that warms."""
+    environment = {**os.environ, **({"SOTER_CACHE": cache} if cache else {})}
+    times = []
+    for _ in range(turns + (turns > 1)):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(
+            [sys.executable, "-m", "soter", *arguments],
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            check=True,
+        )
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        times.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
+    return statistics.median(times[turns > 1 :])
+
+
+def many_nodes(count: int) -> str:
+    """A program of so many nodes, each behind the one before."""
+    lines = ["soter 1;", "input topic t0: float in [-1.0, 1.0] = 0.0;"]
+    for i in range(count):
+        lines += [
+            f"topic t{i + 1}: float in [-1.0, 1.0] = 0.0;",
+            f"node N{i} period 10ms {{ subscribes t{i}; publishes t{i + 1}; var s: float;",
+            f"  step {{ s = 0.9 * s + 0.1 * t{i}; publish t{i + 1} = clamp(s, -1.0, 1.0); }} }}",
+        ]
+    nodes = " ".join(f"node N{i};" for i in range(count))
+    return "\n".join([*lines, f"system S {{ {nodes} input t0 every 10ms; until 1s; }}", ""])
+
+
+def commands() -> Iterator[Row]:
+    """The command line."""
+    drone = str(DRONE / "motion_primitive.soter")
+    yield Row("check of motion_primitive, process", processor_s("check", drone), "s", 0.35)
+    cart = str(EXAMPLES / "wall" / "cart.soter")
+    yield Row("run of the cart, compiled before", processor_s("run", cart), "s", 0.4)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "many.soter"
+        path.write_text(many_nodes(NODES), encoding="utf-8")
+        first = processor_s("run", str(path), turns=1, cache=str(Path(folder) / "cache"))
+        yield Row(f"first run of {NODES:,} nodes", first, "s", 4.0)
+
+
+def keystrokes() -> Iterator[Row]:
+    """What the server computes for a key in the corridor, with all its imports."""
+    path = DRONE / "corridor.soter"
+    text = path.read_text(encoding="utf-8")
+    at, reading, times = text.index("return ", len(text) // 2) + 7, Overlay(lambda _: None), []
+    for k in range(4 * TURNS + 1):
+        typed = text[:at] + " + WALLS_"[: k % 9] + text[at:]
+        began = time.process_time()
+        check_file(str(path), typed, reading=reading)
+        times.append(time.process_time() - began)
+    yield Row("a key in the corridor, diagnostics", 1e3 * statistics.median(times[1:]), "ms", 80.0)
+
+
+# ---------------------------------------------------------------- learning
+
+
+def turns_of(ways: dict[str, Callable[[], object]], turns: int = 3 * TURNS) -> dict[str, float]:
+    """Processor seconds of a call of each, in turns, medians."""
+    times: dict[str, list[float]] = {name: [] for name in ways}
+    for _ in range(turns):
+        for name, call in ways.items():
+            began = time.process_time()
+            call()
+            times[name].append(time.process_time() - began)
+    return {name: statistics.median(t) for name, t in times.items()}
+
+
+def learning(peer: str) -> Iterator[Row]:
+    """Steps of environments."""
+    program = soter.load(EXAMPLES / "mountain_car" / "cliff.soter")
+    protected = Protected(program, cliff_env.make())
+    took = turns_of({"bare": one(cliff_env.make()), "protected": one(protected)})
+    over = took["protected"] / took["bare"]
+    beside = f"{1e3 * took['protected']:.2f} us beside {1e3 * took['bare']:.2f} us bare"
+    yield Row("a protected step / a bare one", over, "x", 2.0, beside)
+    count = 4096
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 1))
+    took = turns_of(
+        {
+            "protected": protected_worlds(count, actions, copy=False),
+            "bare": bare_worlds(count, actions),
+        }
+    )
+    beside = f"the same plant and loop, bare: {count / took['bare'] / 1e6:.1f} M"
+    yield Row("steps of vectors", count / took["protected"] / 1e6, "M/s", 5.0, beside, most=False)
+    yield first_environment()
+    if peer:
+        yield from simplex_peer(peer)
+
+
+def first_environment() -> Row:
+    """Of a cart whose DM reads 1.6 million cells, in a process that has made another one before."""
+    text = (EXAMPLES / "wall" / "cart.soter").read_text(encoding="utf-8")
+    text = re.sub(r"\n  (ttf|safer) [^;]*;", "", text)
+    text = text.replace("/ 400", "/ 1600").replace("/ 320", "/ 1000")
+    times = []
+    with tempfile.TemporaryDirectory() as folder:
+        for k in range(3):  # another path is another program to a process, and not to the cache
+            path = Path(folder) / str(k) / "cart.soter"
+            path.parent.mkdir()
+            path.write_text(text, encoding="utf-8")
+            program = soter.load(path)
+            began = time.process_time()
+            Protected(program, cart_environment())
+            times.append(time.process_time() - began)
+    return Row("first environment, 1.6 M cells, compiled before", min(times[1:]), "s", 0.1)
+
+
+def cart_environment() -> Any:  # noqa: ANN401 - of the tests
+    """A cart before a wall."""
+    path = ROOT / "tests" / "unit" / "gym" / "gym_cart.py"
+    spec = importlib.util.spec_from_file_location("gym_cart", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Cart()
+
+
+def simplex_peer(peer: str) -> Iterator[Row]:
+    """Beside AFRL's filter, by its own benchmark."""
+    script = ROOT / "bench" / "running" / "simplex_peer.py"
+    done = subprocess.run(
+        [sys.executable, str(script), "--peer", peer], capture_output=True, text=True, check=False
+    )
+    ratio = re.search(r"Python: ([\d.]+) x", done.stdout)
+    if ratio is not None:
+        name = "run-time-assurance's filter / a step's cost"
+        yield Row(name, float(ratio[1]), "x", 50.0, "explicit switching, docking", most=False)
+
+
+# ---------------------------------------------------------------- flights
+
+
+def flights() -> Iterator[Row]:
+    """The stack and its laps, one core."""
+    flat = soter.load(DRONE / "campaign.soter").flat()
+    length_s, count = 600, 6
+    fleet = Fleet(faultless(flat), length_s * SECOND)
+    took = turns_of({"stack": lambda: fleet.fly(range(count), first_seed=1)}, TURNS)
+    hours_s = 104 * 3600 / (count * length_s / took["stack"])
+    yield Row("104 h of the stack, one core", hours_s, "s", 25.0, "goal 8")
+    laps = NativeProgram(soter.load(DRONE / "motion_primitive.soter").flat("Protected"))
+    took = turns_of({"laps": lambda: [laps.run(14 * SECOND, k) for k in range(20)]}, TURNS)
+    yield Row("laps, real-time factor", 20 * 14 / took["laps"], "x", 25_000.0, most=False)
+
+
+# ---------------------------------------------------------------- the disk
+
+
+def sizes() -> Iterator[Row]:
+    """Virtual environments as `pip install` makes them: from the registry, some minutes."""
+    for what, name, target in ((".", "`pip install .`", 110.0), (".[demo]", "`make demo`", 250.0)):
+        with tempfile.TemporaryDirectory() as folder:
+            venv.create(folder, with_pip=True)
+            pip = [str(Path(folder) / "bin" / "python"), "-m", "pip", "install", "--quiet"]
+            subprocess.run([*pip, what], cwd=ROOT, check=True, capture_output=True)
+            done = subprocess.run(["du", "-sk", folder], check=True, capture_output=True, text=True)
+        yield Row(f".venv of {name}", int(done.stdout.split()[0]) / 1024, "MiB", target)
+
+
+def main() -> int:
+    """Measure and print; 1 where a target is missed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--peer", default="", help="a Python with run-time-assurance")
+    parser.add_argument("--only", default="", help="commands, keys, learning or flights")
+    parser.add_argument("--sizes", action="store_true", help="virtual environments, too")
+    given = parser.parse_args()
+    parts: dict[str, Callable[[], Iterator[Row]]] = {
+        "commands": commands,
+        "keys": keystrokes,
+        "learning": lambda: learning(given.peer),
+        "flights": flights,
+    }
+    if given.sizes:
+        parts = {"sizes": sizes, **parts}
+    rows: list[Row] = []
+    for name, part in parts.items():
+        if given.only in name:
+            rows += part()
+    shown = [
+        (r.name, f"{r.value:,.3g} {r.unit}", target_of(r), "" if r.met else "missed", r.beside)
+        for r in rows
+    ]
+    print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors; times are of processors")
+    print(table(("figure", "measured", "target", "", "beside"), shown, color=False))
+    print(ELSEWHERE)
+    return 0 if all(r.met for r in rows) else 1
+
+
+def target_of(row: Row) -> str:
+    """The target, as it is shown."""
+    if row.target is None:
+        return ""
+    return f"{'<=' if row.most else '>='} {row.target:,g} {row.unit}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
