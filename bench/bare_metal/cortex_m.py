@@ -85,7 +85,7 @@ COUNTED = re.compile(
     r"\d+ instants, (\d+) longer than a tick\nstack (\d+) bytes used$",
     re.MULTILINE,
 )
-UNTIL = re.compile(r"^UNTIL_NS \?= (\d+)$", re.MULTILINE)
+UNTIL = re.compile(r"^UNTIL_NS := (\d+)$", re.MULTILINE)
 LOOPED_NS = 60 * 10**9
 RUNS = 10
 SLOWEST = 5

@@ -184,6 +184,42 @@ def test_an_image_that_does_not_end_is_stopped(tmp_path: Path) -> None:
     assert "Error 124" in done.stderr
 
 
+def test_the_words_of_an_earlier_run_are_no_run(tmp_path: Path) -> None:
+    """QEMU does not start, or was ended: neither has the trace that an earlier run left."""
+    board = wanted("mps2-an500")
+    package = package_of(example(EXAMPLES["cart"]), board, tmp_path)
+    assert build_image(package, board).same_as_host
+    for given in ("QEMU=false", "QEMU=true", "QEMU=echo trace_sha256 >run.txt; true"):
+        done = make(package.folder, "run", given)
+        assert done.returncode != 0, given
+        assert "the same trace" not in done.stdout, given
+    nowhere = board_of("nowhere", board.text.replace('"mps2-an500"', '"nowhere"'))
+    package = package_of(example(EXAMPLES["cart"]), nowhere, tmp_path)
+    with pytest.raises(SoterError, match="unsupported machine type"):
+        build_image(package, nowhere)
+
+
+def test_the_environment_does_not_say_what_is_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"SEED": "3", "UNTIL_NS": "1", "TRACE": "x", "RECORDING": "x"}.items():
+        monkeypatch.setenv(name, value)
+    image_of(example(EXAMPLES["cart"]), wanted("mps2-an500"), tmp_path)
+    done = make(tmp_path, "run", "TRACE=.*")
+    assert "another trace than on the host" in done.stdout, "a trace is no pattern"
+
+
+def test_other_flags_make_another_image(tmp_path: Path) -> None:
+    package = package_of(example(EXAMPLES["cart"]), wanted("mps2-an500"), tmp_path)
+    first, again, plain = (
+        make(package.folder, package.image, f"CFLAGS={flags}").stdout
+        for flags in ("-Os", "-Os", "-O0")
+    )
+    assert " -Os " in first
+    assert again == ""
+    assert " -O0 " in plain
+
+
 def test_a_run_that_does_not_end_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

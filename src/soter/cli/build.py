@@ -10,6 +10,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api.deploying import image_of, stack_bound
+from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import CommandOutcome
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_file, add_settings
@@ -67,6 +68,8 @@ def parser() -> CommandParser:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Build."""
     program = loaded(args, console)
+    if program.externs and args.board is not None:  # they answer in the run that images repeat
+        in_child_process(console, lambda _: ())
     with ProgressBar(console) as progress:
         package = program.build(
             args.target,

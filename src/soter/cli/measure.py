@@ -10,6 +10,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError, exit_of
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
@@ -89,6 +90,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         message = "`--board` counts instructions, and `--instruction` makes times of them: say both"
         raise UsageError(message, parser().format_usage())
     program = loaded(args, console)
+    if program.externs:
+        in_child_process(console, lambda _: ())
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
     try:
         with ProgressBar(console) as progress:

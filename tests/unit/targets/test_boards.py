@@ -65,10 +65,30 @@ def test_nothing_else_knows_a_board() -> None:
         ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 0", "`BOARD_CLOCK_HZ` is 0"),
         ('"cortex-m7"', '"cortex-m9"', "`BOARD_CORE` has to be one of"),
         ("void soter_board_watchdog(void) {}", "", "`soter_board_watchdog` is not defined"),
+        ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 025000000", "or no number such as"),
+        ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ -5", "or no number such as"),
+        ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 25000000U", "or no number such as"),
+        ("BOARD_CLOCK_HZ 25000000", f"BOARD_CLOCK_HZ {'9' * 5000}", "or no number such as"),
+        ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 4294967296", "no word of 32 bits"),
+        ("BOARD_AC_BYTES 8192", "BOARD_AC_BYTES 8388608", "more than RAM"),
+        ('"mps2-an500"', "mps2-an500", "`BOARD_QEMU` is no word in quotes"),
+        ('"mps2-an500"', '"mps2-an500; ls"', "no name of a machine"),
+        (
+            "#define BOARD_RAM_AT 0x20000000",
+            "#define BOARD_RAM_AT 0x20000000\n#define BOARD_RAM_AT 0x60000000",
+            "`BOARD_RAM_AT` is defined twice",
+        ),
     ],
 )
 def test_a_board_that_cannot_be_is_refused(old: str, new: str, words: str) -> None:
     assert words in refused(changed(old, new))
+
+
+def test_numbers_may_stand_in_a_column() -> None:
+    spread = TEXT.replace("#define BOARD_CORE ", "#define BOARD_CORE     ")
+    spread = spread.replace("#define BOARD_RAM_AT ", "# define\tBOARD_RAM_AT\t")
+    assert spread != TEXT
+    assert board_of("mine", spread).ram_at == board_of("mine", TEXT).ram_at
 
 
 def test_all_that_is_wrong_is_told_at_once() -> None:
@@ -110,6 +130,26 @@ def test_a_program_that_does_not_fit_says_by_how_much(
     assert diagnostic.code == "X015"
     assert words in diagnostic.message
     assert "largest: `" in diagnostic.notes[0]
+
+
+def test_what_is_too_small_for_an_extern_is_named(tmp_path: Path) -> None:
+    board = read_board("mps2-an500")
+    if missing_tools(board):
+        pytest.skip(missing_tools(board))
+    one = TWO.replace("extern node Camera period 10ms { publishes seen; failsafe seen = 0.0; }", "")
+    (tmp_path / "one.soter").write_text(one.replace("node Camera;", ""), encoding="utf-8")
+    (tmp_path / "fast.c").write_text(
+        '#include "one.h"\nstatic volatile char large[6000];\n'
+        "int fast(const one_M_Fast_in* in, one_M_Fast_out* out) {\n"
+        "  (void)in;\n  (void)out;\n  return large[0];\n}\n",
+        encoding="utf-8",
+    )
+    program = soter.load(tmp_path / "one.soter")
+    program.bind("M.Fast", f"c:{tmp_path / 'fast.c'}:fast")
+    package = program.build("cortex-m", tmp_path / "out", board=board.name)
+    with pytest.raises(SoterError) as caught:
+        build_image(package, board)
+    assert any("BOARD_AC_BYTES is too small" in x for x in caught.value.diagnostics[0].notes)
 
 
 def test_a_stack_that_is_too_small_says_by_how_much() -> None:

@@ -22,8 +22,13 @@ if TYPE_CHECKING:
 BOARDS = RUNTIME / "cortex_m" / "boards"
 """Those that ship: boards that QEMU emulates."""
 DEFINE = re.compile(
-    r'^#define BOARD_(\w+) (?:"([^"]*)"|(0[xX][0-9a-fA-F]+|\d+))(?=\s|$)', re.MULTILINE
+    r"^[ \t]*#[ \t]*define[ \t]+BOARD_(\w+)[ \t]+"
+    r'(?:"([^"\n]*)"|(0[xX][0-9a-fA-F]{1,16}|0|[1-9][0-9]{0,18}))(?=\s|/\*|//|$)',
+    re.MULTILINE,
 )
+"""A number is one in C and here: no octal one, no suffix."""
+MACHINE = re.compile(r"[\w.,=-]*")
+"""Of QEMU: a word of a Makefile."""
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
 NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
@@ -91,14 +96,28 @@ def board_names() -> list[str]:
 
 def board_of(name: str, text: str) -> Board:
     """What the text of a board file says; SoterError X017."""
-    words = {key: word for key, word, number in DEFINE.findall(text) if not number}
-    numbers = {key: int(number, 0) for key, _, number in DEFINE.findall(text) if number}
+    defined = DEFINE.findall(text)
+    words = {key: word for key, word, number in defined if not number}
+    numbers = {key: int(number, 0) for key, _, number in defined if number}
     problems = [
-        f"`#define BOARD_{n} ...` is not there, or no number" for n in NUMBERS if n not in numbers
+        f"`#define BOARD_{n} ...` is not there, or no number such as 131072 or 0x20000"
+        for n in NUMBERS
+        if n not in numbers
     ]
+    problems += [
+        f"`BOARD_{n}` is {numbers[n]:,}: no word of 32 bits"
+        for n in NUMBERS
+        if numbers.get(n, 0) >= END
+    ]
+    keys = [key for key, _, _ in defined]
+    problems += [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
     if words.get("CORE") not in CORES:
         known = ", ".join(f'"{core}"' for core in CORES)
         problems.append(f"`BOARD_CORE` has to be one of {known}")
+    if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
+        problems.append("`BOARD_QEMU` is no word in quotes")
+    if MACHINE.fullmatch(words.get("QEMU", "")) is None:
+        problems.append("`BOARD_QEMU` is no name of a machine of QEMU")
     problems += [
         f"`soter_board_{f}` is not defined"
         for f in FUNCTIONS
@@ -143,6 +162,8 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
         yield "`BOARD_CLOCK_HZ` is 0"
     if board.ac_bytes < 2 * LEAST_STACK or board.ac_bytes & (board.ac_bytes - 1) != 0:
         yield f"`BOARD_AC_BYTES` is {board.ac_bytes:,}: a power of two, {2 * LEAST_STACK} at least"
+    if board.ac_bytes > board.ram_bytes:
+        yield f"`BOARD_AC_BYTES` is {board.ac_bytes:,}: more than RAM"
     flash = max(board.flash_bytes, 1)
     if flash & (flash - 1) != 0 or board.flash_at % flash != 0:
         yield "flash is no power of two, or begins at no multiple of it: no region of an MPU"

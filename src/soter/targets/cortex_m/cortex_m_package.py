@@ -148,7 +148,7 @@ def cortex_m_package(
         f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
     )
     package.image = f"{name}.elf"
-    package.commands = [f"make -C {folder} {'run' if board.qemu else package.image}"]
+    package.commands = [f"make -C {folder} {'run' if board.qemu else f'{name}_loop.elf'}"]
     return package
 
 
@@ -224,20 +224,24 @@ SOURCES := \\
   {common}
 UNTRUSTED := {untrusted}
 OBJECTS := {"untrusted.o" if made.untrusted else ""}
-HEADERS := $(wildcard *.h extern*/*.h) {SCRIPT} Makefile
+HEADERS := $(wildcard *.h extern*/*.h) {SCRIPT} Makefile flags.txt
 {_arithmetic(board)}
 {name}.elf: $(SOURCES) {" ".join(REPLAYED)} $(OBJECTS) $(HEADERS) $(ARITHMETIC)
 \t$(CC) $(COMPILED) $(PLACED) $(LINKED) -o $@ $(SOURCES) {" ".join(REPLAYED)} \\
 \t  $(OBJECTS) $(ARITHMETIC) -lm
 {_untrusted(made)}{_loop(name, tick)}
 Makefile: ; # never made from a Makefile.c
-.PHONY: run run-loop sizes clean
+.PHONY: run run-loop sizes clean flags
+# other flags, another image
+flags.txt: export FLAGS = $(COMPILED) $(LOOP) $(ARITHMETIC)
+flags.txt: flags
+\t@echo "$$FLAGS" | cmp -s - $@ || echo "$$FLAGS" > $@
 {_run(name, board, replay)}
 sizes: {name}.elf
 \tarm-none-eabi-size $<
 \tarm-none-eabi-nm --print-size --size-sort --radix=d $<
 clean:
-\trm -f {name}.elf {name}_loop.elf run.txt untrusted.o $(ARITHMETIC)
+\trm -f {name}.elf {name}_loop.elf run.txt flags.txt untrusted.o $(ARITHMETIC)
 """
 
 
@@ -296,14 +300,14 @@ run:
     ended = """ \\
 \t  if [ $$code = 124 ]; then echo "it has not ended within $(LIMIT_S) s: stopped"; fi;"""
     compared = """ \\
-\t  grep -q "^trace_sha256 " run.txt || exit $$code; \\
-\t  grep -qx "trace_sha256 $(TRACE)" run.txt && echo "the same trace as on the host" || \\
+\t  grep -q "^trace_sha256 " run.txt || { [ $$code != 0 ] || code=1; exit $$code; }; \\
+\t  grep -qxF "trace_sha256 $(TRACE)" run.txt && echo "the same trace as on the host" || \\
 \t  { echo "another trace than on the host: $(TRACE)"; exit 1; };"""
     return f"""\
-UNTIL_NS ?= {replay.until_ns}
-SEED ?= {replay.seed}
-TRACE ?= {replay.sha256 or "?"}
-RECORDING ?= {RECORDING if replay.recording else ""}
+UNTIL_NS := {replay.until_ns}
+SEED := {replay.seed}
+TRACE := {replay.sha256 or "?"}
+RECORDING := {RECORDING if replay.recording else ""}
 # longer than that no image runs here
 LIMIT_S ?= {LIMIT_S}
 LIMIT = $(shell command -v timeout >/dev/null && echo timeout $(LIMIT_S))
@@ -314,10 +318,12 @@ ICOUNT := {ICOUNT}
 WORDS := arg={name},arg=$(UNTIL_NS),arg=$(SEED),arg={2**ICOUNT},arg=$(RECORDING)
 # exits 0 safe, 1 not run or another trace, 3 violated, 70 a defect, 71 a fault, 124 no end
 run: {name}.elf
+\t@: > run.txt
 \t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words,$(WORDS) -kernel $<; \\
 \t  code=$$?; cat run.txt;{ended}{compared if replay.sha256 else ""} exit $$code
 run-loop: ICOUNT := {FASTER}
 run-loop: {name}_loop.elf
+\t@: > run.txt
 \t@$(QEMU) -semihosting-config enable=on,target=native,chardev=words -kernel $<; \\
 \t  code=$$?; cat run.txt;{ended}{compared if replay.sha256 else ""} exit $$code
 """

@@ -43,6 +43,8 @@ COUNTS = re.compile(
     re.MULTILINE,
 )
 SELF_TEST = re.compile(r"^instructions of the self-test (\d+)$", re.MULTILINE)
+SAID = re.compile(r"error|undefined|BOARD_AC_BYTES|multiple definition")
+"""Of what a compiler and a linker write: what does not go."""
 STACK = re.compile(r"^stack (\d+) bytes used$", re.MULTILINE)
 TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
 
@@ -190,7 +192,7 @@ def _sizes(image: Path, board: Board) -> tuple[int, int]:
 def _not_linked(package: Package, board: Board, text: str) -> SoterError:
     over = dict(OVERFLOW.findall(text))
     if not over:
-        lines = [visible(x[:300]) for x in text.splitlines() if "error" in x or "undefined" in x]
+        lines = [visible(x[:300]) for x in text.splitlines() if SAID.search(x)]
         what = f"`{CC}` does not make an image of the package `{package.folder}`"
         return SoterError((Diagnostic("X004", what, notes=tuple(lines[:8])),))
     sizes = {"FLASH": ("flash", board.flash_bytes), "RAM": ("RAM", board.ram_bytes)}
