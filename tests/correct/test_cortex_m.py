@@ -199,6 +199,28 @@ def test_the_words_of_an_earlier_run_are_no_run(tmp_path: Path) -> None:
         build_image(package, nowhere)
 
 
+def test_an_extern_that_crashes_the_run_of_the_host_is_told(tmp_path: Path) -> None:
+    (tmp_path / "one.soter").write_text(
+        "soter 1;\ntopic u: float in [-1.0, 1.0] = 0.0;\n"
+        "extern node Fast period 10ms { publishes u; failsafe u = 0.0; }\n"
+        "system S { node Fast; until 1s; }\n"
+    )
+    (tmp_path / "fast.c").write_text(
+        '#include "one.h"\n#include <stdlib.h>\n'
+        "int fast(const one_Fast_in* in, one_Fast_out* out) {\n"
+        "  (void)in;\n  (void)out;\n  abort();\n}\n"
+    )
+    command = f"build one.soter --bind Fast=c:{tmp_path / 'fast.c'}:fast"
+    words = [*command.split(), "--target", "cortex-m", "--board", "mps2-an500", "-o", "out"]
+    done = processes.run(
+        [sys.executable, "-m", "soter", *words],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "X011" in done.stderr
+    assert "SIGABRT" in done.stderr
+
+
 def test_the_environment_does_not_say_what_is_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
