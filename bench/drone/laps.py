@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from soter.verify.deploy.missing_predicates import complete
 
 from soter.language.front_end import check_file, system_of
 from soter.report.terminal_tables import table
 from soter.simulate.run import NativeProgram
+from soter.verify.deploy.missing_predicates import complete
 
 if TYPE_CHECKING:
     from soter.language.model.types import Value

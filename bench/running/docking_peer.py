@@ -89,8 +89,8 @@ TASKS = {
     1: Task(
         1, 1.0, 1.0, 0.0, "bench/adversary/docking.soter", "Loop", (0.6, 5.0), (0.01, 0.01), 0.02
     ),
-    2: Task(2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
-    3: Task(3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
+    2: Task(2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 55.0), (0.05, 0.002), 0.0002),
+    3: Task(3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 55.0), (0.05, 0.002), 0.0002),
 }
 
 
