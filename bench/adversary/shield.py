@@ -28,7 +28,7 @@ from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy.missing_predicates import complete
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW_NS = 10**9

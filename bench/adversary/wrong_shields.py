@@ -21,7 +21,7 @@ from bench.adversary.random_modules import Times
 
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
-from soter.verify.deploy import computed_predicates
+from soter.verify.deploy import missing_predicates
 from soter.verify.grid import shields
 from soter.verify.grid.sets import GridGroup
 from soter.verify.tables import shield_tables
@@ -223,7 +223,7 @@ _ends, _edges = shield_tables.ShieldWriter.ends, shield_tables.command_edges
 _expressions = shield_tables.shield_expressions
 OF_DM: dict[str, Patches] = {
     "the DM forgets what was held": ((shield_tables.ShieldWriter, "ends", _forgetful),),
-    "the DM does not look at what is held": ((computed_predicates, "shield_expressions", _silent),),
+    "the DM does not look at what is held": ((missing_predicates, "shield_expressions", _silent),),
     "the DM forgets 2 ms too soon": ((shield_tables, "SLACK_NS", -2 * MS),),
     "the DM's command cells lie elsewhere": ((shield_tables, "command_edges", _elsewhere),),
 }

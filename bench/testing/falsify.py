@@ -42,7 +42,7 @@ from soter.explore.engine.search import Search  # noqa: E402 - the same
 from soter.explore.judge.replay import replay, violation_id_of  # noqa: E402 - the same
 from soter.explore.methods import SAMPLING  # noqa: E402 - the same
 from soter.explore.search_options import SearchOptions  # noqa: E402 - the same
-from soter.explore.trace.schedule import plan_of  # noqa: E402 - the same
+from soter.explore.trace.allowed_steps import plan_of  # noqa: E402 - the same
 from soter.explore.trace.trace import VIOLATION_KINDS, Trace  # noqa: E402 - the same
 from soter.language.front_end import system_of_test  # noqa: E402 - the same
 

@@ -26,7 +26,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.by_parts import wholes
+from soter.explore.assume_guarantee import wholes
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import EXHAUSTED, VIOLATED

@@ -43,7 +43,7 @@ from soter.language.front_end import check_file, system_to_prove  # noqa: E402 -
 from soter.semantics.adversary import CHANCE, CORNER, HOLDS, TURN  # noqa: E402 - needs the path
 from soter.verify.attack import refute as attacks  # noqa: E402 - needs the path
 from soter.verify.attack.attacked_system import DRAWN, NotAttackableError  # noqa: E402 - needs the path
-from soter.verify.deploy.computed_predicates import complete  # noqa: E402 - needs the path
+from soter.verify.deploy.missing_predicates import complete  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,7 +14,7 @@ import numpy as np
 from city_scene import TUBE_GROUP, plans_group
 from city_shapes import box_outline, height_levels, join, tube_outline, window
 
-from soter.report.run.figure import (
+from soter.report.run.figure_elements import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,

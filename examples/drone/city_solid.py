@@ -23,7 +23,7 @@ from city_shapes import (
     window,
 )
 
-from soter.report.run.figure import (
+from soter.report.run.figure_elements import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,

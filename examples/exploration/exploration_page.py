@@ -20,7 +20,7 @@ from exploration_record import HERE, NEVER, Exploration
 
 import soter
 from soter.report.html import document
-from soter.report.run.figure import crowded, legend
+from soter.report.run.figure_elements import crowded, legend
 from soter.report.run.mode_bar import mode_bar
 from soter.report.run.packed_json import numbers, packed, script_json
 from soter.report.run.result_wording import prose

@@ -19,7 +19,7 @@ from generators.robot_logs import CHANNEL, WRITERS, Recorded, odometry
 from soter.api import load
 from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.samples import samples_of
+from soter.monitor.logs.typed_samples import samples_of
 
 if TYPE_CHECKING:
     from soter.monitor.logs.result import LogJudgement

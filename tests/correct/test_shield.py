@@ -110,17 +110,17 @@ def test_what_may_act_is_always_permitted(tmp_path: Path) -> None:
 
 def tables_of(program: soter.Program) -> Any:
     """What the DM of the shielded module holds."""
-    from soter.verify.deploy import computed_predicates
+    from soter.verify.deploy import missing_predicates
 
     kept: list[Any] = []
-    put = computed_predicates.put
+    put = missing_predicates.put
 
     def noted(flat: Any, module: Any, problem: Any, tables: Any) -> None:
         kept.extend(tables)
         put(flat, module, problem, tables)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(computed_predicates, "put", noted)
+        patch.setattr(missing_predicates, "put", noted)
         program.simulate(system="Track", until="50ms")
     return kept[0]
 

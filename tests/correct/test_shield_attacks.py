@@ -24,8 +24,8 @@ from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, find
-from soter.verify.deploy import computed_predicates
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy import missing_predicates
+from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import shields
 from soter.verify.problem.estimates import errors_of
 from soter.verify.tables import shield_tables
@@ -223,6 +223,6 @@ def test_a_silent_dm_is_refuted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         return held, permits, Literal(BOOL, ttf.span, False)
 
     (tmp_path / "small.soter").write_text(SMALL)
-    monkeypatch.setattr(computed_predicates, "shield_expressions", silent)
+    monkeypatch.setattr(missing_predicates, "shield_expressions", silent)
     report = soter.load(tmp_path / "small.soter").verify(refute=False)
     assert report["Keep"].findings["DM"].verdict == "refuted"

@@ -7,7 +7,7 @@ import re
 import pytest
 from bench.testing.whole_robots import DELIVERY, ROBOTS, Mutant, Robots, caught, explored
 
-from soter.explore.by_parts import wholes
+from soter.explore.assume_guarantee import wholes
 from soter.explore.results import EXHAUSTED, VIOLATED
 from soter.language.front_end import check_file
 

@@ -16,7 +16,7 @@ from soter.api.files import format_text, read_text, require_writers
 from soter.api.program import Program, load
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.uncaught_mistake import install
+from soter.diagnostics.exception_hook import install
 
 if TYPE_CHECKING:
     from soter.api.rechecking import recheck

@@ -76,7 +76,7 @@ def add_stale_monitors(checked: CheckResult) -> None:
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
-        from soter.monitor.stale_monitors import stale_monitors  # noqa: PLC0415 - needs NumPy
+        from soter.monitor.outdated_monitor_files import stale_monitors  # noqa: PLC0415 - needs NumPy
 
         for wrong in stale_monitors(checked):
             checked.diagnostics.add(wrong)
@@ -126,7 +126,7 @@ def complete(system: System, progress: Progress | None = None) -> list[str]:
     """Compute `ttf` and `safer` for modules that have neither; a note on each."""
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
-    from soter.verify.deploy.computed_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
 
     phase("computing ttf and safer", anew=True)
     return compute(system, progress)

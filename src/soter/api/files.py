@@ -157,7 +157,7 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
             from soter.report.sequence.page import write_page  # noqa: PLC0415 - only then
 
             return write_page(view, path)
-        from soter.report.sequence.log import write_log  # noqa: PLC0415 - an extra
+        from soter.report.sequence.trace_to_mcap import write_log  # noqa: PLC0415 - an extra
 
         return write_log(view, path)
     except LogUnavailableError as error:

@@ -17,10 +17,10 @@ from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
-from soter.monitor.logs.samples import recorded as of_samples
-from soter.monitor.logs.samples import samples_of
+from soter.monitor.logs.typed_samples import recorded as of_samples
+from soter.monitor.logs.typed_samples import samples_of
 from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.simulate.recorded_run import read_log, recorded
+from soter.simulate.trace_to_recorded_run import read_log, recorded
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ from soter.api.files import (
     write_advice,
 )
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.option import made, takes
+from soter.diagnostics.option_fields import made, takes
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
@@ -299,7 +299,7 @@ class Program:
 
         `alarm`: a bool topic of the program to publish; by default one of its own. SoterError D006.
         """
-        from soter.monitor.command import write_monitor  # noqa: PLC0415 - needs NumPy
+        from soter.monitor.emit_monitor import write_monitor  # noqa: PLC0415 - needs NumPy
 
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
@@ -327,7 +327,7 @@ class Program:
         `explain`: measure why it is not, and try what may help (None: where `refute` is).
         `SoterError` with R... where the program does not determine a problem.
         """
-        from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
+        from soter.explore.violation_search import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()

@@ -30,9 +30,9 @@ from soter.simulate.interrupt import (
     stoppable,
     stopped_by,
 )
+from soter.simulate.parameter_text import changed
 from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
-from soter.simulate.run_parameters import changed
 from soter.simulate.wall_clock_pacing import Pacer
 from soter.verify.proof_cache import stored_verdicts
 from soter.version import VERSION

@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.certificate.reading.modes_of_other_modules import names_of
 from soter.certificate.reading.module_facts import bounded_topics, driven_topics
-from soter.certificate.reading.other_modes import names_of
 from soter.certificate.time.module_times import DELAYS, read_by
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns

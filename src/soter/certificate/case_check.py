@@ -41,16 +41,16 @@ from soter.certificate.inclusions.predicates import (
 from soter.certificate.inclusions.sc_chains import delays
 from soter.certificate.inclusions.unbounded_axes import nothing_reads
 from soter.certificate.polytope.dm_half_spaces import returned
-from soter.certificate.polytope.plant_publications import all_published
 from soter.certificate.polytope.polytope_check import PolytopeCheck
-from soter.certificate.polytope.predicates import certain_beside, show_admitted
+from soter.certificate.polytope.predicates_on_boxes import certain_beside, show_admitted
+from soter.certificate.polytope.published_value_ranges import all_published
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.reading.module_views import ttf_of_states
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
+from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.types import leaves
 from soter.workers.child_process import end_with

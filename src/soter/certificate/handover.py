@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.certificate.assumptions import Jump
 from soter.certificate.inclusions.handover_claim import not_entered
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.module_views import entered
+from soter.certificate.reading.view_predicates import entered
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.module_times import read_by
 from soter.language.model.tree_walk import topic_reads

@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.module_facts import ModuleAbove
-from soter.certificate.reading.module_views import said_of
 from soter.certificate.reading.problem import read_facts
+from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.hand_back import handed_back
 from soter.certificate.time.module_times import read_by

@@ -31,16 +31,16 @@ from soter.certificate.induction.check_claims import recheck_induction
 from soter.certificate.module_above import read_above
 from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
 from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
-from soter.certificate.polytope.predicates import narrowed
+from soter.certificate.polytope.predicates_on_boxes import narrowed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.module_views import left_out
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.sc_before_publication import answers_all, survives_the_start
+from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault

@@ -23,7 +23,7 @@ from soter.cli.terminal.parser import (
 )
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.json_object import JsonObject, Shape, one_of
+from soter.diagnostics.record_to_json import JsonObject, Shape, one_of
 
 if TYPE_CHECKING:
     import argparse

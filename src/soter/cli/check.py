@@ -22,7 +22,7 @@ from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.cli.terminal.timing_report import TIMING, say_timing
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse

@@ -31,7 +31,7 @@ from soter.cli.terminal.parser import (
 )
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 from soter.version import VERSION
 

@@ -15,7 +15,7 @@ from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, Comman
 from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_report, report_path
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.json_object import JsonObject
+from soter.diagnostics.record_to_json import JsonObject
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION

@@ -30,9 +30,9 @@ from soter.cli.terminal.parser import (
 from soter.cli.terminal.progress import LineOfProgress
 from soter.cli.terminal.units import rounded, size
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.json_object import JsonObject, one_of
-from soter.diagnostics.option import options_of
-from soter.explore.by_parts import wholes
+from soter.diagnostics.option_fields import options_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
+from soter.explore.assume_guarantee import wholes
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES

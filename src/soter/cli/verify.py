@@ -23,7 +23,7 @@ from soter.cli.terminal.parser import (
 )
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
-    from soter.verify.composition import ComposedAssumption
+    from soter.verify.composition_table import ComposedAssumption
 
 EXAMPLES = f"""\
   soter verify cart.soter
@@ -201,7 +201,7 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
-    from soter.verify.composition import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.composition_table import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)

@@ -3,7 +3,7 @@
 Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
 published.
 Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `plants.py`,
-`decisions.py`, `inputs.py`, `initial_state.py`).
+`decisions.py`, `environment_inputs.py`, `initial_state.py`).
 """
 
 from __future__ import annotations

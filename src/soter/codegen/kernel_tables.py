@@ -1,7 +1,7 @@
 """Tables of a generated program, from which the kernel runs it.
 
 Purpose: components, modules, properties, topics and inputs, and `soter_program`, which names them.
-Non-goals: the functions in them (`nodes.py`, `plants.py`, `decisions.py`, `inputs.py`).
+Non-goals: the functions in them (`nodes.py`, `plants.py`, `decisions.py`, `environment_inputs.py`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from soter.codegen.c.types import int_number
 from soter.language.model.system import environment_topics
 
 if TYPE_CHECKING:
+    from soter.codegen.environment_inputs import InputEmitter
     from soter.codegen.function_context import Frame
-    from soter.codegen.inputs import InputEmitter
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, Property
 

@@ -1,7 +1,7 @@
 """Values drawn by chance, or as a driver answers.
 
 Purpose: the draw of a float, draws in order, and a value put together from its leaves.
-Non-goals: which draws there are (`plants.py`, `inputs.py`, `initial_state.py`).
+Non-goals: which draws there are (`plants.py`, `environment_inputs.py`, `initial_state.py`).
 """
 
 from __future__ import annotations

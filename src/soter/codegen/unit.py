@@ -25,6 +25,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
+from soter.codegen.environment_inputs import InputEmitter
 from soter.codegen.extern_interface import (
     LINKED,
     answer_fields,
@@ -39,7 +40,6 @@ from soter.codegen.extern_interface import (
 )
 from soter.codegen.extern_results import received
 from soter.codegen.function_context import Frame, where
-from soter.codegen.inputs import InputEmitter
 from soter.codegen.kernel_tables import TableEmitter
 from soter.codegen.storage.value_locations import MADE
 from soter.core.layout import Struct, arrange, state_layout

@@ -1,8 +1,8 @@
 """The rows of numbers that a diagram has room for: what a topic or a plant holds at a moment.
 
 Purpose: from a type to rows, and the key under which a page finds the text of each.
-Non-goals: the numbers themselves (`simulate/outputs/live_diagram.py`, which reads them off a run or
-a log).
+Non-goals: the numbers themselves (`simulate/outputs/run_on_diagram.py`, which reads them off a run
+or a log).
 """
 
 from __future__ import annotations

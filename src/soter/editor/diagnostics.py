@@ -28,7 +28,7 @@ SEVERITIES = {
 }
 UNUSED = "W001"
 AGAIN = "and here"
-"""What `language/diagnostic_summary.py` writes at the further places of one mistake."""
+"""What `language/diagnostic_filter.py` writes at the further places of one mistake."""
 
 
 def by_file(

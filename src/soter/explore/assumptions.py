@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore import contract_use, explored_conditions
 from soter.explore.methods import LEAVES_MAX
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.language.elaborate.derived_systems import OUTSIDE
 from soter.language.elaborate.elaborator import show_ns
 from soter.language.model.types import FloatType, leaves

@@ -34,7 +34,7 @@ from soter.explore.results import (
     bound_text,
     why_not_shortest,
 )
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.explore.trace.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
 from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
 from soter.language.elaborate.derived_systems import with_test

@@ -2,7 +2,7 @@
 
 Purpose: each option once, with its range, its default, its words and its flag; what `progress` is
 told.
-Non-goals: how options are read (`diagnostics/option.py`), the texts of `skew`, `horizon` and
+Non-goals: how options are read (`diagnostics/option_fields.py`), the texts of `skew`, `horizon` and
 `params`, which others read as well.
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
-from soter.diagnostics.option import SEVERAL, SWITCH, choice, option, seconds, size, whole
+from soter.diagnostics.option_fields import SEVERAL, SWITCH, choice, option, seconds, size, whole
 from soter.explore.methods import (
     EXHAUSTIVE,
     FALSIFY,

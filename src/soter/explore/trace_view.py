@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.explore.judge.replay import Replayed, ReplayedStep
-    from soter.explore.trace.schedule import ScheduledActor
+    from soter.explore.trace.allowed_steps import ScheduledActor
     from soter.explore.trace.trace import Choice
     from soter.language.model.system import Component, System
     from soter.report.sequence.view import Kind, Mode, Role

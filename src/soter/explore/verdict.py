@@ -29,7 +29,7 @@ from soter.explore.results import (
     VIOLATED,
     WIDTH,
 )
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.explore.vacuity import vacuous_tests
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.language.check.checker import check
-from soter.language.diagnostic_summary import for_people
+from soter.language.diagnostic_filter import for_people
 from soter.language.elaborate.deployment.deployed_systems import check_deployed
 from soter.language.elaborate.derived_systems import at_once, faultless
 from soter.language.elaborate.elaborator import Elaborator, implicit_system

@@ -2,7 +2,7 @@
 
 Purpose: small questions to tables that people wrote; what is wrong is noted and a value given back
 that reading can go on with.
-Non-goals: what the answers mean (`read_mapping.py`, `topic_reader.py`).
+Non-goals: what the answers mean (`read_mapping.py`, `topic_mapping_parser.py`).
 """
 
 from __future__ import annotations

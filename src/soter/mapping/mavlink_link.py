@@ -2,7 +2,8 @@
 
 Purpose: where messages come from and go to, whose they are, how long they take, and what the
 autopilot does when they end.
-Non-goals: which topic is which message (`topic_reader.py`); speaking MAVLink (`runtime/mavlink/`).
+Non-goals: which topic is which message (`topic_mapping_parser.py`); speaking MAVLink
+(`runtime/mavlink/`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """From a mapping, TOML or JSON, to records that fit a system.
 
 Purpose: read the file and what it says of the whole; every mistake is D015, all of them at once.
-Non-goals: what it says of a topic (`topic_reader.py`), messages and logs.
+Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and logs.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from soter.mapping.mavlink_link import read_link
 from soter.mapping.mavlink_types import MavlinkMessage, is_mavlink
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
-from soter.mapping.topic_reader import TopicReader
+from soter.mapping.topic_mapping_parser import TopicReader
 from soter.mapping.units import TIME_UNITS
 
 if TYPE_CHECKING:

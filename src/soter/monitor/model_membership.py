@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Value
     from soter.monitor.linear_model import LinearModel
-    from soter.report.recorded_run import RecordedRun
+    from soter.report.recorded_values import RecordedRun
     from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]

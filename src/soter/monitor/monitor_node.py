@@ -22,7 +22,7 @@ from soter.language.model.durations import show_ns
 from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.model_membership import ROUNDING, sight_of
-from soter.monitor.stale_monitors import EMITTED
+from soter.monitor.outdated_monitor_files import EMITTED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,7 +43,7 @@ def monitor_source(
 
     `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
     alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own;
-    `record`: the line that says what it is made of (`stale_monitors.py`).
+    `record`: the line that says what it is made of (`outdated_monitor_files.py`).
     SoterError U001 where no such node exists.
     """
     lines = [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]

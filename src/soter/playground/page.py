@@ -2,7 +2,7 @@
 
 Purpose: pack the rooms that run in a browser, some examples and the files of Pyodide, compressed,
 into one HTML file whose content security policy lets no request leave.
-Non-goals: getting Pyodide (`pyodide_package.py`), what the page does (`session.py`, `assets/`).
+Non-goals: getting Pyodide (`pyodide_download.py`), what the page does (`session.py`, `assets/`).
 """
 
 from __future__ import annotations

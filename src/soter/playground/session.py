@@ -19,7 +19,7 @@ from soter.diagnostics.explain import named, suggestions
 from soter.diagnostics.render import render_all, to_json
 from soter.diagnostics.source import Source
 from soter.diagram.render import picture
-from soter.language.evaluate.signal_limits import limits
+from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.front_end import check_file, system_of
 from soter.language.model.durations import show_ns
 from soter.language.syntax.printer import format_source

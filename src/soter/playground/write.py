@@ -11,7 +11,7 @@ from pathlib import Path
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.playground.page import page
-from soter.playground.pyodide_package import runtime_files
+from soter.playground.pyodide_download import runtime_files
 from soter.report.errors import ReportError
 from soter.report.html import write_text
 

@@ -4,7 +4,8 @@ Purpose: dm1 and dm2 of the paper's DM-Step, also where a module stands in the p
 (docs/semantics.md, Modules above modules): its own controllers then have control only while the
 mode of the module above is AC. And what a DM step finds of the operator's acknowledgement, where a
 latch wants one, and what a switch makes of it (The latch).
-Non-goals: deciding a mode (`rules.py`); where a latch lies (`elaborate/decision_topics.py`).
+Non-goals: deciding a mode (`rules.py`); where a latch lies
+(`elaborate/margin_and_latch_topics.py`).
 """
 
 from __future__ import annotations

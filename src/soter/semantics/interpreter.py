@@ -14,9 +14,9 @@ from soter.language.model.system import Bound
 from soter.language.model.types import leaf_count
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.control import enabled_at_first
+from soter.semantics.environment_inputs import refusal
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset
-from soter.semantics.inputs import refusal
 from soter.semantics.observer_records import (
     AC,
     SC,

@@ -1,7 +1,7 @@
 """The options of a run: command line, keywords, checks and pages read this record.
 
 Purpose: each option once, with its range, its default, its words and its flag.
-Non-goals: how options are read (`diagnostics/option.py`).
+Non-goals: how options are read (`diagnostics/option_fields.py`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
-from soter.diagnostics.option import SWITCH, choice, option, whole
+from soter.diagnostics.option_fields import SWITCH, choice, option, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.topic_mapping import SignalSource
-from soter.targets.topic_sources_check import broken_promises
+from soter.targets.redundant_sources_check import broken_promises
 
 if TYPE_CHECKING:
     import re

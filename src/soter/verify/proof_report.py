@@ -27,7 +27,7 @@ from soter.report.proof.record import (
     TakenRow,
 )
 from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED
-from soter.verify.composition import rows_of
+from soter.verify.composition_table import rows_of
 from soter.verify.diagnosis.counterexample_figures import leaving_figures
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES

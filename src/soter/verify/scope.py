@@ -15,7 +15,7 @@ from soter.language.front_end import system_to_prove
 from soter.language.model.system import claims_nothing, holder_of, modules_above
 from soter.verify.problem.extract import extract
 from soter.verify.scope_data import ScopeGuarantee, VerificationScope
-from soter.verify.topic_contracts import publisher_of, topic_contract_of
+from soter.verify.topic_guarantors import publisher_of, topic_contract_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -19,7 +19,7 @@ from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
 from soter.verify.claims.levels import deploy, levels
-from soter.verify.claims.plant_publications import say_narrowed
+from soter.verify.claims.published_value_ranges import say_narrowed
 from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
     ASSUMED,
@@ -32,7 +32,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
-from soter.verify.diagnosis.recovery_time_limit import recover_at_last
+from soter.verify.diagnosis.recovery_cpu_budget import recover_at_last
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT

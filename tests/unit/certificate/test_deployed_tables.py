@@ -19,7 +19,7 @@ from soter.certificate.inclusions.cell_sets import Grid
 from soter.certificate.inclusions.dm_tables import levels_of, packed
 from soter.certificate.inclusions.group_claims import GroupTables
 from soter.language.front_end import check_file, system_of
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy.missing_predicates import complete
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

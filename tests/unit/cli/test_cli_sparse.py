@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.api.assurance.replayed_flights import read_flights
+from soter.api.assurance.reproduced_flights import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.monitor.logs.files import bounded_gzip

@@ -10,7 +10,7 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
-from soter.diagnostics.option import bytes_of, made
+from soter.diagnostics.option_fields import bytes_of, made
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test, with_times
 from soter.explore.judge.replay import replay
 from soter.explore.search_options import SearchOptions

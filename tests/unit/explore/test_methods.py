@@ -14,7 +14,7 @@ import soter.cli.run
 import soter.cli.test
 from soter.api.program import Program
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.option import made, options_of
+from soter.diagnostics.option_fields import made, options_of
 from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES, constant
 from soter.explore.search_options import SearchKeywords, SearchOptions
 from soter.simulate.run_options import RunKeywords, RunOptions

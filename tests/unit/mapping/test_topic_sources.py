@@ -21,8 +21,8 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.topic_sources import SourcePromise, SourceTurns, early_turns
 from soter.targets.bridged_topics import bridged_topics, by_topic
+from soter.targets.redundant_sources_check import compared
 from soter.targets.ros.ros_packages import TOPIC
-from soter.targets.topic_sources_check import compared
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

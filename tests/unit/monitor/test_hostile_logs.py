@@ -18,7 +18,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files import bounded_unpack, rosbag_files
+from soter.monitor.logs.files import bounded_rosbag_reader, bounded_unpack
 from soter.monitor.logs.files.ros_messages import UndecodableError, decoder, definitions_in
 
 # ---------------------------------------------------------------- definitions that mean harm
@@ -163,9 +163,9 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, sql: str) 
 def test_a_database_that_takes_too_many_steps_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rosbag_files, "STEPS_AT_ONCE", 10)
-    monkeypatch.setattr(rosbag_files, "STEPS_MIN", 20)
-    monkeypatch.setattr(rosbag_files, "STEPS_PER_BYTE", 0)
+    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_AT_ONCE", 10)
+    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_MIN", 20)
+    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_PER_BYTE", 0)
     assert "it is no bag of ROS, or damaged" in refused(written(tmp_path, "ros2_plain"))
 
 

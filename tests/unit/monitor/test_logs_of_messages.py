@@ -36,7 +36,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files import mcap_messages
 from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.samples import samples_of
+from soter.monitor.logs.typed_samples import samples_of
 
 if TYPE_CHECKING:
     from pathlib import Path

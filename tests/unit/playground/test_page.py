@@ -14,7 +14,7 @@ import pytest
 
 import browser
 from soter.diagnostics.diagnostic import SoterError
-from soter.playground.pyodide_package import runtime_files
+from soter.playground.pyodide_download import runtime_files
 from soter.playground.write import write_playground
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from city_map import city_map, dash_of
 from city_scene import TUBE_GROUP, Scene
 from city_solid import city_solid
 
-from soter.report.run.figure import arm_group, decision_hover
+from soter.report.run.figure_elements import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation

@@ -18,10 +18,10 @@ from soter.report.errors import ReportError
 from soter.report.html import POLICY
 from soter.report.printable_text import visible
 from soter.report.sequence.drawing import plan
-from soter.report.sequence.log import STEPS_TOPIC, write_log
 from soter.report.sequence.page import page, write_page
 from soter.report.sequence.step_wording import clipped, explanation
 from soter.report.sequence.text import HEADERS, rows, text
+from soter.report.sequence.trace_to_mcap import STEPS_TOPIC, write_log
 from soter.report.sequence.view import (
     Lane,
     ModeSwitch,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.language.evaluate.signal_limits import limits
+from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.front_end import check_file, system_of
 from soter.report.run.result_wording import headline
 from soter.simulate.outputs import to_report

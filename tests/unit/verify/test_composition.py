@@ -13,7 +13,7 @@ from soter.certificate.rechecker import recheck
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import modules_of, problems_of
-from soter.verify.composition import rows_of
+from soter.verify.composition_table import rows_of
 from soter.verify.problem.assumption import texts
 from soter.verify.proof_report import page
 from soter.verify.scope import coverage_of

@@ -2,7 +2,7 @@
 
 Purpose: `Evidence`: what was given is read, and its hashes compared, before anything that takes
 long; then tests are explored and flights flown again. A goal is supported by what was done now.
-Non-goals: the certificate (`proof_goals.py`), flying (`replayed_flights.py`).
+Non-goals: the certificate (`proof_goals.py`), flying (`reproduced_flights.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.assurance.certificate_check import file_hash
-from soter.api.assurance.replayed_flights import FlightFolder, read_flights, replay_flights
+from soter.api.assurance.reproduced_flights import FlightFolder, read_flights, replay_flights
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
@@ -21,7 +21,7 @@ from soter.language.load.bounded_read import read_json_text
 from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
-    from soter.api.assurance.replayed_flights import AssuredProgram
+    from soter.api.assurance.reproduced_flights import AssuredProgram
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
     from soter.report.assurance.safety_case import SafetyCase

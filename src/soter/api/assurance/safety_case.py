@@ -26,7 +26,7 @@ from soter.version import VERSION
 
 if TYPE_CHECKING:
     from soter.api.arguments import Progress
-    from soter.api.assurance.replayed_flights import AssuredProgram
+    from soter.api.assurance.reproduced_flights import AssuredProgram
     from soter.language.model.system import System
     from soter.language.model.typed import PlantSymbol
 

@@ -27,8 +27,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
-from soter.certificate.inclusions.nonlinear_flow import LocalFlow, outwards, size_of, solved
-from soter.certificate.inclusions.nonlinear_forms import (
+from soter.certificate.inclusions.chain_form_layout import (
     CommandRows,
     FormLayout,
     OpenedForm,
@@ -40,6 +39,7 @@ from soter.certificate.inclusions.nonlinear_forms import (
     rows_of,
     size_from,
 )
+from soter.certificate.inclusions.nonlinear_flow import LocalFlow, outwards, size_of, solved
 from soter.certificate.reading.linearisation import TAIL, compile_lines
 from soter.certificate.terms.arb_balls import (
     HALF,

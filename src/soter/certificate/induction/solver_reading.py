@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.exact_values import (
+from soter.certificate.induction.exactness_rules import (
     is_exact,
     is_plain,
     is_short,

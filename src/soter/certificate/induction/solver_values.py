@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.exact_values import is_plain
+from soter.certificate.induction.exactness_rules import is_plain
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.exact_values import is_exact
+from soter.certificate.induction.exactness_rules import is_exact
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import either, inside, known, opaque, unknown
 from soter.language.model import typed

@@ -1,7 +1,7 @@
 """The claims about one polytope group, each shown again from its half-spaces and multipliers.
 
 Purpose: `PolytopeCheck`: K, R(H), the levels of computed predicates, the start, Q, the way to it.
-Non-goals: predicates of the user (`predicates.py`), the DM (`dm_half_spaces.py`).
+Non-goals: predicates of the user (`predicates_on_boxes.py`), the DM (`dm_half_spaces.py`).
 
 K is a core (docs/proof.md, "Polytopes"): from every state of K at a nominal time C holds for a
 period and K when it ends, whatever is outstanding from the period before and whatever of the next

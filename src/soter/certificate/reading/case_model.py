@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.reading.modes_of_other_modules import any_mode, every_mode
 from soter.certificate.reading.module_facts import topics_of_others
-from soter.certificate.reading.other_modes import any_mode, every_mode
 from soter.certificate.reading.problem import driven_topics
 from soter.certificate.reading.sc_locals import combinations, one_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in

@@ -21,9 +21,9 @@ from soter.certificate.reading.module_facts import (
     read_by_sc,
     topics_of_others,
 )
-from soter.certificate.reading.module_views import seen, ttf_of_states
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.reading.verification_system import as_it_runs, verification_system_of
+from soter.certificate.reading.view_predicates import seen, ttf_of_states
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.module_times import read_times
 from soter.language.evaluate.abstraction_start import start_behind

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.module_views import ttf_of_states
-from soter.certificate.reading.other_modes import only_modes_of_others
+from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
+from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.tower import commanding, refuse_unproved_towers
 from soter.language.model import typed as t
@@ -59,7 +59,7 @@ CODE: dict[type, str] = {
 
 Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
 `choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
-(`other_modes.py`).
+(`modes_of_other_modules.py`).
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "

@@ -12,7 +12,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Severity
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ FOREIGN_LOG = JsonObject(
     "modules",
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
-    derived=JsonObject("soter.monitor.logs.samples.DerivedValue", "name how error"),
+    derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),
     left_out=LOST,
     refused=LOST,
     modules=JsonObject(

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from soter.cli.terminal.command_outcome import UsageError
-from soter.diagnostics.option import options_of
+from soter.diagnostics.option_fields import options_of
 
 CERTIFICATE_FOLDER = """\
 in the folder of a certificate: manifest.json (claims, times, assumptions), SEAL (its SHA-256),

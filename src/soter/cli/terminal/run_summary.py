@@ -17,7 +17,7 @@ from soter.report.terminal_tables import Entry, Styled, display_width, mode_time
 from soter.semantics.random.faults import begins
 from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_fields import component_faults
-from soter.simulate.run_parameters import changed
+from soter.simulate.parameter_text import changed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

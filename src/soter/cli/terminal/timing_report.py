@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from soter.explore.checkpoint.checkpoint_file import (
 from soter.explore.checkpoint.saver import Checkpoint
 from soter.explore.methods import SAMPLING
 from soter.explore.search_options import CHECKPOINT_SECONDS
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.explore.checkpoint.saver import Saver
-    from soter.explore.engine.observations import Observations
+    from soter.explore.engine.observation_request import Observations
     from soter.explore.engine.progress import EngineProgress
     from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System

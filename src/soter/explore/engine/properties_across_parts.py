@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.explore.engine.observations import Observations
+from soter.explore.engine.observation_request import Observations
 from soter.explore.methods import PARTS, STATUSES
 from soter.explore.model.independent_parts import IndependentPart
 

@@ -41,8 +41,8 @@ from soter.explore.engine.trace_slice import Slicer
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
 from soter.explore.results import Robustness
 from soter.explore.search_options import SearchProgress
+from soter.explore.trace.allowed_steps import INPUT, plan_of
 from soter.explore.trace.choice_names import ENDING
-from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.observer_records import AC, SC

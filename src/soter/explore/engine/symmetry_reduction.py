@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.explore.methods import EXHAUSTIVE, REDUCTIONS, SYMMETRY
 from soter.explore.model.symmetric_blocks import families_of
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.explore.trace.trace import PROPERTY, TIMED, ViolationId
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import Evaluator

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 from soter.explore.judge.judge import Judge, fault_text
 from soter.explore.judge.trace_choices import TraceDraws, WrongChoiceError
+from soter.explore.trace.allowed_steps import ExecutionCalendar, NotAllowedError, actors_of, plan_of
 from soter.explore.trace.choice_names import ChoiceWords
-from soter.explore.trace.schedule import ExecutionCalendar, NotAllowedError, actors_of, plan_of
 from soter.explore.trace.trace import (
     BEGIN,
     CONTRACT,
@@ -37,7 +37,7 @@ from soter.semantics.rules import environment_input
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.explore.trace.schedule import ScheduledActor
+    from soter.explore.trace.allowed_steps import ScheduledActor
     from soter.explore.trace.trace import Choice, Trace
     from soter.language.model.system import System
     from soter.language.model.types import Value

@@ -18,7 +18,7 @@ from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import scalar, size_of, struct_of
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.model.bit_packing import word
-from soter.explore.model.configurations import ConfigurationEmitter, within
+from soter.explore.model.packed_configuration import ConfigurationEmitter, within
 from soter.explore.model.robustness_functions import Guides
 from soter.language.model.types import (
     ArrayType,
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.explore.model.bit_packing import Packing
-    from soter.explore.model.configurations import AgeingField
     from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
+    from soter.explore.model.packed_configuration import AgeingField
     from soter.explore.model.robustness_functions import Aim
     from soter.language.model.system import Bound, System, Topic
     from soter.language.model.types import Type

@@ -1,10 +1,10 @@
 """What steps and predicates compute, as terms: equal terms are the same function of what is read.
 
-Purpose: Core executed over terms (`core/execute.py`), both sides of every branch, so that two
-pieces of it can be compared up to a renaming of what they read and write. Terms are interned: a
-number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`, `||`, `==`,
-`!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one order;
-nothing else is known of arithmetic, so terms that differ may still be equal.
+Purpose: Core executed over terms (`core/abstract_execution.py`), both sides of every branch, so
+that two pieces of it can be compared up to a renaming of what they read and write. Terms are
+interned: a number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`,
+`||`, `==`, `!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one
+order; nothing else is known of arithmetic, so terms that differ may still be equal.
 
 Faults are a set of (where it is reached, what faults): a step faults iff one of them does. Its
 order is of no matter: the first one that does reads values that no fault has spoilt, and which one
@@ -17,13 +17,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.execute import Execution
+from soter.core.abstract_execution import Execution
 from soter.language.model.types import BoolType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from soter.core.execute import Join
+    from soter.core.abstract_execution import Join
     from soter.language.model.types import Type, Value
 
     Term = int

@@ -16,7 +16,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.execute import TooManyStatementsError
+from soter.core.abstract_execution import TooManyStatementsError
 from soter.core.read_write_footprint import walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,

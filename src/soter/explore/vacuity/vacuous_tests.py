@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.contract_use import at
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.explore.vacuity.constant_truth import holds_always
 from soter.explore.vacuity.contracts import permits_nothing
 from soter.explore.vacuity.value_domains import Domains, written_by

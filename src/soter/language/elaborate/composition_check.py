@@ -15,7 +15,7 @@ from soter.diagnostics.fix import Edit, Fix, out_of_list, whole_lines
 from soter.diagnostics.span import Span
 from soter.language.check.foreign_name_hints import in_publishes
 from soter.language.elaborate.deployment.deployed_systems import check_external
-from soter.language.elaborate.undriven_topics import as_input, would_drive
+from soter.language.elaborate.undriven_topic_fixes import as_input, would_drive
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import nodes, topic_reads

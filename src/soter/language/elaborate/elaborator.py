@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import append
 from soter.language.elaborate.composition_check import Composition, hyperperiod
-from soter.language.elaborate.decision_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
+from soter.language.elaborate.margin_and_latch_topics import make_latch_topics, make_margin_topics
 from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
 from soter.language.elaborate.system_size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in

@@ -4,7 +4,8 @@ Purpose: one vehicle, several verification plants (docs/proof.md, Views). A view
 topics that its plants drive; it keeps what `safe`, `ttf` and `safer` say about those alone. Every
 part of `safe` and of `safer` has to be kept by some view (R023); a part of `ttf` that none keeps is
 dropped, which makes a proof harder, not wrong.
-Non-goals: proofs; the re-checker has its own (`certificate/reading/module_views.py`), on purpose.
+Non-goals: proofs; the re-checker has its own (`certificate/reading/view_predicates.py`), on
+purpose.
 """
 
 from __future__ import annotations

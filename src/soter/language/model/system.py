@@ -231,7 +231,7 @@ class Module:
     """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
     latch: int | None = None
     """Where its DM does not give control back by itself: the topic in which it remembers why not
-    (`elaborate/decision_topics.py`)."""
+    (`elaborate/margin_and_latch_topics.py`)."""
     acknowledgement: int | None = None
     """With a `latch`: the topic after a press on which it gives control back; None: it never does,
     once AC has had it."""

@@ -594,7 +594,7 @@ class Latch:
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-    `ttf` and `safer` may be None: then they are computed (`verify/deploy/computed_predicates.py`)
+    `ttf` and `safer` may be None: then they are computed (`verify/deploy/missing_predicates.py`)
     before a run or a build; where that fails AC never gets control. `clean` is the number of clean
     outputs AC needs after a fault.
 

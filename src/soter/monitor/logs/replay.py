@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
     from soter.monitor.logs.decidable_modules import Decidable
     from soter.monitor.logs.predicate_margins import Distance
-    from soter.monitor.logs.samples import TopicSamples
+    from soter.monitor.logs.typed_samples import TopicSamples
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.monitor.logs.samples import DerivedValue
+    from soter.monitor.logs.typed_samples import DerivedValue
 
 ASSUMED = (
     "only reads are judged: where the vehicle was is known to within its estimator's errors",

@@ -10,7 +10,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.assurance import board_sections
+from soter.report.assurance import review_board_tables
 from soter.report.assurance.gsn_diagram import pictures
 from soter.report.assurance.safety_case import SUPPORTED
 from soter.report.html import write_document
@@ -75,20 +75,20 @@ def body(case: SafetyCase) -> str:
     return "\n".join(
         [
             STYLE,
-            board_sections.STYLE,
+            review_board_tables.STYLE,
             _header(case),
             _facts(case),
             _argument(case),
             _open(case),
-            board_sections.open_items(case),
-            board_sections.traced(case),
+            review_board_tables.open_items(case),
+            review_board_tables.traced(case),
             _goals(case),
             _evidence(case),
-            board_sections.predicates(case),
-            board_sections.assumptions(case),
+            review_board_tables.predicates(case),
+            review_board_tables.assumptions(case),
             _contexts(case),
             _words(),
-            board_sections.foot(case),
+            review_board_tables.foot(case),
         ]
     )
 
@@ -109,7 +109,7 @@ def _header(case: SafetyCase) -> str:
         f'<span class="badge{kind}">{word}</span> '
         f"{done} of {len(goals)} goals are supported. {said}{_refuted(case)}"
         f"{_beside(case)}"
-        f"{board_sections.open_count(case)}</p></header>"
+        f"{review_board_tables.open_count(case)}</p></header>"
     )
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.plain_page import data_head
-from soter.report.run.figure import (
+from soter.report.run.figure_elements import (
     change_text,
     figure_place,
     legend,

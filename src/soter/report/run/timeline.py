@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.run.figure import (
+from soter.report.run.figure_elements import (
     AC_COLOUR,
     SC_COLOUR,
     axis,

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter.core.layout import decode_from
-from soter.diagnostics.json_object import JsonObject, one_of
+from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.python_values import to_json
 from soter.language.model.types import FLOAT
 from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
 from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart, Stale
-from soter.simulate.run_parameters import as_json
+from soter.simulate.parameter_text import as_json
 
 if TYPE_CHECKING:
     from soter.core.layout import StateLayout

@@ -50,7 +50,7 @@ from soter.report.mcap_log import (
 from soter.simulate import decisions
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.outputs.run_fields import truth_value
-from soter.simulate.run_parameters import changed
+from soter.simulate.parameter_text import changed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -16,7 +16,7 @@ import numpy as np
 from soter.core.layout import group_field
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.render import picture as draw
-from soter.language.evaluate.signal_limits import limits
+from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.model import typed
 from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
@@ -34,8 +34,8 @@ from soter.report.run.record import (
 from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
 from soter.simulate.outputs import tower_control
-from soter.simulate.outputs.live_diagram import live_of_run
 from soter.simulate.outputs.result_assumptions import of_run
+from soter.simulate.outputs.run_on_diagram import live_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

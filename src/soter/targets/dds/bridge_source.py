@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.targets.bridged_system import c_table
+from soter.targets.bridge_base_package import c_table
 from soter.targets.dds.message_idl import ROS, c_type, dds_type
 from soter.targets.message_conversion import CYCLONE, MessageConverter, text_literal
 
 if TYPE_CHECKING:
     from soter.mapping.message_types import MessageType
     from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.bridge_base_package import BridgedSystem
 
 SENSOR_DEPTH, DEFAULT_DEPTH = 5, 10
 """ROS 2's profile for data of sensors, which comes in, and its default, for what goes out."""

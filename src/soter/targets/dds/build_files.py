@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.native.compiler import MEANING
-from soter.targets.bridged_system import TRUSTED, cmake_programs
+from soter.targets.bridge_base_package import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.bridge_base_package import BridgedSystem
 
 SOURCES = (
     *(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.message_types import MessageTypes
 from soter.native.build import RUNTIME
-from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
+from soter.targets.bridge_base_package import COMMON, TRUSTED, BridgedSystem, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, by_topic, unsaid
 from soter.targets.dds.bridge_source import BridgeSource
 from soter.targets.dds.build_files import HEADERS, SOURCES, DdsPackage, build_files

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.mapping.mavlink_link import source_of
 from soter.mapping.mavlink_types import MAVLINK, MavlinkMessage
 from soter.mapping.message_paths import steps_of
-from soter.targets.bridged_system import c_table
+from soter.targets.bridge_base_package import c_table
 from soter.targets.message_conversion import FLOATS, INTEGERS, Dialect, MessageConverter
 from soter.targets.message_conversion import text_literal as text
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from soter.mapping.mavlink_link import MavlinkLink
     from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.bridge_base_package import BridgedSystem
 
 MAVLINK_C = Dialect(
     *("", "", "strncmp({0}, {1}, sizeof {0}) == 0", "(void)strncpy({0}, {1}, sizeof {0})"),

@@ -14,12 +14,12 @@ from soter.mapping.mavlink_link import source_of
 from soter.mapping.mavlink_types import MavlinkMessage
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING
-from soter.targets.bridged_system import COMMON, TRUSTED, BridgedSystem, require_world, shipped
+from soter.targets.bridge_base_package import COMMON, TRUSTED, BridgedSystem, require_world, shipped
 from soter.targets.bridged_topics import bridged_topics, by_topic, unsaid
 from soter.targets.leases import lease_times
 from soter.targets.mavlink.bridge_source import BridgeSource
 from soter.targets.mavlink.dialect_headers import FOLDER, dialect_headers
-from soter.targets.mavlink.set_points import set_point_problems
+from soter.targets.mavlink.set_point_mask_check import set_point_problems
 from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.targets.bridged_system import TRUSTED
+from soter.targets.bridge_base_package import TRUSTED
 from soter.targets.package import PackageFile
 from soter.targets.ros.catkin_files import (
     FOR_EVER_S,
@@ -22,7 +22,7 @@ from soter.targets.ros.catkin_files import (
 )
 
 if TYPE_CHECKING:
-    from soter.targets.ros.ros_package_record import RosPackage
+    from soter.targets.ros.ros_package_info import RosPackage
 
 NEEDED = ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs")
 

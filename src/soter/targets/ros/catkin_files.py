@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from soter.native.compiler import MEANING
-from soter.targets.bridged_system import TRUSTED, cmake_programs
+from soter.targets.bridge_base_package import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
 from soter.targets.ros.module_status import MESSAGE
 from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
-    from soter.targets.ros.ros_package_record import RosPackage
+    from soter.targets.ros.ros_package_info import RosPackage
 
 NEEDED = ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs")
 SIMULATED = "simulated"

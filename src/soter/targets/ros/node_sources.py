@@ -20,8 +20,8 @@ from soter.targets.message_conversion import (
     topic_tests,
     unmappable,
 )
+from soter.targets.redundant_sources_check import several
 from soter.targets.ros.module_status import MESSAGE
-from soter.targets.topic_sources_check import several
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from soter.mapping.stamp_source import StampSource
     from soter.mapping.topic_mapping import TopicMap
     from soter.mapping.topic_sources import SourcePromise
-    from soter.targets.bridged_system import BridgedSystem
+    from soter.targets.bridge_base_package import BridgedSystem
 
 
 @dataclass(frozen=True)

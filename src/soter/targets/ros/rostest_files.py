@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module
     from soter.language.model.types import Type, Value
     from soter.mapping.topic_mapping import Leaf, TopicMap
-    from soter.targets.ros.ros_package_record import RosPackage
+    from soter.targets.ros.ros_package_info import RosPackage
 
 NODE = "standing_by.py"
 RAYS = 36

@@ -23,7 +23,7 @@ from soter.verify.claims.product_sets import law_stays_inside, product_holds
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.proof_methods import by_method, in_order, method_of
-from soter.verify.time.sc_before_publication import fault_on_defaults
+from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,7 +15,7 @@ from soter.language.model.durations import show_ns
 from soter.verify.claims.handover_claim import not_entered, reach_of
 from soter.verify.claims.product_sets import law_within
 from soter.verify.claims.results import ASSUMED, PROVED
-from soter.verify.time.sc_before_publication import fault_on_defaults
+from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Case

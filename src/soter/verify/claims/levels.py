@@ -3,7 +3,7 @@
 Purpose: for a module without `ttf` and `safer`: ttf := estimate not in S_0, safer := S_(m-2), of
 every case; and what of that the DM holds for all of them, to which P2b returns.
 Non-goals: the sets of a group (`verify/grid/levels.py`, `verify/polytope/`), reading them from
-tables (`verify/tables/`), putting them into a program (`computed_predicates.py`).
+tables (`verify/tables/`), putting them into a program (`missing_predicates.py`).
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ from soter.language.model.durations import show_ns
 from soter.verify.claims.claims import parts_of
 from soter.verify.claims.product_sets import product_holds
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
-from soter.verify.problem.other_modes import said
+from soter.verify.problem.modes_of_other_modules import said
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Case

@@ -34,9 +34,9 @@ from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
-from soter.verify.deploy.computed_predicates import put
-from soter.verify.deploy.dm_inputs import AC, SC, WRAPPER, gates, leaf_offset, values
-from soter.verify.deploy.dm_latch import LatchBytes
+from soter.verify.deploy.dm_latch_oracle import LatchBytes
+from soter.verify.deploy.dm_test_inputs import AC, SC, WRAPPER, gates, leaf_offset, values
+from soter.verify.deploy.missing_predicates import put
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
 from soter.verify.tables.shield_tables import command_edges
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.dm_inputs import Points
+    from soter.verify.deploy.dm_test_inputs import Points
     from soter.verify.problem.problem import Problem
     from soter.verify.tables.level_table import EstimateSamples, LevelTable
 

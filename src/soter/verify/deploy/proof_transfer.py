@@ -1,7 +1,7 @@
 """What a deployed system inherits of the one in which its modules were proved.
 
 Purpose: which proofs are carried, and what is still assumed, module by module.
-Non-goals: tables that were computed there (`computed_predicates.py`); that both are the same
+Non-goals: tables that were computed there (`missing_predicates.py`); that both are the same
 program (`elaborate/deployment/deployed_systems.py`), what sensors have to give
 (`deployed_sensors.py`, `verify/induction/inputs_from_outside.py`), certificates
 (`api/deploying.py`).

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof.record import R1, R2, RegionFigure, Trajectory
-from soter.verify.grid.figures import regions
+from soter.verify.grid.region_figure import regions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -26,7 +26,7 @@ from soter.verify.diagnosis.experiments import (
 from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins
 from soter.verify.diagnosis.model_runs import FALSE, TRUE, LeavingSearch, PointModel, soonest
 from soter.verify.diagnosis.sc_progress import adds_up, no_pull
-from soter.verify.diagnosis.scaled_observations import scaled
+from soter.verify.diagnosis.unit_scale_mismatch import scaled
 from soter.verify.grid.claims import GridProof
 from soter.verify.polytope.claims import WEAK, PolytopeProof
 

@@ -21,7 +21,7 @@ from soter.verify.diagnosis.experiments import axis_names, longest
 from soter.verify.diagnosis.grid_end_failures import grid_ends
 from soter.verify.diagnosis.model_runs import PointModel, StepFaultError
 from soter.verify.diagnosis.recovery_failures import recovery_causes
-from soter.verify.diagnosis.scaled_observations import scaled
+from soter.verify.diagnosis.unit_scale_mismatch import scaled
 from soter.verify.diagnosis.unproved_start import start_margins
 from soter.verify.grid.claims import GridProof
 from soter.verify.grid.sets import CancelledError, UnboundedError

@@ -22,7 +22,7 @@ from soter.verify.enclose.enclosure_code import (
     generate_enclosures,
 )
 from soter.verify.enclose.engine_library import ReachLibrary
-from soter.verify.problem.other_modes import in_ac
+from soter.verify.problem.modes_of_other_modules import in_ac
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

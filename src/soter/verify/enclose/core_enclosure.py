@@ -2,8 +2,8 @@
 
 Purpose: what the operations of Core come to when every number is an enclosure; both sides of an
 undecided branch are blocks of the emitted C.
-Non-goals: the walk (`core/execute.py`), which functions are emitted (`enclosure_code.py`), the
-arithmetic (`enclosed_operations.py`).
+Non-goals: the walk (`core/abstract_execution.py`), which functions are emitted
+(`enclosure_code.py`), the arithmetic (`enclosed_operations.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.execute import Execution
+from soter.core.abstract_execution import Execution
 from soter.language.model.data_table import Table
 from soter.language.model.types import IntType, ListType, leaf_count
 from soter.verify.enclose.c_emitter import EmittedBranch, EnclosureError, MergedVariable
@@ -34,7 +34,7 @@ from soter.verify.enclose.prelude import enclosed_call
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.core.execute import Join
+    from soter.core.abstract_execution import Join
     from soter.language.model.types import Type
     from soter.verify.enclose.c_emitter import Emitter, Step
 

@@ -3,7 +3,7 @@
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
 return, on cells; `Grids`: the method.
 Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), how much it all
-says (`set_volumes.py`), files and figures (`certificate_entry.py`, `figures.py`).
+says (`set_volumes.py`), files and figures (`certificate_entry.py`, `region_figure.py`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from soter.verify.claims.results import GroupSets
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import levels, recovery, set_volumes
 from soter.verify.grid.certificate_entry import entry
-from soter.verify.grid.figures import figure
+from soter.verify.grid.region_figure import figure
 from soter.verify.grid.sets import GridGroup
 from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
 

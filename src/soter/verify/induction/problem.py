@@ -22,7 +22,7 @@ from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, n
 from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
 from soter.verify.problem.assumption import FRESH, Assumption, of_latch
-from soter.verify.problem.other_modes import NO_MODES
+from soter.verify.problem.modes_of_other_modules import NO_MODES
 from soter.verify.problem.problem import NODES, Problem, Times
 from soter.verify.problem.quantities import Quantities
 from soter.verify.time.deployed_times import AssumedTimes, check_deployed
@@ -31,7 +31,7 @@ from soter.verify.time.schedule import Releases, Schedule
 if TYPE_CHECKING:
     from soter.core.core import Predicate
     from soter.language.model.system import Component, Module, System
-    from soter.verify.problem.other_modes import Modes
+    from soter.verify.problem.modes_of_other_modules import Modes
 
 OF_MODES = (
     "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.core.execute import TooManyStatementsError
+from soter.core.abstract_execution import TooManyStatementsError
 from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.transition_relation import Stretch

@@ -28,7 +28,7 @@ from soter.verify.claims.results import (
 from soter.verify.induction.prove import induct
 from soter.verify.induction.refute import refuting_run
 from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.other_modes import said
+from soter.verify.problem.modes_of_other_modules import said
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -4,7 +4,7 @@ Purpose: `PolytopeProof`: for one group of a case C, K, R(H), levels or inclusio
 the return; each proved with multipliers, and entered as a failure where it is not; `Polytopes`: the
 method.
 Non-goals: finding sets (`proofs.py`), reading matrices (`extract.py`), comparing predicates with
-sets (`predicates.py`), verdicts.
+sets (`predicates_on_boxes.py`), verdicts.
 
 C_g is a box on which `safe` surely holds; the product with the other groups is checked by
 `verify/claims/claims.py`.
@@ -24,10 +24,10 @@ from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
 from soter.verify.polytope.certificate_entry import entry
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
-from soter.verify.polytope.figures import figures
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope, inner_point
-from soter.verify.polytope.predicates import box_of, inside, outside, shares
+from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
 from soter.verify.polytope.proofs import NotProvedError, Windows
+from soter.verify.polytope.region_figure import figures
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.polytope_tables import Facets
 

@@ -25,8 +25,8 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
+from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.module_above import handed_back, under
-from soter.verify.problem.other_modes import modes_as_topics
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
+    from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.module_above import Above
-    from soter.verify.problem.other_modes import Modes
     from soter.verify.problem.problem import Group, ProblemKind
     from soter.verify.time.downstream_paths import DownstreamPath
 

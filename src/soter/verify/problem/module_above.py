@@ -21,7 +21,7 @@ from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.other_modes import modes_as_topics
+from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.supported_constructs import UNKNOWN_FACTS
 from soter.verify.problem.verification_system import place
 from soter.verify.time.problem_times import read_by_dm, read_by_sc, times_of

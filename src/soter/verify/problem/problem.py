@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.diagnostics.span import Span
-    from soter.language.elaborate.plant_influences import Influence
+    from soter.language.elaborate.foreign_topics_as_disturbances import Influence
     from soter.language.model.system import Module, System
     from soter.verify.problem.assumption import Assumption
-    from soter.verify.problem.other_modes import Modes
+    from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.quantities import Quantities
     from soter.verify.time.schedule import Schedule
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.plant_influences import moved_by_others
+from soter.language.elaborate.foreign_topics_as_disturbances import moved_by_others
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import DURATION
 
 if TYPE_CHECKING:
-    from soter.language.elaborate.plant_influences import Influence
+    from soter.language.elaborate.foreign_topics_as_disturbances import Influence
     from soter.language.model.system import Component, Module, System
 
 

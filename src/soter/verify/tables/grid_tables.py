@@ -2,7 +2,7 @@
 
 Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
 checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
-Non-goals: the sets (`levels.py`), when they are computed (`computed_predicates.py`), half-spaces
+Non-goals: the sets (`levels.py`), when they are computed (`missing_predicates.py`), half-spaces
 (`polytope_tables.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then

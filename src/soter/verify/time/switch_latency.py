@@ -95,7 +95,7 @@ def _unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLatency:
 
 def _of_nodes(flat: System, module: Module) -> SwitchLatency:
     from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
-    from soter.verify.problem.other_modes import modes_as_topics  # noqa: PLC0415 - only then
+    from soter.verify.problem.modes_of_other_modules import modes_as_topics  # noqa: PLC0415 - only then
 
     try:
         extract_induction(*modes_as_topics(flat, module))

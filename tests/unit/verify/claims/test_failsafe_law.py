@@ -13,7 +13,7 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.language.front_end import check_file, system_of
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy.missing_predicates import complete
 from soter.verify.period_sweep import advise
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract

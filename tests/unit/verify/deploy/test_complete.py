@@ -19,8 +19,8 @@ from soter.language.model import typed as t
 from soter.language.model.system import Module, Scope, System
 from soter.language.model.types import FLOAT
 from soter.verify.claims.case import Case
-from soter.verify.deploy import computed_predicates as complete_
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy import missing_predicates as complete_
+from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import levels as levels_
 from soter.verify.tables.grid_tables import GroupTable, level_function
 from soter.verify.tables.typed_tree_builder import Writer

@@ -11,7 +11,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify import verify_module as verifying
 from soter.verify.claims.levels import deploy
 from soter.verify.claims.results import PROVED, UNDECIDED
-from soter.verify.deploy.computed_predicates import complete
+from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import pytest
 import soter
 from long_tests import examples
 from soter.language.front_end import check_file, system_of
-from soter.verify.deploy.computed_predicates import looks_of
+from soter.verify.deploy.missing_predicates import looks_of
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import DiscreteParameter

@@ -9,7 +9,7 @@ import pytest
 
 from soter.verify import verify_module as verifying
 from soter.verify.claims import recovery
-from soter.verify.diagnosis import recovery_time_limit
+from soter.verify.diagnosis import recovery_cpu_budget
 from soter.verify.grid.sets import CancelledError
 from unit.verify import test_verify_groups as plane
 from unit.verify.test_verify import changed, result_of
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """No time for P2b as soon as anything else fails."""
-    monkeypatch.setattr(recovery_time_limit, "LEAST_S", -1e9)
-    monkeypatch.setattr(recovery_time_limit, "sum", lambda _: -1e9, raising=False)
+    monkeypatch.setattr(recovery_cpu_budget, "LEAST_S", -1e9)
+    monkeypatch.setattr(recovery_cpu_budget, "sum", lambda _: -1e9, raising=False)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -70,7 +70,7 @@ def test_a_group_that_is_kept_is_not_taken_for_done(monkeypatch: pytest.MonkeyPa
     coarse = (("/ 200", "/ 80"), ("state loaded: bool;", ""), ("(loaded ? 0.5 : 1.0) * ", ""))
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
     assert plane.result_of(*coarse).findings["ttf"].verdict == "undecided"
-    monkeypatch.setattr(recovery_time_limit, "recover", once)
+    monkeypatch.setattr(recovery_cpu_budget, "recover", once)
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
     module_result = plane.result_of(*coarse)
     assert cut

@@ -12,7 +12,7 @@ import pytest
 
 from generators.corridor_program import LAW, SAFE, SET, VIEWS, program
 from soter.api import load
-from soter.certificate.reading.module_views import left_out, seen
+from soter.certificate.reading.view_predicates import left_out, seen
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views import systems_by_view

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import remove, replace
 from soter.diagnostics.span import Span
-from soter.language.elaborate.undriven_topics import added
+from soter.language.elaborate.undriven_topic_fixes import added
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
     RangeEvaluator,

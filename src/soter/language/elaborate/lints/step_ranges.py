@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.fix import Edit, Fix, exchange, replace
 from soter.diagnostics.span import Span
-from soter.language.elaborate.lints.forgotten_variables import doubt_variables
+from soter.language.elaborate.lints.variables_reset_each_step import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     TooHardError,

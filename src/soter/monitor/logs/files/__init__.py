@@ -1,6 +1,7 @@
 """Files that hold a log, as columns: CSV, MCAP, bags of ROS 1 and 2.
 
 `read_columns` is the way in, `log_columns` what comes out. `csv_log` reads tables; `message_log`
-reads messages, of `mcap_messages` or `ros_bags` (over `rosbag_files`), whose fields are found by
-`message_parts`; `ros_messages` decodes. All of it within bounds (`bounded_gzip`, `bounded_unpack`).
+reads messages, of `mcap_messages` or `ros_bags` (over `bounded_rosbag_reader`), whose fields are
+found by `message_parts`; `ros_messages` decodes. All of it within bounds (`bounded_gzip`,
+`bounded_unpack`).
 """

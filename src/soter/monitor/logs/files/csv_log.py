@@ -1,7 +1,7 @@
 """The columns of a CSV, packed by gzip or not.
 
 Purpose: rows within bounds: of a cell, a line and all that is unpacked.
-Non-goals: what the cells mean (`samples.py`).
+Non-goals: what the cells mean (`typed_samples.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
 D016 and says where.
-Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`samples.py`).
+Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`typed_samples.py`).
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ from soter.monitor.logs.files.ros_messages import (
     require_type,
 )
 from soter.simulate.outputs.to_log import require_log_package
-from soter.simulate.recorded_run import damaged
+from soter.simulate.trace_to_recorded_run import damaged
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

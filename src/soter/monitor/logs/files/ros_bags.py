@@ -2,7 +2,7 @@
 
 Purpose: what kind of bag it is, and that its files are ordinary ones; a bag of ROS 2 is read file
 by file, its metadata only for what these are.
-Non-goals: the files (`rosbag_files.py`, `mcap_messages.py`).
+Non-goals: the files (`bounded_rosbag_reader.py`, `mcap_messages.py`).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def bag_messages(
     `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
-    from soter.monitor.logs.files.rosbag_files import ros1_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
 
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
@@ -89,7 +89,7 @@ def _says_why(error: Exception) -> bool:
 def _of_folder(
     bag: _Bag2, wanted: dict[str, Wanted], there: dict[str, int]
 ) -> Iterator[tuple[int, str, Any]]:
-    from soter.monitor.logs.files.rosbag_files import sqlite_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.bounded_rosbag_reader import sqlite_messages  # noqa: PLC0415 - an extra
 
     for file in bag.files:
         with TemporaryDirectory() as folder:

@@ -17,7 +17,7 @@ from soter.language.load.bounded_read import opened
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import RecordType
 from soter.report.mcap_log import METADATA_NAME
-from soter.report.recorded_run import RecordedRun
+from soter.report.recorded_values import RecordedRun
 from soter.simulate.outputs.run_fields import truth_value
 from soter.simulate.outputs.to_log import require_log_package
 

@@ -1,7 +1,7 @@
 """What a run left behind, as values: times, topics, true states.
 
 Purpose: the common form of a traced run and of a log, for those who judge it afterwards.
-Non-goals: where it comes from (`simulate/recorded_run.py`), judging
+Non-goals: where it comes from (`simulate/trace_to_recorded_run.py`), judging
 (`monitor/model_membership.py`).
 """
 

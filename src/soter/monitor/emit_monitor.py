@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.monitor.model_membership import topic_names
 from soter.monitor.monitor_node import monitor_source
-from soter.monitor.stale_monitors import record_of
+from soter.monitor.outdated_monitor_files import record_of
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:

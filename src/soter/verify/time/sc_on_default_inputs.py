@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate import derived_systems
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
-from soter.verify.problem.other_modes import AC, SC
+from soter.verify.problem.modes_of_other_modules import AC, SC
 from soter.verify.problem.verification_system import sc_reads
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 Purpose: a source a leaf. Vectors, frames and units end here: what is made of them is a name, a
 scale and an offset.
-Non-goals: the messages of the topic (`topic_reader.py`).
+Non-goals: the messages of the topic (`topic_mapping_parser.py`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from soter.language.model.types import (
 from soter.mapping.frames import SAME
 from soter.mapping.mapping_errors import is_number, unknown
 from soter.mapping.message_types import INTEGERS, NUMBERS, NoSuchFieldError
-from soter.mapping.nearest_leaf import NEAREST_KEYS, nearest_source
+from soter.mapping.nearest_scan_ray import NEAREST_KEYS, nearest_source
 from soter.mapping.standard_units import standard_unit
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.units import DIMENSIONS, RATES, UNITS, factor_between

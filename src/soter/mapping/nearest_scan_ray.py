@@ -2,7 +2,8 @@
 
 Purpose: the one reduction of a mapping, because no topic can hold what a LaserScan is: rays in any
 number, of which NaN, infinity and 0 each mean something.
-Non-goals: the reduction itself (`runtime/bridge/soter_scan.hpp`), other leaves (`leaf_reader.py`).
+Non-goals: the reduction itself (`runtime/bridge/soter_scan.hpp`), other leaves
+(`leaf_mapping_parser.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a mapping says of one topic.
 
 Purpose: the channel and the messages: their type, when they were measured, whose they are, and what
-of them is constant; then the leaves (`leaf_reader.py`).
+of them is constant; then the leaves (`leaf_mapping_parser.py`).
 Non-goals: whether a log or a middleware has such messages.
 """
 
@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from soter.mapping.frames import FRAMES, turn_between
-from soter.mapping.leaf_reader import LeafReader
+from soter.mapping.leaf_mapping_parser import LeafReader
 from soter.mapping.message_types import (
     INTEGERS,
     NUMBERS,

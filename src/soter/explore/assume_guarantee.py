@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore import contract_use
 from soter.explore.results import EXHAUSTED
-from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.allowed_steps import plan_of
 from soter.language.check.expressions.field import listed
 from soter.language.model.durations import show_ns
 

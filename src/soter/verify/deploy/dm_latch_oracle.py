@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from soter.verify.deploy.dm_inputs import AC
+from soter.verify.deploy.dm_test_inputs import AC
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

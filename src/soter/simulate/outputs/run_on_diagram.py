@@ -2,7 +2,7 @@
 
 Purpose: rows of values, steps, modes and what decision modules saw, as `report/run/live_diagram.py`
 has them, read off a trace.
-Non-goals: the page; logs (`live_log.py`).
+Non-goals: the page; logs (`log_on_diagram.py`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Purpose: the topic of a module whose margin somebody reads. Its value says for h
 from that look on AC surely keeps control (`Module.looks_left`), its stamp when the look was. And
 the topic of a module with `returns after`: what its latch waits for, and since when; or with
 `returns never`: whether AC has had control (docs/semantics.md, The latch).
-Non-goals: how many periods these are (`verify/deploy/computed_predicates.py`), what is made of them
+Non-goals: how many periods these are (`verify/deploy/missing_predicates.py`), what is made of them
 (`Module.margin_ns`); how a latch moves (`semantics/control.py`, `runtime/soter_kernel.c`).
 """
 

@@ -33,7 +33,7 @@ from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSourc
 from soter.mapping.topic_sources import SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 from soter.monitor.logs.files.log_columns import Columns, unusable
-from soter.report.recorded_run import RecordedRun
+from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Purpose: who decides them is no part of a certificate: a step of SC is read once for each
 combination of them, a predicate with each of them open.
 Non-goals: what a module waits for (P2b is not claimed of one that waits); sharing code with
-`verify/problem/other_modes.py`, which reads topics in their place.
+`verify/problem/modes_of_other_modules.py`, which reads topics in their place.
 """
 
 from __future__ import annotations
