@@ -209,6 +209,80 @@ static bool takes_short(const worker* w) {
   return soter_store_is_short(&w->store) && !(folds && w->all->link);
 }
 
+/* What is told in the end is what it took when it took most. */
+static void note_most(layered* all, uint64_t bytes) {
+  if (bytes < all->most_bytes) {
+    return;
+  }
+  all->most_bytes = bytes;
+  all->most_table = all->most_rows = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    all->most_table += all->w[k].table;
+    all->most_rows += all->w[k].rows;
+  }
+}
+
+/* Memory is one budget: what tables, frontiers and remembered steps of all workers take together.
+ * The table may grow into this worker's share of what is left. */
+static void weigh(worker* w) {
+  layered* const all = w->all;
+  const uint64_t all_of_it = all->s->o->memory;
+  const uint64_t memory = all_of_it - all_of_it / 64U * (all->threads > 1U ? 3U : 1U);
+  const uint64_t table = soter_store_bytes(&w->store);
+  w->table = table;
+  w->rows = frontier_of(w);
+  w->bytes = table + w->rows + soter_expander_bytes(&w->expander);
+  uint64_t bytes = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    bytes += all->w[k].bytes;
+  }
+  const uint64_t left = memory > bytes ? (memory - bytes) / all->threads : 0U;
+  w->store.memory = table + left;
+  soter_instant_allow(w->expander.instant, left / 2U);
+  w->full = w->full || bytes > memory; /* others go on until they look */
+  w->taken = 0U;
+  if (w->id == 0U) {
+    all->s->progress->bytes = bytes;
+    note_most(all, bytes);
+  }
+}
+
+/* Takes in some of what another worker has found; returns how many there was room for. */
+static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
+  const uint32_t words = w->all->words;
+  const uint64_t* const packed = soter_row_at(q, first);
+  if (!more_keys(w, count)) {
+    return 0U;
+  }
+  if (takes_short(w)) {
+    return take_short_in(w, packed, count, 0U);
+  }
+  for (uint32_t k = 0; k < count; k++) {
+    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words, true);
+  }
+  uint32_t taken = 0U;
+  for (; taken < count && !w->full; taken++) {
+    const uint64_t* const item = packed + (size_t)taken * q->width;
+    take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
+  }
+  return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
+}
+
+/* Takes in what another worker has found; what there is no room for stays. */
+static void receive_from(worker* w, soter_row* q) {
+  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
+  uint64_t i = 0U;
+  while (i < q->count && !w->full && !stops(w->all)) {
+    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
+    w->taken += count;
+    if (w->taken >= LOOK) {
+      weigh(w);
+    }
+    i += receive_some(w, q, i, count);
+  }
+  soter_row_drop(q, i);
+}
+
 static void fold_successors(worker* w) {
   const soter_explore_options* const o = w->all->s->o;
   const soter_successors* const h = &w->expander.successors;
@@ -217,7 +291,8 @@ static void fold_successors(worker* w) {
   }
 }
 
-/* Gives every successor of a word to its owner. No branch asks whose it is: no machine knows. */
+/* Gives every successor of a word to its owner: its own wait until they are many, too, at most until
+ * the others' are taken in. No branch asks whose it is: no machine knows. */
 static void hand_on_short(worker* w) {
   layered* const all = w->all;
   const soter_successors* const h = &w->expander.successors;
@@ -233,19 +308,17 @@ static void hand_on_short(worker* w) {
     }
     end[k] = soter_row_at(&w->out[k], w->out[k].count);
   }
-  soter_store_keys(&w->store, h->packed, h->count, w->key, false);
   for (uint32_t k = 0; k < h->count; k++) {
-    *end[soter_owner_of(all, w->key + k)]++ = h->packed[k];
+    *end[soter_owner_of_short(all, h->packed[k])]++ = h->packed[k];
   }
   for (uint32_t k = 0; k < all->threads; k++) {
     const uint64_t* const first = soter_row_at(&w->out[k], w->out[k].count);
-    const uint32_t count = (uint32_t)(end[k] - first);
-    if (k == w->id) {
-      (void)take_short_in(w, first, count, 0U); /* with links there is one thread */
-    } else {
-      w->out[k].count += count;
-      w->owed += count;
-    }
+    const uint64_t count = (uint64_t)(end[k] - first);
+    w->out[k].count += count;
+    w->owed += k != w->id ? count : 0U;
+  }
+  if (w->out[w->id].count >= SHORT) {
+    receive_from(w, &w->out[w->id]);
   }
 }
 
@@ -258,7 +331,7 @@ static void hand_over(worker* w) {
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
     const uint64_t* const key = w->key + (size_t)k * words;
-    const uint32_t owner = soter_owner_of(all, key);
+    const uint32_t owner = soter_owner_of(all, packed, key);
     SOTER_CHECK(owner < all->threads && own <= k);
     if (owner != w->id) {
       w->full = !soter_row_put(&w->out[owner], packed, h->sleep[k], 0U);
@@ -297,44 +370,6 @@ static bool over(const worker* w) {
   const soter_search* const s = w->all->s;
   return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
          soter_ran_enough(&w->expander);
-}
-
-/* What is told in the end is what it took when it took most. */
-static void note_most(layered* all, uint64_t bytes) {
-  if (bytes < all->most_bytes) {
-    return;
-  }
-  all->most_bytes = bytes;
-  all->most_table = all->most_rows = 0U;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    all->most_table += all->w[k].table;
-    all->most_rows += all->w[k].rows;
-  }
-}
-
-/* Memory is one budget: what tables, frontiers and remembered steps of all workers take together.
- * The table may grow into this worker's share of what is left. */
-static void weigh(worker* w) {
-  layered* const all = w->all;
-  const uint64_t all_of_it = all->s->o->memory;
-  const uint64_t memory = all_of_it - all_of_it / 64U * (all->threads > 1U ? 3U : 1U);
-  const uint64_t table = soter_store_bytes(&w->store);
-  w->table = table;
-  w->rows = frontier_of(w);
-  w->bytes = table + w->rows + soter_expander_bytes(&w->expander);
-  uint64_t bytes = 0U;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    bytes += all->w[k].bytes;
-  }
-  const uint64_t left = memory > bytes ? (memory - bytes) / all->threads : 0U;
-  w->store.memory = table + left;
-  soter_instant_allow(w->expander.instant, left / 2U);
-  w->full = w->full || bytes > memory; /* others go on until they look */
-  w->taken = 0U;
-  if (w->id == 0U) {
-    all->s->progress->bytes = bytes;
-    note_most(all, bytes);
-  }
 }
 
 static void tell(worker* w) {
@@ -515,42 +550,6 @@ static void wait_for_others(layered* all) {
     (void)pthread_cond_wait(&all->turn, &all->mutex);
   }
   (void)pthread_mutex_unlock(&all->mutex);
-}
-
-/* Takes in some of what another worker has found; returns how many there was room for. */
-static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
-  const uint32_t words = w->all->words;
-  const uint64_t* const packed = soter_row_at(q, first);
-  if (!more_keys(w, count)) {
-    return 0U;
-  }
-  if (takes_short(w)) {
-    return take_short_in(w, packed, count, 0U);
-  }
-  for (uint32_t k = 0; k < count; k++) {
-    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words, true);
-  }
-  uint32_t taken = 0U;
-  for (; taken < count && !w->full; taken++) {
-    const uint64_t* const item = packed + (size_t)taken * q->width;
-    take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
-  }
-  return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
-}
-
-/* Takes in what another worker has found; what there is no room for stays. */
-static void receive_from(worker* w, soter_row* q) {
-  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
-  uint64_t i = 0U;
-  while (i < q->count && !w->full && !stops(w->all)) {
-    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
-    w->taken += count;
-    if (w->taken >= LOOK) {
-      weigh(w);
-    }
-    i += receive_some(w, q, i, count);
-  }
-  soter_row_drop(q, i);
 }
 
 static void receive(worker* w) {
@@ -852,7 +851,7 @@ static bool take_births(void* to) {
       soter_fold(all->s->o, packed);
     }
     soter_store_key(&first->store, stands_for(first, packed, room), key);
-    worker* const owner = &all->w[soter_owner_of(all, key)];
+    worker* const owner = &all->w[soter_owner_of(all, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
       tell(owner);
