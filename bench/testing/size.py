@@ -19,7 +19,8 @@ wall time tells of them. Efficiency is CPU time of one thread over twice the pat
 all runs and of the medians. Both must store the same configurations (`same`); where something is
 violated, both must find the same shortest execution.
 
-Purpose: the figures of size of issue 11, and of cores of issue 34. Non-goals: verdicts (tests/correct).
+Purpose: the figures of size of issue 11, and of cores of issue 34.
+Non-goals: verdicts (tests/correct).
 """
 
 from __future__ import annotations

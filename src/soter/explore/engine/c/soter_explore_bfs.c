@@ -2,7 +2,7 @@
  *
  * Purpose: all configurations, layer by layer; the shortest violation comes first. Each thread owns
  * the configurations whose hash says so: it has a table and a frontier of its own, and hands the
- * others what is tsuccessors at the end of a layer, so that no table is shared and nothing is
+ * others their successors at the end of a layer, so that no table is shared and nothing is
  * locked. Where every way to a configuration has as many moves, configurations of different layers
  * differ: there is a table of the layer that is expanded, which is the frontier, and one of the
  * next. Where something is violated, the same search is made again with a link from every
@@ -72,21 +72,17 @@ static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* r
   return room;
 }
 
-/* Folds the successors, and says what stands in the table for each. */
+/* Says what stands in the table for each successor. */
 static void name_successors(worker* w) {
   const layered* const all = w->all;
   const soter_successors* const h = &w->expander.successors;
-  const bool folds = all->s->o->families > 0U;
+  const bool folds = all->link && all->s->o->families > 0U;
   for (uint32_t k = 0; folds && k < h->count; k++) {
-    uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t room[SOTER_WORDS];
-    if (!all->link) {
-      soter_fold(all->s->o, packed);
-    } else {
-      soter_store_key(&w->store, stands_for(w, packed, room), w->key + (size_t)k * all->words);
-    }
+    const uint64_t* const stored = stands_for(w, h->packed + (size_t)k * all->words, room);
+    soter_store_key(&w->store, stored, w->key + (size_t)k * all->words);
   }
-  if (!folds || !all->link) {
+  if (!folds) {
     soter_store_keys(&w->store, h->packed, h->count, w->key, all->threads == 1U);
   }
 }
@@ -258,7 +254,8 @@ static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint
     return take_short_in(w, packed, count, 0U);
   }
   for (uint32_t k = 0; k < count; k++) {
-    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words, true);
+    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words,
+                     true);
   }
   uint32_t taken = 0U;
   for (; taken < count && !w->full; taken++) {
@@ -286,13 +283,14 @@ static void receive_from(worker* w, soter_row* q) {
 static void fold_successors(worker* w) {
   const soter_explore_options* const o = w->all->s->o;
   const soter_successors* const h = &w->expander.successors;
-  for (uint32_t k = 0; k < h->count && o->families > 0U; k++) {
+  const bool folds = o->families > 0U && !w->all->link;
+  for (uint32_t k = 0; folds && k < h->count; k++) {
     soter_fold(o, h->packed + (size_t)k * w->all->words);
   }
 }
 
-/* Gives every successor of a word to its owner: its own wait until they are many, too, at most until
- * the others' are taken in. No branch asks whose it is: no machine knows. */
+/* Gives every successor of a word to its owner; a worker's own wait until they are many, at most
+ * until others' are taken in. No branch asks whose one is: no machine knows beforehand. */
 static void hand_on_short(worker* w) {
   layered* const all = w->all;
   const soter_successors* const h = &w->expander.successors;
@@ -351,8 +349,8 @@ static void hand_on(worker* w) {
   const uint32_t words = w->all->words;
   const soter_successors* const h = &w->expander.successors;
   w->taken += h->count;
+  fold_successors(w);
   if (takes_short(w)) {
-    fold_successors(w);
     hand_on_short(w);
     return;
   }
