@@ -45,8 +45,10 @@ if TYPE_CHECKING:
     from bench.adversary.proofs import Proof
     from bench.adversary.random_modules import Module
 
-KINDS = ("tank", "integrator", "lag", "mode", "drag", "swing", "pair", "behind", "silent", "map2")
-KINDS += ("coupled", "sensing")
+KINDS = (
+    *("tank", "integrator", "lag", "mode", "drag", "swing", "pair", "behind", "silent", "map2"),
+    *("coupled", "sensing"),
+)
 TRIES = 40
 RUNS = 10_000
 STEPS = 20_000_000

@@ -18,7 +18,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,14 +83,16 @@ class Task:
     """Of a place and a speed, in m and m/s."""
     push: float
     """The greatest disturbance, m/s^2."""
+    below: float = 0.8
+    """Of the limit, that an AC that respects it goes up to."""
 
 
 TASKS = {
     1: Task(
         1, 1.0, 1.0, 0.0, "bench/adversary/docking.soter", "Loop", (0.6, 5.0), (0.01, 0.01), 0.02
     ),
-    2: Task(2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
-    3: Task(3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 90.0), (0.05, 0.002), 0.0002),
+    2: Task(2, 1 / MASS, MASS, 2 * N, ORBIT, "InPlaneOrbit", (0.0, 55.0), (0.05, 0.002), 0.0002),
+    3: Task(3, 1 / MASS, MASS, 4 * N, ORBIT, "InSpaceOrbit", (0.0, 55.0), (0.05, 0.002), 0.0002),
 }
 
 
@@ -186,17 +188,16 @@ def together(task: Task, goal: Array, r: Array) -> Array:
 
 
 AGENTS = ("near-optimal", "on a straight line", "pushes", "anything")
-"""At so much of the limit of each direction, and of all together; the last two know none."""
-BELOW = 0.85
+"""Below the limit of each direction, below that of all together; the last two know none."""
 
 
 def wish(task: Task, name: str, state: Array, goal: Array, rng: np.random.Generator) -> Array:
     """What an AC would do."""
     d, u = task.directions, task.greatest
     if name == "near-optimal":
-        return towards(task, goal, state, BELOW * each(task, state[:d]))
+        return towards(task, goal, state, task.below * each(task, state[:d]))
     if name == "on a straight line":
-        return towards(task, goal, state, BELOW * together(task, goal, state[:d]))
+        return towards(task, goal, state, task.below * together(task, goal, state[:d]))
     if name == "pushes":
         return u * np.where(goal > state[:d], 1.0, -1.0)
     return rng.uniform(-u, u, d)
@@ -304,6 +305,7 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=300.0)
     parser.add_argument("--directions", type=int, nargs="*", default=[1, 2, 3])
+    parser.add_argument("--below", type=float, default=0.8, help="how near an AC comes to a limit")
     parser.add_argument("--implicit", action="store_true", help="their slower filters, too")
     said = parser.parse_args()
     there = [said.peer, "-c", "import run_time_assurance"]
@@ -319,7 +321,7 @@ def main() -> int:
         subprocess.Popen([said.peer, "-c", PEER], **how) as peer,
     ):
         for d in said.directions:
-            missed += _directions(TASKS[d], Path(folder), peer, said)
+            missed += _directions(replace(TASKS[d], below=said.below), Path(folder), peer, said)
         assert peer.stdin is not None
         peer.stdin.close()
     print(f"{missed} missed")

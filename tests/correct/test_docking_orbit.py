@@ -19,8 +19,8 @@ pytest.importorskip("gymnasium", reason="the extra `gym` is not installed")
 from bench.running import docking_peer
 
 ROOT = Path(__file__).resolve().parents[2]
-FINE = "/ 240, plane.{0}.v in [-0.4, 0.4] / 320"
-COARSE = "/ 60, plane.{0}.v in [-0.4, 0.4] / 160"
+FINE = "/ 320, plane.{0}.v in [-0.32, 0.32] / 256"
+COARSE = "/ 80, plane.{0}.v in [-0.32, 0.32] / 128"
 
 
 @pytest.mark.parametrize("directions", [2, 3])

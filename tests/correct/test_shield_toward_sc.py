@@ -9,6 +9,8 @@ Non-goals: what a shield permits (`test_shield.py`, `test_shield_attacks.py`).
 from __future__ import annotations
 
 import random
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,7 +35,7 @@ from soter.verify.tables import toward_sc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
+
 
 TOWARD = ("shield 8;", "shield 8 toward sc;")
 PUSHES = COMMANDS["pushes at the wall"]
@@ -373,3 +375,20 @@ def test_a_clause_that_names_nothing_to_move_toward_is_told(clause: str, tmp_pat
     checked = check_file(str(path))
     assert not checked.ok
     assert {d.code for d in checked.diagnostics.items} & {"S004", "S005"}
+
+
+def test_the_sled_of_the_page_does_what_the_page_says(tmp_path: Path) -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "evidence.md").read_text("utf-8")
+    text = next(x for x in re.findall(r"```soter\n(.*?)```", page, re.DOTALL) if "Sled" in x)
+    switches = []
+    for clause in ("shield 8 toward sc;", "shield 8;"):
+        path = tmp_path / "sled.soter"
+        path.write_text(text.replace("shield 8 toward sc;", clause), "utf-8")
+        run = soter.load(path).simulate(seed=1)
+        switches.append(run.modules["Keep"].switches_to_sc)
+        if clause.endswith("sc;"):
+            published, moved = run.moved_commands[0]
+            assert 0.85 < moved / published < 0.95
+            assert run.modules["Keep"].ac_share == 1.0
+    assert switches == [0, 53]
+    assert f"SC takes it {switches[1]} times in these 20 s" in page

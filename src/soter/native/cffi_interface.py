@@ -28,6 +28,9 @@ DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
 NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
 TABLES = "interface.py"
 
+_opened: list[Any] = []
+"""All libraries: cffi closes one that nobody holds, whoever still holds a function of it."""
+
 
 def declarations(header: Path) -> str:
     """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
@@ -77,7 +80,7 @@ def opened(
     """
     require_plain()
     try:
-        return ffi.dlopen(str(path))
+        held = ffi.dlopen(str(path))
     except OSError as error:
         _, _, missing = str(error).partition("undefined symbol: ")
         if missing:
@@ -94,6 +97,8 @@ def opened(
         else:
             message, helps = f"the compiled program cannot be loaded: {error}", ()
         raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+    _opened.append(held)
+    return held
 
 
 def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata

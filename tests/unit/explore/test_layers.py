@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
 from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.explore.methods import REDUCTIONS
 from soter.language.front_end import check_file, system_of_test
 
+ROOT = Path(__file__).resolve().parents[3]
 HEAD = "soter 1; type Cell = int in [0, 9];"
 WALK = (
     "topic {name}: Cell; node N{name} period {period} {{ publishes {name}; var at: Cell = 0;"
@@ -12,8 +19,8 @@ WALK = (
 )
 
 
-def engine_of(items: str, *walks: tuple[str, str]) -> Engine:
-    text = HEAD + "".join(WALK.format(name=name, period=period) for name, period in walks)
+def engine_of(items: str, *walks: tuple[str, str], head: str = HEAD) -> Engine:
+    text = head + "".join(WALK.format(name=name, period=period) for name, period in walks)
     nodes = " ".join(f"node N{name};" for name, _ in walks)
     text += f"system S {{ {nodes} }} test T {{ system S; {items} }}"
     return Engine(system_of_test(check_file("walks.soter", text), "T"))
@@ -57,3 +64,40 @@ def test_threads_take_in_what_is_theirs_before_a_layer_ends() -> None:
         exploration = engine.explore(EngineSettings(reduction="none", threads=3, memory=memory))
         assert (exploration.status, exploration.threads) == ("exhausted", 3)
         assert (exploration.states, exploration.transitions) == (alone.states, alone.transitions)
+
+
+def stored(engine: Engine, reduction: str, threads: int, memory: int) -> list[bytes]:
+    """All configurations that a search stores, in order."""
+    how = EngineSettings(reduction=reduction, threads=threads, memory=memory, keep=True)
+    exploration = engine.explore(how)
+    assert (exploration.status, exploration.threads) == ("exhausted", threads)
+    rows = sorted(row.tobytes() for row in engine.configurations())
+    assert len(rows) == exploration.states
+    return rows
+
+
+@pytest.mark.parametrize(("most", "words"), [("9", 1), ("999999999", 2)])
+@pytest.mark.parametrize("reduction", REDUCTIONS)
+def test_threads_store_the_configurations_that_one_stores(
+    reduction: str, most: str, words: int
+) -> None:
+    """With little memory they hand over often."""
+    head = HEAD.replace("9]", f"{most}]")
+    walks = (("a", "10ms"), ("b", "10ms"), ("c", "20ms"))
+    engine = engine_of("horizon 60ms; always a <= 9;", *walks, head=head)
+    assert min(engine.words, 2) == words
+    alone = stored(engine, reduction, 1, 1 << 30)
+    assert len(alone) > 500
+    for threads, memory in ((2, 1 << 30), (3, 8 << 20)):
+        assert stored(engine, reduction, threads, memory) == alone
+
+
+def test_threads_store_equal_instances_that_changed_places_once() -> None:
+    program = check_file(str(ROOT / "examples/testing/two_modules.soter"))
+    system = system_of_test(program, "BothStayInside")
+    assert system.test is not None
+    engine = Engine(replace(system, test=replace(system.test, horizon_ns=100_000_000)))
+    alone = stored(engine, "symmetry", 1, 1 << 30)
+    assert len(alone) < len(stored(engine, "none", 1, 1 << 30))
+    for threads in (2, 3):
+        assert stored(engine, "symmetry", threads, 1 << 30) == alone

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.native import vector_instructions
 from soter.native.compiler import MEANING
 from soter.native.vector_instructions import AVX2, of_processor, vector_flags
 
@@ -22,7 +21,7 @@ def test_a_processor_has_what_all_of_its_cores_have() -> None:
 
 
 def test_other_processors_get_no_flag(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(vector_instructions.platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr("platform.machine", lambda: "aarch64")
     vector_flags.cache_clear()
     assert vector_flags() == ()
     vector_flags.cache_clear()

@@ -2,7 +2,7 @@
 
 Purpose: the functions of `chains.Chain` and `chains.FreePhase` for a group whose flow is enclosed
 step by step (`nonlinear_flow.py`); forms are those of `certificate/terms/compile_terms.py`.
-Non-goals: linear flows
+Non-goals: many forms at once (`batches/local_chains.py`), linear flows
 (`sc_chains.py`), sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted

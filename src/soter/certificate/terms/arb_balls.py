@@ -1,4 +1,4 @@
-"""Arb balls: the only arithmetic of this room, and the linear enclosures of single functions.
+"""Arb balls: the arithmetic of this room, and the linear enclosures of single functions.
 
 Purpose: precision, outward conversion to doubles, and for each function that a program may use a
 line with a remainder that encloses it over an interval: f(x) in slope x + offset +- spread for

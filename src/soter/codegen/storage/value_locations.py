@@ -74,7 +74,8 @@ class Places:
             yield
         finally:
             self.plan = StoragePlan()
-            self.certain = self.in_place = frozenset()
+            self.certain = frozenset()
+            self.in_place = frozenset()
 
     def used(self, root: object) -> set[str]:
         """Names of temporaries that are read somewhere below, but for values that nobody reads."""

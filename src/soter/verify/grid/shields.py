@@ -95,11 +95,13 @@ def find(
 def lead_ns(problem: Problem) -> int:
     """How much longer than H a command is to be harmless, toward which another one is moved.
 
-    So that it may be replaced in time: until AC's next step, and for as long as it may act after
-    that. Nothing that is claimed hangs on it.
+    So that it may be replaced in time: until AC's next step, for as long as it may act after that,
+    and on a state that may be as much newer as estimates may be old. Nothing that is claimed hangs
+    on it.
     """
     period: int = problem.system.components[problem.module.ac].period_ns
-    return period + (problem.times.acted if problem.kind == "flow" else 0)
+    times = problem.times
+    return period + (times.acted + times.age_dm if problem.kind == "flow" else 0)
 
 
 def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:

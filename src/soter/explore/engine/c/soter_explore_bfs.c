@@ -2,7 +2,7 @@
  *
  * Purpose: all configurations, layer by layer; the shortest violation comes first. Each thread owns
  * the configurations whose hash says so: it has a table and a frontier of its own, and hands the
- * others what is tsuccessors at the end of a layer, so that no table is shared and nothing is
+ * others their successors at the end of a layer, so that no table is shared and nothing is
  * locked. Where every way to a configuration has as many moves, configurations of different layers
  * differ: there is a table of the layer that is expanded, which is the frontier, and one of the
  * next. Where something is violated, the same search is made again with a link from every
@@ -72,21 +72,17 @@ static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* r
   return room;
 }
 
-/* Folds the successors, and says what stands in the table for each. */
+/* Says what stands in the table for each successor. */
 static void name_successors(worker* w) {
   const layered* const all = w->all;
   const soter_successors* const h = &w->expander.successors;
-  const bool folds = all->s->o->families > 0U;
+  const bool folds = all->link && all->s->o->families > 0U;
   for (uint32_t k = 0; folds && k < h->count; k++) {
-    uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t room[SOTER_WORDS];
-    if (!all->link) {
-      soter_fold(all->s->o, packed);
-    } else {
-      soter_store_key(&w->store, stands_for(w, packed, room), w->key + (size_t)k * all->words);
-    }
+    const uint64_t* const stored = stands_for(w, h->packed + (size_t)k * all->words, room);
+    soter_store_key(&w->store, stored, w->key + (size_t)k * all->words);
   }
-  if (!folds || !all->link) {
+  if (!folds) {
     soter_store_keys(&w->store, h->packed, h->count, w->key, all->threads == 1U);
   }
 }
@@ -209,96 +205,6 @@ static bool takes_short(const worker* w) {
   return soter_store_is_short(&w->store) && !(folds && w->all->link);
 }
 
-static void fold_successors(worker* w) {
-  const soter_explore_options* const o = w->all->s->o;
-  const soter_successors* const h = &w->expander.successors;
-  for (uint32_t k = 0; k < h->count && o->families > 0U; k++) {
-    soter_fold(o, h->packed + (size_t)k * w->all->words);
-  }
-}
-
-/* Gives every successor of a word to its owner. No branch asks whose it is: no machine knows. */
-static void hand_on_short(worker* w) {
-  layered* const all = w->all;
-  const soter_successors* const h = &w->expander.successors;
-  uint64_t* end[THREADS] = {NULL};
-  if (all->threads == 1U || h->count == 0U) {
-    (void)take_short_in(w, h->packed, h->count, w->moved + w->first);
-    return;
-  }
-  for (uint32_t k = 0; k < all->threads; k++) {
-    if (!soter_row_reserve(&w->out[k], h->count)) {
-      w->full = true;
-      return;
-    }
-    end[k] = soter_row_at(&w->out[k], w->out[k].count);
-  }
-  soter_store_keys(&w->store, h->packed, h->count, w->key, false);
-  for (uint32_t k = 0; k < h->count; k++) {
-    *end[soter_owner_of(all, w->key + k)]++ = h->packed[k];
-  }
-  for (uint32_t k = 0; k < all->threads; k++) {
-    const uint64_t* const first = soter_row_at(&w->out[k], w->out[k].count);
-    const uint32_t count = (uint32_t)(end[k] - first);
-    if (k == w->id) {
-      (void)take_short_in(w, first, count, 0U); /* with links there is one thread */
-    } else {
-      w->out[k].count += count;
-      w->owed += count;
-    }
-  }
-}
-
-/* Gives the successors of others to their owners: what is left is this worker's. */
-static void hand_over(worker* w) {
-  const layered* const all = w->all;
-  const uint32_t words = all->words;
-  soter_successors* const h = &w->expander.successors;
-  uint32_t own = 0U;
-  for (uint32_t k = 0; k < h->count && !w->full; k++) {
-    const uint64_t* const packed = h->packed + (size_t)k * words;
-    const uint64_t* const key = w->key + (size_t)k * words;
-    const uint32_t owner = soter_owner_of(all, key);
-    SOTER_CHECK(owner < all->threads && own <= k);
-    if (owner != w->id) {
-      w->full = !soter_row_put(&w->out[owner], packed, h->sleep[k], 0U);
-      w->owed++;
-      continue;
-    }
-    soter_store_expect(&w->store, packed, key);
-    soter_copy_words(h->packed + (size_t)own * words, packed, words);
-    soter_copy_words(w->key + (size_t)own * words, key, words);
-    h->sleep[own++] = h->sleep[k];
-  }
-  h->count = own;
-}
-
-/* Gives every successor to its owner, of which this worker may be one. */
-static void hand_on(worker* w) {
-  const uint32_t words = w->all->words;
-  const soter_successors* const h = &w->expander.successors;
-  w->taken += h->count;
-  if (takes_short(w)) {
-    fold_successors(w);
-    hand_on_short(w);
-    return;
-  }
-  name_successors(w);
-  if (w->all->threads > 1U) {
-    hand_over(w);
-  }
-  for (uint32_t k = 0; k < h->count && !w->full; k++) {
-    take_in(w, h->packed + (size_t)k * words, w->key + (size_t)k * words, h->sleep[k],
-            w->moved + w->first);
-  }
-}
-
-static bool over(const worker* w) {
-  const soter_search* const s = w->all->s;
-  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
-         soter_ran_enough(&w->expander);
-}
-
 /* What is told in the end is what it took when it took most. */
 static void note_most(layered* all, uint64_t bytes) {
   if (bytes < all->most_bytes) {
@@ -335,6 +241,133 @@ static void weigh(worker* w) {
     all->s->progress->bytes = bytes;
     note_most(all, bytes);
   }
+}
+
+/* Takes in some of what another worker has found; returns how many there was room for. */
+static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
+  const uint32_t words = w->all->words;
+  const uint64_t* const packed = soter_row_at(q, first);
+  if (!more_keys(w, count)) {
+    return 0U;
+  }
+  if (takes_short(w)) {
+    return take_short_in(w, packed, count, 0U);
+  }
+  for (uint32_t k = 0; k < count; k++) {
+    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words,
+                     true);
+  }
+  uint32_t taken = 0U;
+  for (; taken < count && !w->full; taken++) {
+    const uint64_t* const item = packed + (size_t)taken * q->width;
+    take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
+  }
+  return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
+}
+
+/* Takes in what another worker has found; what there is no room for stays. */
+static void receive_from(worker* w, soter_row* q) {
+  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
+  uint64_t i = 0U;
+  while (i < q->count && !w->full && !stops(w->all)) {
+    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
+    w->taken += count;
+    if (w->taken >= LOOK) {
+      weigh(w);
+    }
+    i += receive_some(w, q, i, count);
+  }
+  soter_row_drop(q, i);
+}
+
+static void fold_successors(worker* w) {
+  const soter_explore_options* const o = w->all->s->o;
+  const soter_successors* const h = &w->expander.successors;
+  const bool folds = o->families > 0U && !w->all->link;
+  for (uint32_t k = 0; folds && k < h->count; k++) {
+    soter_fold(o, h->packed + (size_t)k * w->all->words);
+  }
+}
+
+/* Gives every successor of a word to its owner; a worker's own wait until they are many, at most
+ * until others' are taken in. No branch asks whose one is: no machine knows beforehand. */
+static void hand_on_short(worker* w) {
+  layered* const all = w->all;
+  const soter_successors* const h = &w->expander.successors;
+  uint64_t* end[THREADS] = {NULL};
+  if (all->threads == 1U || h->count == 0U) {
+    (void)take_short_in(w, h->packed, h->count, w->moved + w->first);
+    return;
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    if (!soter_row_reserve(&w->out[k], h->count)) {
+      w->full = true;
+      return;
+    }
+    end[k] = soter_row_at(&w->out[k], w->out[k].count);
+  }
+  for (uint32_t k = 0; k < h->count; k++) {
+    *end[soter_owner_of_short(all, h->packed[k])]++ = h->packed[k];
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    const uint64_t* const first = soter_row_at(&w->out[k], w->out[k].count);
+    const uint64_t count = (uint64_t)(end[k] - first);
+    w->out[k].count += count;
+    w->owed += k != w->id ? count : 0U;
+  }
+  if (w->out[w->id].count >= SHORT) {
+    receive_from(w, &w->out[w->id]);
+  }
+}
+
+/* Gives the successors of others to their owners: what is left is this worker's. */
+static void hand_over(worker* w) {
+  const layered* const all = w->all;
+  const uint32_t words = all->words;
+  soter_successors* const h = &w->expander.successors;
+  uint32_t own = 0U;
+  for (uint32_t k = 0; k < h->count && !w->full; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * words;
+    const uint64_t* const key = w->key + (size_t)k * words;
+    const uint32_t owner = soter_owner_of(all, packed, key);
+    SOTER_CHECK(owner < all->threads && own <= k);
+    if (owner != w->id) {
+      w->full = !soter_row_put(&w->out[owner], packed, h->sleep[k], 0U);
+      w->owed++;
+      continue;
+    }
+    soter_store_expect(&w->store, packed, key);
+    soter_copy_words(h->packed + (size_t)own * words, packed, words);
+    soter_copy_words(w->key + (size_t)own * words, key, words);
+    h->sleep[own++] = h->sleep[k];
+  }
+  h->count = own;
+}
+
+/* Gives every successor to its owner, of which this worker may be one. */
+static void hand_on(worker* w) {
+  const uint32_t words = w->all->words;
+  const soter_successors* const h = &w->expander.successors;
+  w->taken += h->count;
+  fold_successors(w);
+  if (takes_short(w)) {
+    hand_on_short(w);
+    return;
+  }
+  name_successors(w);
+  if (w->all->threads > 1U) {
+    hand_over(w);
+  }
+  for (uint32_t k = 0; k < h->count && !w->full; k++) {
+    take_in(w, h->packed + (size_t)k * words, w->key + (size_t)k * words, h->sleep[k],
+            w->moved + w->first);
+  }
+}
+
+static bool over(const worker* w) {
+  const soter_search* const s = w->all->s;
+  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on) ||
+         soter_ran_enough(&w->expander);
 }
 
 static void tell(worker* w) {
@@ -515,42 +548,6 @@ static void wait_for_others(layered* all) {
     (void)pthread_cond_wait(&all->turn, &all->mutex);
   }
   (void)pthread_mutex_unlock(&all->mutex);
-}
-
-/* Takes in some of what another worker has found; returns how many there was room for. */
-static uint64_t receive_some(worker* w, const soter_row* q, uint64_t first, uint32_t count) {
-  const uint32_t words = w->all->words;
-  const uint64_t* const packed = soter_row_at(q, first);
-  if (!more_keys(w, count)) {
-    return 0U;
-  }
-  if (takes_short(w)) {
-    return take_short_in(w, packed, count, 0U);
-  }
-  for (uint32_t k = 0; k < count; k++) {
-    soter_store_keys(&w->store, packed + (size_t)k * q->width, 1U, w->key + (size_t)k * words, true);
-  }
-  uint32_t taken = 0U;
-  for (; taken < count && !w->full; taken++) {
-    const uint64_t* const item = packed + (size_t)taken * q->width;
-    take_in(w, item, w->key + (size_t)taken * words, item[words], 0U);
-  }
-  return w->full && taken > 0U ? taken - 1U : taken; /* it may be the one without room */
-}
-
-/* Takes in what another worker has found; what there is no room for stays. */
-static void receive_from(worker* w, soter_row* q) {
-  const uint32_t most = takes_short(w) ? SHORT : RECEIVED;
-  uint64_t i = 0U;
-  while (i < q->count && !w->full && !stops(w->all)) {
-    const uint32_t count = q->count - i < most ? (uint32_t)(q->count - i) : most;
-    w->taken += count;
-    if (w->taken >= LOOK) {
-      weigh(w);
-    }
-    i += receive_some(w, q, i, count);
-  }
-  soter_row_drop(q, i);
 }
 
 static void receive(worker* w) {
@@ -852,7 +849,7 @@ static bool take_births(void* to) {
       soter_fold(all->s->o, packed);
     }
     soter_store_key(&first->store, stands_for(first, packed, room), key);
-    worker* const owner = &all->w[soter_owner_of(all, key)];
+    worker* const owner = &all->w[soter_owner_of(all, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
       tell(owner);

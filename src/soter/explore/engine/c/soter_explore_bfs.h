@@ -112,16 +112,25 @@ typedef struct layered {
   soter_closing closing;
 } layered;
 
+/* Whose a configuration of a word is: by what the table tells apart. */
+SOTER_INLINE uint32_t soter_owner_of_short(const layered* all, uint64_t packed) {
+  const uint64_t x = packed >> all->w[0].store.common | 1U;
+  const uint64_t h = (x ^ x >> 32) * UINT64_C(0x9e3779b97f4a7c15);
+  return (uint32_t)((h >> 32) * all->threads >> 32);
+}
+
 /* Whose a configuration is: as the table knows it, so that what comes again has the same owner. */
-SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* key) {
-  if (all->threads == 1U) {
-    return 0U;
-  }
+SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* packed,
+                                     const uint64_t* key) {
+  const soter_store* const s = &all->w[0].store;
   uint64_t h = 0U;
-  for (uint32_t k = 0; k < all->w[0].store.words; k++) {
+  SOTER_CHECK(all->threads <= THREADS);
+  if (soter_store_is_short(s)) {
+    return soter_owner_of_short(all, packed[0]);
+  }
+  for (uint32_t k = 0; all->threads > 1U && k < s->words; k++) {
     h = (h ^ key[k]) * UINT64_C(0x9e3779b97f4a7c15);
   }
-  SOTER_CHECK(all->threads <= THREADS);
   return (uint32_t)((h >> 32) * all->threads >> 32);
 }
 
