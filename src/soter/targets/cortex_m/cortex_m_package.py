@@ -295,7 +295,7 @@ def _run(name: str, board: Board, replay: Replay) -> str:
     if not board.qemu:
         return f"""\
 run:
-\t@echo "QEMU does not emulate {board.name}: load {name}.elf onto it"; false
+\t@echo "QEMU does not emulate {board.name}: load {name}_loop.elf onto it"; false
 """
     ended = """ \\
 \t  if [ $$code = 124 ]; then echo "it has not ended within $(LIMIT_S) s: stopped"; fi;"""
@@ -310,7 +310,8 @@ TRACE := {replay.sha256 or "?"}
 RECORDING := {RECORDING if replay.recording else ""}
 # longer than that no image runs here
 LIMIT_S ?= {LIMIT_S}
-LIMIT = $(shell command -v timeout >/dev/null && echo timeout $(LIMIT_S))
+# in the group of make, so that QEMU ends with it
+LIMIT = $(shell command -v timeout >/dev/null && echo timeout --foreground $(LIMIT_S))
 QEMU = $(LIMIT) qemu-system-arm -M {board.qemu} -icount sleep=off,shift=$(ICOUNT) \\
   -display none -serial none -monitor none -chardev file,id=words,path=run.txt
 # an instruction takes two to this ns: SysTick counts them
