@@ -50,6 +50,7 @@ def test_every_key_of_info_is_on_the_page() -> None:
     page = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
     source = (ROOT / "src" / "soter" / "gym" / "guard.py").read_text(encoding="utf-8")
     keys = set(re.findall(r'^            "(\w+)": ', source, re.MULTILINE))
+    keys |= set(re.findall(r'\binfo\["(\w+)"\] = ', source))
     keys |= {*FACTS, "final_obs", "final_info"}
-    assert len(keys) >= 18
+    assert len(keys) >= 22
     assert sorted(k for k in keys if f"`{k}`" not in page) == []
