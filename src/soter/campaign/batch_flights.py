@@ -20,7 +20,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.native.vector_instructions import vector_flags
+from soter.native.vector_instructions import FAST, vector_flags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -41,8 +41,6 @@ EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
-FAST = ("-fno-trapping-math",)
-"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
 SPARE = 9
 """States that a batch needs besides those of its flights."""
 MODULES_MAX = 64

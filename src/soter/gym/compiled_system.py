@@ -20,6 +20,7 @@ from soter.gym.memory_offsets import LeafBuffer, is_flat, places
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
 from soter.native.library import Library
+from soter.native.vector_instructions import FAST, vector_flags
 from soter.simulate.externs.bindings import Bindings, bind, callables
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
 from soter.simulate.interrupt import StopRequest
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     import soter.api
+    from soter.codegen.unit import Unit
     from soter.gym.memory_offsets import MemoryLeaf, ObservedPart
     from soter.language.model.system import Component, System
 
@@ -79,7 +81,7 @@ class CompiledEnvironment:
         unit = generate(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
-        path = library(unit, OPTIMISE, engine=ENGINE)
+        path = built(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
         self.ffi = interface(
@@ -188,6 +190,11 @@ class CompiledEnvironment:
         count = len(members) if component.plant is not None else len(members) // 2
         values = [leaf for m in members[:count] for leaf in places(m.type, m.offset)]
         return values, [leaf for m in members[count:] for leaf in places(m.type, m.offset)]
+
+
+def built(unit: Unit) -> Path:
+    """The library of a unit with `ENGINE`, for this machine alone."""
+    return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
 def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.gym.compiled_system import ENGINE, driver
+from soter.gym.compiled_system import built, driver
 from soter.gym.memory_offsets import LeafBuffer, places
 from soter.gym.outside_roles import wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_count, leaves
-from soter.native.build import library
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,9 +52,8 @@ class PlantModel:
         self.high = np.array([d.high for d in plant.disturbances for _ in d.streams])
         alone = _alone(system, plant)
         unit = generate(alone)
-        path = library(unit, engine=ENGINE)
         self.layout, (component,) = unit.layout, alone.components
-        self.ffi, self.lib, self.program = driver(path, unit.prefix)
+        self.ffi, self.lib, self.program = driver(built(unit), unit.prefix)
         members = [self.layout.member(0, i) for i in range(len(component.plant.states))]  # type: ignore[union-attr]
         both = [leaf for offset, t in members for leaf in places(t, offset)]
         self.states = LeafBuffer(self.ffi, both[: len(self.names)])

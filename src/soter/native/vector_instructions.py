@@ -1,6 +1,6 @@
 """Which vector instructions this machine has, as flags of a C compiler.
 
-Purpose: `vector_flags`, for C that never leaves this machine (campaigns).
+Purpose: `vector_flags` and `FAST`, for C that never leaves this machine (campaigns, environments).
 Non-goals: fused multiplication and addition, which rounds once where programs mean twice
 (`compiler.MEANING`); what is shipped, which is built for the machine that it flies on.
 """
@@ -13,6 +13,8 @@ from pathlib import Path
 
 CPU = Path("/proc/cpuinfo")
 AVX2 = "-mavx2"
+FAST = ("-fno-trapping-math",)
+"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
 
 
 def of_processor(said: str) -> tuple[str, ...]:
