@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.codegen import decisions
+from soter.codegen.branch_free import branch_free
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
@@ -126,7 +127,7 @@ class UnitCache(UnitBuilder):
 
     def function(self, f: Function) -> list[c.CTop]:
         """A function; in front of one that is remembered the last call and its answer."""
-        made = self._function(f)
+        made = branch_free(self._function(f))
         if f.name not in self.remembered:
             return [made]
         anew = f"{made.name}_anew"

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from soter.campaign.batch_flights import BATCH
+from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.extern_interface import answer_fields
-from soter.codegen.unit import generate
 from soter.core.layout import arrange, state_dtype
 from soter.gym.memory_offsets import LeafBuffer, is_flat, places
 from soter.native.build import RUNTIME, library
@@ -35,12 +36,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 FOLDER = Path(__file__).resolve().parent / "c"
-ENGINE = tuple(
-    FOLDER / name
-    for name in ("soter_gym.c", "soter_gym_explain.c", "soter_gym.h", "soter_gym_leaves.h")
+ENGINE = (
+    *(FOLDER / f"soter_gym{name}" for name in (".c", "_explain.c", "_python.c", ".h", "_leaves.h")),
+    BATCH.with_suffix(".h"),
 )
 OPTIMISE = "-O3"
 """Learners take millions of steps: the kernel's small functions are worth inlining."""
+ONE_CALL = "-DSOTER_REMEMBERED=1U"
+"""A DM asks `ttf` and `safer` the same; then comes another world."""
 NOBODY = 2**32 - 1
 
 
@@ -78,7 +81,7 @@ class CompiledEnvironment:
         callables(Bindings(system, core, functions), "native", StopRequest())
         self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
         self.linked_content = linked_content(system, core)
-        unit = generate(system, core)
+        unit = generate_measured(system, core, lanes=False)
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = built(unit)
@@ -136,6 +139,7 @@ class CompiledEnvironment:
                 "agent": roles.agent,
                 "plant": NOBODY if roles.plant is None else roles.plant,
                 "answer_most": self.answer_most,
+                "plain": self.lib.soter_is_plain(self.program),
                 **{name: leaves.fields for name, leaves in self.given.items()},
             },
         )
@@ -194,7 +198,7 @@ class CompiledEnvironment:
 
 def built(unit: Unit) -> Path:
     """The library of a unit with `ENGINE`, for this machine alone."""
-    return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
+    return library(unit, OPTIMISE, (*FAST, *vector_flags(), ONE_CALL), ENGINE)
 
 
 def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:

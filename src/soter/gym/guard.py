@@ -8,6 +8,7 @@ Non-goals: classes of Gymnasium (`protected.py`), many worlds in one call (`vect
 from __future__ import annotations
 
 import copy
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
@@ -46,14 +47,28 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
+    from soter.language.model.system import Bound
     from soter.language.model.types import Type, Value
 
 SEED_END = 2**63
 CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
 """Why the agent's action did not count, or not as it was, by `soter_cause`."""
+AS_TOLD = -2
+"""`SOTER_AS_TOLD`: the agent is due, and all is as it was told the last time."""
+NO_STATES = -1
+ndarray = np.ndarray
 
-
-NOT_COPIED = ("session", "asked", "judged", "_taker", "program", "_reads", "_states", "_outputs")
+NOT_COPIED = (
+    "session",
+    "asked",
+    "judged",
+    "_taker",
+    "program",
+    "_reads",
+    "_states",
+    "_outputs",
+    "_single",
+)
 
 
 class EnvironmentGuard:
@@ -119,11 +134,28 @@ class EnvironmentGuard:
         self._moves_numbers = self._observe is None and made.moves_numbers
         self._acts_numbers = self._act is None and made.acts_numbers
         self.asked = self._asks(made)
+        self._action_shape, self._moved_shape = session.action.shape, session.moved.shape
+        self._plant = session.plant.index
         self._direct = session.alone and self._moves_numbers and self._acts_numbers
         self._info_by_flags: dict[int, dict[str, Any]] = {}
+        self._told: dict[str, Any] = {}
+        self._repeats = not made.linked and session.module.shield is None
         self._taker = None
         if self._command is None and made.commands_numbers:
-            self._taker = array_mapping.taker(space, len(session.command))
+            self._taker = self._takes(space)
+
+    def _takes(self, space: spaces.Space[Any]) -> Callable[[], Any]:
+        """What gives the environment's next action; SoterError U001 as `taker`."""
+        session = self.session
+        taker = array_mapping.taker(space, len(session.command))
+        if isinstance(space, spaces.Box) and space.shape == session.command.shape:
+            bounds = [b for t in self._reads for b in t.bounds]
+            if space.dtype == np.float64:
+                return session.command.copy
+            if space.dtype == np.float32 and all(b and is_single(b) for b in bounds):
+                self._single = session.rounded_command()
+                return self._single.copy
+        return partial(taker, session.command)
 
     def _asks(self, made: CompiledEnvironment) -> SessionPlant | None:
         """The model of the program's plant, in front of this session; SoterError U001."""
@@ -151,6 +183,7 @@ class EnvironmentGuard:
             self._numbered, _ = seeding.np_random(seed)
         observation, given = env.reset(seed=seed, options=options)
         session = self.session
+        session.outside.told = 0
         session.start(int(self._numbered.integers(SEED_END)))
         if not self._moves_numbers:
             self._values = self._states_of(observation)
@@ -185,28 +218,37 @@ class EnvironmentGuard:
             what = "the episode is over" if begun else "no episode has begun"
             raise wrong_choice(what, "call reset() first")
         session, taker, direct = self.session, self._taker, self._direct
-        outside, agent = session.outside, session.agent.index
-        if direct and type(action) is np.ndarray and action.shape == session.action.shape:
+        plant = self._plant
+        if direct and type(action) is ndarray and action.shape == self._action_shape:
             session.action[...] = action
-            due = session.act_directly(outside)
+            due = session.act_directly()
         else:
             due = self._answered(action)
         reward, ended, cut = 0.0, False, False
         given: dict[str, Any] = {}
         taken: Any = None
-        while due != agent and not (ended or cut):
-            taken = self._command_now(env) if taker is None else taker(session.command)
+        while due == plant and not (ended or cut):
+            taken = self._command_now(env) if taker is None else taker()
             last, gained, ended, cut, given = env.step(taken)
             self._last = last
             reward += float(gained)
-            if direct and type(last) is np.ndarray and last.shape == session.moved.shape:
+            if direct and type(last) is ndarray and last.shape == self._moved_shape:
                 session.moved[...] = last
-                due = session.move_directly(outside)
-                if due < 0 or self.judged is not None:
+                due = session.move_directly()
+                if due == NO_STATES or self.judged is not None:
                     self._tell(last, due)
             else:
                 due = self._moved(last)
-        broken = self._not_finite() if outside.latched else []
+        if due == AS_TOLD:
+            self._over = ended or cut
+            info = self._told.copy()
+            info["action_taken"] = taken
+            info["action_requested"] = action
+            for key in given:
+                if key not in info:
+                    info[key] = given[key]
+            return last, reward, ended, cut, info
+        broken = self._not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
         self._over = ended or cut
         info = self._info(given, action, taken)
@@ -215,9 +257,12 @@ class EnvironmentGuard:
         if self._cuts and info["cost"]:
             cut = self._over = True
         self._violations = info["violations"]
-        if info["off_model"] and not self._off_model and self.judged is None:
-            self._off_model = True
-            warn_off_model(session.plant.name)
+        if info["off_model"] and not self._off_model:
+            if self.judged is None:
+                self._off_model = True
+                warn_off_model(session.plant.name)
+        elif self._repeats and info["cause"] != "gate":
+            self._told = self._quiet(info["violations"])
         return self._last, reward, ended, cut, info
 
     # ------------------------------------------------------------ the agent's answer
@@ -351,6 +396,13 @@ class EnvironmentGuard:
             info["action_mask"] = self.action_masks().astype(np.int8)
         return info
 
+    def _quiet(self, violations: int) -> dict[str, Any]:
+        """What is told of a step after which all is as it is now; C compares, from now on."""
+        outside = self.session.outside
+        self.session.compiled.lib.soter_outside_tell(outside)
+        known = self._info_by_flags[outside.flags]
+        return {**known, "margin": outside.margin_ns / 1e9, "violations": violations, "cost": 0.0}
+
     def _of_flags(self, before: int) -> dict[str, Any]:
         """What is known of the module by flags alone; `before`: the mode until now."""
         seen = self.session.seen
@@ -427,6 +479,11 @@ class EnvironmentGuard:
         made = EnvironmentGuard.__new__(EnvironmentGuard)
         made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
+
+
+def is_single(bound: Bound) -> bool:
+    """Whether the numbers of a set stay finite as they are rounded to float32."""
+    return max(abs(bound.low), abs(bound.high)) <= float(np.finfo(np.float32).max)
 
 
 def prepared(

@@ -14,6 +14,7 @@ import numpy as np
 
 from soter.core.layout import decode_from, encode_into
 from soter.gym.compiled_system import refuse_call
+from soter.gym.python_methods import step_calls
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
 from soter.native.library import RunStatus
@@ -67,8 +68,6 @@ class Session:
         ffi, view = self.compiled.ffi, self.compiled.view
         lib = self._lib = self.compiled.lib
         self._go = lib.soter_outside_go
-        self.act_directly, self.move_directly = lib.soter_outside_act, lib.soter_outside_move
-        """The calls themselves, of `outside`: for those to whom no other extern is due."""
         self._room = np.zeros(-(-self.compiled.room // 8), dtype=np.int64)
         self.action = np.zeros(int(view.action.count))
         """What the agent answers, in numbers."""
@@ -87,6 +86,8 @@ class Session:
         for name in ("action", "command"):
             setattr(o, name, ffi.cast("double *", getattr(self, name).ctypes.data))
         o.states = ffi.cast("double *", self.moved.ctypes.data)
+        self.act_directly, self.move_directly = step_calls(ffi, lib, o)
+        """The calls themselves, of `outside`: for those to whom no other extern is due."""
 
     def _begin(self, seed: int) -> None:
         self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)
@@ -116,11 +117,11 @@ class Session:
 
     def act_numbers(self) -> int:
         """Answer for the agent with `action`, and `go`."""
-        return self._on(self.act_directly(self.outside))
+        return self._on(self._lib.soter_outside_act(self.outside))
 
     def move_numbers(self) -> int:
         """Answer for the plant with `moved`, and `go`; -1 where it has no such states."""
-        due: int = self.move_directly(self.outside)
+        due: int = self._lib.soter_outside_move(self.outside)
         return due if due < 0 else self._on(due)
 
     def _on(self, due: int) -> int:
@@ -128,6 +129,12 @@ class Session:
             self._answers.answer(self.state, due)
             due = self._go(self.outside)
         return due
+
+    def rounded_command(self) -> npt.NDArray[np.float32]:
+        """What `command` is in single precision (n,), from now on."""
+        single = np.zeros(len(self.command), dtype=np.float32)
+        self.outside.single = self.compiled.ffi.cast("float *", single.ctypes.data)
+        return single
 
     def attach(self, asked: SessionPlant) -> None:
         """Let a model judge every `move_numbers`, and `judge`."""

@@ -20,7 +20,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import soter
-from soter.codegen import unit
+from soter.campaign import compiled_unit
 from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
 from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
@@ -625,11 +625,11 @@ def test_many_environments_are_compiled_once_until_linked_c_changes(
 ) -> None:
     made = []
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments: Any, **options: Any) -> Any:
         made.append(arguments)
-        return unit.generate(*arguments)
+        return compiled_unit.generate_measured(*arguments, **options)
 
-    monkeypatch.setattr(compiled_module, "generate", counted)
+    monkeypatch.setattr(compiled_module, "generate_measured", counted)
     monkeypatch.chdir(tmp_path)
     Path("gears.soter").write_text(LINKED)
     Path("log.c").write_text(LOG_C)

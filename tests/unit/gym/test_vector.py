@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 
 import soter
-from soter.codegen import unit
+from soter.campaign import compiled_unit
 from soter.gym import ProtectedVector, make_vec
 from soter.gym import compiled_system as compiled_module
 
@@ -385,11 +385,11 @@ def test_the_program_is_compiled_once_for_all_environments(
 ) -> None:
     made = []
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments: Any, **options: Any) -> Any:
         made.append(arguments)
-        return unit.generate(*arguments)
+        return compiled_unit.generate_measured(*arguments, **options)
 
-    monkeypatch.setattr(compiled_module, "generate", counted)
+    monkeypatch.setattr(compiled_module, "generate_measured", counted)
     path = tmp_path / "cart.soter"
     path.write_text(CART.read_text())
     program = soter.load(path)

@@ -11,7 +11,9 @@
 #include "soter.h"
 
 #define SOTER_OF_THREAD __thread /* what is remembered from one call to the next (unit.py) */
-#define SOTER_REMEMBERED 8U      /* so many calls of a function */
+#ifndef SOTER_REMEMBERED
+#define SOTER_REMEMBERED 8U /* so many calls of a function: the worlds of a group ask by turns */
+#endif
 
 #ifdef __cplusplus
 extern "C" {

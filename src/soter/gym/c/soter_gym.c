@@ -38,6 +38,70 @@ static void soter_know(const soter_view* v, void* state, soter_facts* f) {
   f->next_cause = (uint8_t)soter_cause_of(m, v->program->module[v->module].forced);
 }
 
+/* ------------------------------------------------------------------ instants */
+
+bool soter_is_plain(const soter_program* p) {
+  SOTER_CHECK(p != NULL);
+  bool plain = p->order == NULL;
+  for (uint32_t i = 0; i < p->components; i++) {
+    plain = plain && p->component[i].effect == NULL && p->component[i].happens == NULL;
+  }
+  return plain;
+}
+
+/* soter_instant in the middle of one; who need not be asked what it holds steps at once. */
+static soter_status soter_go_on(const soter_view* v, void* state, uint32_t* due) {
+  const soter_program* const p = v->program;
+  const soter_component* const c = soter_components_of(state);
+  for (uint32_t i = 0; i < p->components && v->plain != 0U; i++) {
+    if (c[i].pending != 0U) {
+      if (p->component[i].is_extern) {
+        break;
+      }
+      (void)soter_fire(p, state, i, NULL);
+    }
+  }
+  return soter_instant(p, state, due);
+}
+
+/* soter_progress and what is drawn then, where every release is that of its period. */
+static void soter_release(const soter_program* p, void* state) {
+  soter_component* const c = soter_components_of(state);
+  const int64_t ct = soter_next_instant(p, state);
+  for (uint32_t i = 0; i < p->components; i++) {
+    if (c[i].next == ct) {
+      c[i].pending = 1;
+      c[i].next = ct + p->component[i].period_ns;
+    }
+  }
+  soter_header_of(state)->ct = ct;
+  soter_header_of(state)->firing = 1;
+  for (uint32_t i = 0; i < p->inputs; i++) {
+    if (ct % p->input[i].every_ns == 0) {
+      p->input[i].draw(state, NULL);
+    }
+  }
+}
+
+/* Runs until somebody outside is due. */
+static uint32_t soter_await(const soter_view* v, void* state) {
+  uint32_t due = 0;
+  soter_status status = SOTER_INSTANT_DONE;
+  while (status == SOTER_INSTANT_DONE) {
+    if (v->plain == 0U) {
+      status = soter_virtual_instant(v->program, state, &due);
+      continue;
+    }
+    if (soter_header_of(state)->firing == 0U) {
+      soter_release(v->program, state);
+    }
+    status = soter_go_on(v, state, &due);
+  }
+  return due;
+}
+
+/* ------------------------------------------------------------------ what is told */
+
 /* Violations so far and, on a copy on which externs say nothing, to the end of this instant. */
 static uint32_t soter_foresee(const soter_view* v, const void* state, uint8_t* room) {
   const soter_program* const p = v->program;
@@ -45,7 +109,7 @@ static uint32_t soter_foresee(const soter_view* v, const void* state, uint8_t* r
   uint32_t due = 0;
   (void)memcpy(room, state, p->state_size);
   (void)memset(silent, 0, v->answer_most);
-  while (soter_header_of(room)->firing != 0U && soter_instant(p, room, &due) == SOTER_EXTERN_DUE) {
+  while (soter_header_of(room)->firing != 0U && soter_go_on(v, room, &due) == SOTER_EXTERN_DUE) {
     if (due == v->plant) { /* it did not move yet: nothing is known of this instant */
       break;
     }
@@ -99,14 +163,6 @@ static void soter_take(const soter_view* v, void* state, const double* action, u
 
 /* ------------------------------------------------------------------ many worlds */
 
-/* Runs until the agent is due; false where it is somebody else. */
-static bool soter_await(const soter_view* v, void* state) {
-  uint32_t due = 0;
-  while (soter_virtual_instant(v->program, state, &due) == SOTER_INSTANT_DONE) {
-  }
-  return due == v->agent;
-}
-
 static void soter_show(const soter_worlds* w, uint32_t k, void* state, uint8_t before) {
   const soter_view* const v = w->view;
   soter_facts* const f = &w->facts[k];
@@ -123,7 +179,7 @@ static bool soter_world_begin(const soter_worlds* w, uint32_t k) {
   w->seeds[k] += w->stride;
   (void)memset(&w->facts[k], 0, sizeof w->facts[k]);
   const uint8_t mode = v->module < 0 ? 0U : soter_modules_of(v->program, state)[v->module].mode;
-  if (!soter_await(v, state)) {
+  if (soter_await(v, state) != v->agent) {
     return false;
   }
   soter_get_all(&v->apply, state, w->applied + (size_t)k * v->apply.count);
@@ -138,11 +194,11 @@ static bool soter_world_step(const soter_worlds* w, uint32_t k) {
   uint32_t due = 0;
   soter_take(v, state, w->actions + (size_t)k * v->action.count, w->room + p->state_size,
              &w->facts[k]);
-  if (soter_instant(p, state, &due) != SOTER_INSTANT_DONE) {
+  if (soter_go_on(v, state, &due) != SOTER_INSTANT_DONE) {
     return false;
   }
   soter_get_all(&v->apply, state, w->applied + (size_t)k * v->apply.count);
-  if (!soter_await(v, state)) {
+  if (soter_await(v, state) != v->agent) {
     return false;
   }
   soter_show(w, k, state, w->facts[k].taken_by);
@@ -202,14 +258,15 @@ static uint32_t soter_flags(const soter_facts* f) {
 int32_t soter_outside_go(soter_outside* o) {
   SOTER_CHECK(o != NULL);
   const soter_view* const v = o->view;
-  uint32_t due = 0;
-  while (soter_virtual_instant(v->program, o->state, &due) == SOTER_INSTANT_DONE) {
-  }
+  const uint32_t due = soter_await(v, o->state);
   if (due != v->plant && due != v->agent) {
     return (int32_t)due;
   }
   if (due == v->plant) {
     soter_get_all(&v->apply, o->state, o->command);
+    for (uint32_t i = 0; i < v->apply.count && o->single != NULL; i++) {
+      o->single[i] = (float)o->command[i];
+    }
   }
   soter_know(v, o->state, o->facts);
   /* until the plant has moved nothing is known of this instant */
@@ -251,4 +308,20 @@ int32_t soter_outside_move(soter_outside* o) {
   }
   soter_answer(v->program, o->state, v->plant, SOTER_OK, answer);
   return soter_outside_go(o);
+}
+
+int32_t soter_outside_move_on(soter_outside* o) {
+  const int32_t due = soter_outside_move(o);
+  const bool same = o->told != 0U && o->flags == o->told_flags &&
+                    o->facts->violations == o->told_violations &&
+                    o->margin_ns == o->told_margin_ns && o->latched == 0U;
+  return same && due == (int32_t)o->view->agent ? SOTER_AS_TOLD : due;
+}
+
+void soter_outside_tell(soter_outside* o) {
+  SOTER_CHECK(o != NULL);
+  o->told = 1;
+  o->told_flags = o->flags;
+  o->told_violations = o->facts->violations;
+  o->told_margin_ns = o->margin_ns;
 }

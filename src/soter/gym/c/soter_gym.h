@@ -47,6 +47,7 @@ typedef struct {
   uint32_t agent;
   uint32_t plant;        /* answered from outside; as many as there are components: none */
   uint32_t answer_most;  /* bytes of the largest answer of any extern */
+  uint32_t plain;        /* what soter_is_plain says of the program */
   soter_leaves action;   /* in the agent's answer */
   soter_leaves given;    /* in it: what says that an output was given */
   soter_leaves moved;    /* in the plant's answer */
@@ -82,6 +83,9 @@ typedef struct {
   uint8_t moved;      /* the shield moved the agent's action */
   uint8_t reserved[5];
 } soter_facts;
+
+/* Whether every release is that of its period, in the deployed order, and no step lasts. */
+bool soter_is_plain(const soter_program* p);
 
 /* ------------------------------------------------------------------ many worlds */
 
@@ -138,13 +142,22 @@ typedef struct {
   double* action;     /* [view->action.count] */
   double* states;     /* [view->moved.count]: of the plant */
   double* command;    /* [view->apply.count] */
+  float* single;      /* [view->apply.count]: the same, rounded; or NULL */
   soter_facts* facts; /* as of the last time the agent or the plant was due */
   soter_model* model; /* or NULL */
   int64_t margin_ns;  /* as of then: for how long AC surely keeps control, whatever it does */
   uint32_t flags;     /* of the facts all that are small, and whether there was a step */
   uint8_t latched;    /* whether the plant has stopped for ever */
   uint8_t looks;      /* whether violations include the instant that is not over yet */
+  uint8_t told;       /* whether the next three say what soter_outside_tell has seen */
+  uint32_t told_flags;
+  uint32_t told_violations;
+  int64_t told_margin_ns;
 } soter_outside;
+
+/* In the place of an index. */
+#define SOTER_NO_STATES (-1) /* what was given is no state of the plant */
+#define SOTER_AS_TOLD (-2)   /* the agent is due, and flags, violations and margin are as told */
 
 /* All of these run until an extern is due and give its index. */
 int32_t soter_outside_go(soter_outside* o);
@@ -158,12 +171,24 @@ int32_t soter_outside_act(soter_outside* o);
 /* Answers for the plant, with `states`; -1 as above. */
 int32_t soter_outside_move(soter_outside* o);
 
+/* The same, or SOTER_AS_TOLD. */
+int32_t soter_outside_move_on(soter_outside* o);
+
+/* The caller has seen flags, violations and margin. */
+void soter_outside_tell(soter_outside* o);
+
 /* Violations so far, the instant that is not over yet included. */
 uint32_t soter_outside_violations(const soter_outside* o);
 
 /* The plant is due and `states` is where it went: asks the model whether it can have, and notes in
  * the facts where it cannot. soter_outside_move does so itself. */
 void soter_outside_judge(const soter_outside* o);
+
+/* soter_gym_python.c: PyLong_FromLong and PyLong_AsVoidPtr; then soter_outside_act and
+ * soter_outside_move_on as PyCFunctions whose `self` is an int, the address of a soter_outside. */
+void soter_python_given(void* int_of, void* address_of);
+void* soter_python_act(void* self, void* nothing);
+void* soter_python_move(void* self, void* nothing);
 
 /* Whether some disturbances within their bounds lead the model's plant from `origin` to `to`, at
  * the time of a state of the world and with its topics. */
