@@ -54,8 +54,9 @@ SEED_END = 2**63
 CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
 """Why the agent's action did not count, or not as it was, by `soter_cause`."""
 AS_TOLD = -2
-"""`SOTER_AS_TOLD`: the agent is due, and all is as it was told the last time."""
+"""`SOTER_AS_TOLD`: the agent is due, and all but the margin is as it was told the last time."""
 NO_STATES = -1
+"""`SOTER_NO_STATES`: what was given is no state of the plant."""
 ndarray = np.ndarray
 
 NOT_COPIED = (
@@ -153,8 +154,7 @@ class EnvironmentGuard:
             if space.dtype == np.float64:
                 return session.command.copy
             if space.dtype == np.float32 and all(b and is_single(b) for b in bounds):
-                self._single = session.rounded_command()
-                return self._single.copy
+                return session.rounded_command().copy
         return partial(taker, session.command)
 
     def _asks(self, made: CompiledEnvironment) -> SessionPlant | None:
@@ -242,6 +242,7 @@ class EnvironmentGuard:
         if due == AS_TOLD:
             self._over = ended or cut
             info = self._told.copy()
+            info["margin"] = session.outside.margin_ns / 1e9
             info["action_taken"] = taken
             info["action_requested"] = action
             for key in given:
@@ -306,7 +307,7 @@ class EnvironmentGuard:
                 self._tell(observation, session.plant.index)
             session.move(states)
             return session.go()
-        due = session.move_numbers() if self._in_numbers(observation) else -1
+        due = session.move_numbers() if self._in_numbers(observation) else NO_STATES
         self._tell(observation, due)
         return due
 
@@ -320,7 +321,7 @@ class EnvironmentGuard:
 
     def _tell(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
         """Of a step that the model judged, and led to who is `due`; SoterError U001 for nobody."""
-        if due < 0:
+        if due == NO_STATES:
             raise self._no_states(observation)
         if self.judged is not None and self.asked is not None:
             self.judged(self.asked)
@@ -397,11 +398,11 @@ class EnvironmentGuard:
         return info
 
     def _quiet(self, violations: int) -> dict[str, Any]:
-        """What is told of a step after which all is as it is now; C compares, from now on."""
+        """What is told of a step after which all but the margin is as now; C compares, from now on."""
         outside = self.session.outside
         self.session.compiled.lib.soter_outside_tell(outside)
         known = self._info_by_flags[outside.flags]
-        return {**known, "margin": outside.margin_ns / 1e9, "violations": violations, "cost": 0.0}
+        return {**known, "violations": violations, "cost": 0.0}
 
     def _of_flags(self, before: int) -> dict[str, Any]:
         """What is known of the module by flags alone; `before`: the mode until now."""

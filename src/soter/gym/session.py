@@ -132,9 +132,9 @@ class Session:
 
     def rounded_command(self) -> npt.NDArray[np.float32]:
         """What `command` is in single precision (n,), from now on."""
-        single = np.zeros(len(self.command), dtype=np.float32)
-        self.outside.single = self.compiled.ffi.cast("float *", single.ctypes.data)
-        return single
+        self._rounded = np.zeros(len(self.command), dtype=np.float32)
+        self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
+        return self._rounded
 
     def attach(self, asked: SessionPlant) -> None:
         """Let a model judge every `move_numbers`, and `judge`."""

@@ -313,8 +313,7 @@ int32_t soter_outside_move(soter_outside* o) {
 int32_t soter_outside_move_on(soter_outside* o) {
   const int32_t due = soter_outside_move(o);
   const bool same = o->told != 0U && o->flags == o->told_flags &&
-                    o->facts->violations == o->told_violations &&
-                    o->margin_ns == o->told_margin_ns && o->latched == 0U;
+                    o->facts->violations == o->told_violations && o->latched == 0U;
   return same && due == (int32_t)o->view->agent ? SOTER_AS_TOLD : due;
 }
 
@@ -323,5 +322,4 @@ void soter_outside_tell(soter_outside* o) {
   o->told = 1;
   o->told_flags = o->flags;
   o->told_violations = o->facts->violations;
-  o->told_margin_ns = o->margin_ns;
 }

@@ -149,15 +149,14 @@ typedef struct {
   uint32_t flags;     /* of the facts all that are small, and whether there was a step */
   uint8_t latched;    /* whether the plant has stopped for ever */
   uint8_t looks;      /* whether violations include the instant that is not over yet */
-  uint8_t told;       /* whether the next three say what soter_outside_tell has seen */
+  uint8_t told;       /* whether the next two are what soter_outside_tell has seen */
   uint32_t told_flags;
   uint32_t told_violations;
-  int64_t told_margin_ns;
 } soter_outside;
 
 /* In the place of an index. */
 #define SOTER_NO_STATES (-1) /* what was given is no state of the plant */
-#define SOTER_AS_TOLD (-2)   /* the agent is due, and flags, violations and margin are as told */
+#define SOTER_AS_TOLD (-2)   /* the agent is due, and flags and violations are as told */
 
 /* All of these run until an extern is due and give its index. */
 int32_t soter_outside_go(soter_outside* o);
@@ -174,7 +173,7 @@ int32_t soter_outside_move(soter_outside* o);
 /* The same, or SOTER_AS_TOLD. */
 int32_t soter_outside_move_on(soter_outside* o);
 
-/* The caller has seen flags, violations and margin. */
+/* The caller has seen flags and violations. */
 void soter_outside_tell(soter_outside* o);
 
 /* Violations so far, the instant that is not over yet included. */
