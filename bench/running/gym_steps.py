@@ -6,13 +6,15 @@ The mountain car of examples/mountain_car, one core. In turns, medians: `Protect
 worlds are the compiled program with its plant; the same plant in the same C loop with nobody in
 front of it; the map of Gymnasium's car over NumPy arrays; Gymnasium's own vector of its car. Then a
 step of one environment with a module in front, bare, and as it was without the fast way (functions
-in Python for what goes in and out); and how long environments take to make. Exit code 1 where a
-target is missed.
+in Python for what goes in and out); Gymnasium's `AsyncVectorEnv` of both, wall time; and how long
+environments take to make. Exit code 1 where a target is missed. Beside AFRL's filter:
+bench/running/simplex_peer.py.
 """
 
 from __future__ import annotations
 
 import argparse
+import functools
 import statistics
 import sys
 import tempfile
@@ -41,8 +43,10 @@ CAR = ROOT / "examples" / "mountain_car"
 sys.path.insert(0, str(CAR))
 import cliff_env  # type: ignore[import-not-found]  # noqa: E402
 
-VECTOR_TARGET = 1e6
-STEP_TARGET_US = 10.0
+VECTOR_TARGET = 5e6
+STEP_TARGET = 2.0
+ASYNC_TARGET = 1.5
+ASYNC = 4
 MAKE_TARGET_S = 0.1
 ROUNDS = 7
 BARE = """soter 1;
@@ -145,7 +149,7 @@ def vectors(count: int, seconds: float) -> bool:
     print(f"{count:,} worlds, steps a second, and beside protected ones (median of {ROUNDS}):")
     for name, value in speeds.items():
         print(f"  {name:32s} {value / 1e6:8.3f} M   x {value / ours:6.2f}")
-    print(f"  target >= {VECTOR_TARGET / 1e6:g} M protected steps a second (goal 3)")
+    print(f"  target >= {VECTOR_TARGET / 1e6:g} M protected steps a second")
     return ours >= VECTOR_TARGET
 
 
@@ -168,10 +172,36 @@ def singles(seconds: float) -> bool:
     costs = {name: 1e6 / value for name, value in speeds.items()}
     print(f"one environment, us a step (median of {ROUNDS}):")
     for name, cost in costs.items():
-        print(f"  {name:32s} {cost:8.2f}   over bare {cost - costs['bare']:6.2f}")
-    over = costs["protected"] - costs["bare"]
-    print(f"  target: over bare <= {STEP_TARGET_US:g}")
-    return over <= STEP_TARGET_US
+        over = cost - costs["bare"]
+        print(f"  {name:32s} {cost:8.2f}   over bare {over:6.2f}   x {cost / costs['bare']:5.2f}")
+    ratio = costs["protected"] / costs["bare"]
+    print(f"  target: protected / bare <= {STEP_TARGET:g}")
+    return ratio <= STEP_TARGET
+
+
+def protected_car() -> gymnasium.Env[Any, Any]:
+    """A car behind the module, as a process of a vector makes it."""
+    return Protected(CAR / "cliff.soter", cliff_env.make())
+
+
+def asynchronous(seconds: float) -> bool:
+    """Gymnasium's vector of processes, of bare cars and of protected ones."""
+    made = {"bare": cliff_env.make, "protected": protected_car}
+    actions = np.full((ASYNC, 1), 0.1, dtype=np.float32)
+    envs = {n: gymnasium.vector.AsyncVectorEnv([make] * ASYNC) for n, make in made.items()}
+    try:
+        for env in envs.values():
+            env.reset(seed=1)
+        ways = {n: (functools.partial(env.step, actions), ASYNC) for n, env in envs.items()}
+        speeds = medians(ways, seconds)
+    finally:
+        for env in envs.values():
+            env.close()
+    print(f"AsyncVectorEnv of {ASYNC}, us a step of all of them (median of {ROUNDS}):")
+    for name, value in speeds.items():
+        print(f"  {name:32s} {ASYNC * 1e6 / value:8.1f}   x {speeds['bare'] / value:5.2f}")
+    print(f"  target: protected / bare <= {ASYNC_TARGET:g}")
+    return speeds["bare"] / speeds["protected"] <= ASYNC_TARGET
 
 
 def construction() -> bool:
@@ -202,7 +232,12 @@ def main() -> int:
     parser.add_argument("--worlds", type=int, default=4096)
     parser.add_argument("--seconds", type=float, default=0.3)
     given = parser.parse_args()
-    met = [vectors(given.worlds, given.seconds), singles(given.seconds), construction()]
+    met = [
+        vectors(given.worlds, given.seconds),
+        singles(given.seconds),
+        asynchronous(given.seconds),
+        construction(),
+    ]
     print("every target is met" if all(met) else "MISSED: a target")
     return 0 if all(met) else 1
 

@@ -32,7 +32,7 @@ from soter.native.compiler import STRICT, find
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "bench" / "running" / "docking.soter"
-TARGET_C, TARGET_PYTHON = 400.0, 8.0
+TARGET_C, TARGET_PYTHON = 400.0, 50.0
 STATES, ROUNDS = 2000, 5
 PEER = """
 import sys, time

@@ -398,7 +398,7 @@ class EnvironmentGuard:
         return info
 
     def _quiet(self, violations: int) -> dict[str, Any]:
-        """What is told of a step after which all but the margin is as now; C compares, from now on."""
+        """What is told of a step that changes nothing but the margin; C compares, from now on."""
         outside = self.session.outside
         self.session.compiled.lib.soter_outside_tell(outside)
         known = self._info_by_flags[outside.flags]

@@ -6,6 +6,7 @@ import copy
 import re
 import sys
 import tempfile
+import types
 import warnings
 from functools import cache
 from pathlib import Path
@@ -21,7 +22,7 @@ from hypothesis import strategies as st
 
 import soter
 from soter.campaign import compiled_unit
-from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
+from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec, python_methods
 from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
@@ -1046,3 +1047,63 @@ def test_a_step_in_arrays_runs_little_python() -> None:
     env.step(FULL)
     sys.setprofile(None)
     assert ran == ["step", "step"]
+
+
+# ---------------------------------------------------------------- steps that change nothing
+
+
+class Talker(Engine):
+    """Says something of its own, under our names, too."""
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        *told, _ = super().step(action)
+        return (*told, {"own": self.speed, "mode": "mine", "cost": 77.0})  # type: ignore[return-value]
+
+
+def test_every_episode_counts_its_own_violations() -> None:
+    text = GEARS.replace("always e.truth.s < 9.0", "always e.truth.s < 0.5")
+    env = Protected(written(text), Talker())
+    for _ in range(3):
+        env.reset(seed=1)
+        told = [env.step(1)[-1] for _ in range(3)]
+        assert [(info["violations"], info["cost"]) for info in told] == [
+            (1, 1.0),
+            (1, 0.0),
+            (1, 0.0),
+        ]
+        assert [(info["own"], info["mode"]) for info in told] == [
+            (n, "AC") for n in (1.0, 2.0, 3.0)
+        ]
+
+
+def test_what_a_caller_does_with_info_is_its_own_matter() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    for _ in range(3):
+        *_, before = env.step(FULL)
+    kept = dict(before)
+    taken = before["action_taken"].copy()
+    before.clear()
+    *_, after = env.step(FULL / 2)
+    assert after.keys() == kept.keys()
+    assert (kept["action_taken"] == taken).all(), "no array is given twice"
+    assert (after["action_taken"] != taken).all()
+
+
+def test_without_functions_of_pythons_own_steps_are_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def told() -> list[Any]:
+        env = Protected(CART, Cart())
+        env.reset(seed=2)
+        steps = [env.step(a) for a in np.random.default_rng(1).uniform(-3.1, 3.1, (400, 1))]
+        return [
+            (*o, r, *(v for k, v in info.items() if "action" not in k))
+            for o, r, _, _, info in steps
+        ]
+
+    expected = told()
+    other = types.SimpleNamespace(name="another")
+    monkeypatch.setattr(python_methods.sys, "implementation", other)
+    assert told() == expected
+    assert len({str(x[2:]) for x in expected}) > 5
