@@ -1062,6 +1062,7 @@ class Talker(Engine):
 
 def test_every_episode_counts_its_own_violations() -> None:
     text = GEARS.replace("always e.truth.s < 9.0", "always e.truth.s < 0.5")
+    text = text.replace("speed > 3.0", "speed > 30.0").replace("speed < 2.0", "speed < 20.0")
     env = Protected(written(text), Talker())
     for _ in range(3):
         env.reset(seed=1)
@@ -1088,6 +1089,17 @@ def test_what_a_caller_does_with_info_is_its_own_matter() -> None:
     assert after.keys() == kept.keys()
     assert (kept["action_taken"] == taken).all(), "no array is given twice"
     assert (after["action_taken"] != taken).all()
+
+
+def test_a_command_in_single_precision_is_the_rounded_one() -> None:
+    inner = Cart()
+    inner.action_space = spaces.Box(-3.0, 3.0, (1,), np.float32)
+    env = Protected(CART, inner)
+    env.reset(seed=1)
+    for action in np.random.default_rng(4).uniform(-3.0, 3.0, (50, 1)):
+        taken = env.step(action)[-1]["action_taken"]
+        assert taken.dtype == np.float32
+        assert taken == np.float32(action)
 
 
 def test_without_functions_of_pythons_own_steps_are_the_same(
