@@ -192,7 +192,9 @@ def asynchronous(seconds: float) -> bool:
     try:
         for env in envs.values():
             env.reset(seed=1)
-        ways = {n: (functools.partial(env.step, actions), ASYNC) for n, env in envs.items()}
+        ways: dict[str, tuple[Callable[[], object], int]] = {
+            n: (functools.partial(env.step, actions), ASYNC) for n, env in envs.items()
+        }
         speeds = medians(ways, seconds)
     finally:
         for env in envs.values():

@@ -68,8 +68,8 @@ class _Masks:
 
     def _choice(self, side: tuple[c.CStmt, ...]) -> c.Assign | None:
         """The one assignment of a side, if it is that of a whole number to a local."""
-        if len(side) != 1 or not isinstance(side[0], c.Assign):
+        (made, *more) = side or (None,)
+        if more or not isinstance(made, c.Assign):
             return None
-        (made,) = side
         names = [x for x in (made.target, made.value) if isinstance(x, c.Name)]
         return made if len(names) == 2 and {x.text for x in names} <= self._whole else None
