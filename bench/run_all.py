@@ -543,9 +543,8 @@ BENCHMARKS = (
         "soter test: whole robots",
         ("bench/testing/whole_robots.py",),
         "Two robots of three modules each, by parts, each module as it is with the others as "
-        "contracts; and the battery, the planner and the motion primitive of the surveillance "
-        "drone one at a time (its whole by parts is not shown). Every mutant is one edit of a "
-        "module, and has to be found.",
+        "contracts; and the surveillance drone: its modules one at a time, and its whole by parts "
+        "for its first 990 ms. Every mutant is one edit of a module, and has to be found.",
     ),
     Benchmark(
         "soter test: size",
