@@ -233,6 +233,12 @@ BENCHMARKS = (
         "The same network, seeds and cross-entropy method twice: falls during training.",
     ),
     Benchmark(
+        "What people wait for",
+        ("bench/quick.py",),
+        "`make bench-quick`: the ratios of speed with their targets, on a quiet machine. Times "
+        "are of processors, of an installed package.",
+    ),
+    Benchmark(
         "The time of soter verify",
         ("bench/verify/time_to_verdict.py",),
         "Whole processes, imports included; `cold` with an empty cache folder, so the engine, the "
@@ -552,6 +558,14 @@ BENCHMARKS = (
         "One robot of a surveillance program (11 actors) and two (20 actors) that a property "
         "joins: as `soter test` searches, undivided, and with the reductions that there were "
         "before. Bytes are the most of table and frontier, and of all, for each configuration.",
+    ),
+    Benchmark(
+        "soter test: two threads",
+        ("bench/testing/size.py", "--two-threads"),
+        "One thread beside two, least of three runs each: the same states, steps and executions. "
+        "`path, 2` sums up the longer of both threads' CPU times between two waits: what two free "
+        "cores need. `efficiency` is CPU time of one thread over twice that. Target: 0.8 from a "
+        "million states on.",
     ),
     Benchmark(
         "soter test: three modules, one at a time",
