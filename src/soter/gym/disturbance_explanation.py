@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.gym.compiled_system import built, driver
+from soter.gym.compiled_system import built, driver, kept
 from soter.gym.memory_offsets import LeafBuffer, places
-from soter.gym.outside_roles import wrong_choice
+from soter.gym.outside_roles import chosen_plant, wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_count, leaves
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    import soter.api
     from soter.gym.compiled_system import CompiledEnvironment
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type, Value
@@ -68,6 +69,23 @@ def why_not(plant: Component) -> str | None:
     if chosen_lets(plant.plant):
         return f"plant `{plant.name}` chooses"
     return None
+
+
+def modelled(
+    program: soter.api.Program,
+    system: str | None,
+    plant: str | None,
+    params: Mapping[str, object] | None,
+) -> PlantModel | None:
+    """The program's own plant, to be asked; None where it cannot be."""
+
+    def make() -> PlantModel | str:
+        flat = program.declared(system, params)
+        body = chosen_plant(flat, plant)
+        return why_not(body) or PlantModel(flat, body)
+
+    model = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
+    return None if isinstance(model, str) else model
 
 
 class SessionPlant:

@@ -17,11 +17,9 @@ from gymnasium import spaces
 from gymnasium.utils import seeding
 
 import soter.api
-from soter.api.arguments import complete
 from soter.gym import array_mapping
-from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, kept
-from soter.gym.disturbance_explanation import PlantModel, SessionPlant, tolerances, why_not
-from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by, wrong_choice
+from soter.gym.disturbance_explanation import SessionPlant, modelled, tolerances, why_not
+from soter.gym.outside_roles import chosen_plant, wrong_choice
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
     warn_of_no_control,
@@ -30,8 +28,7 @@ from soter.gym.safety_warning import (
     warn_of_wrappers,
     warn_off_model,
 )
-from soter.gym.session import Session, numbers
-from soter.language.elaborate.derived_systems import answered_outside
+from soter.gym.session import Session, numbers, prepared
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.python_values import (
     ValueShapeError,
@@ -47,6 +44,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
+    from soter.gym.compiled_system import CompiledEnvironment
     from soter.language.model.system import Bound
     from soter.language.model.types import Type, Value
 
@@ -485,48 +483,3 @@ class EnvironmentGuard:
 def is_single(bound: Bound) -> bool:
     """Whether the numbers of a set stay finite as they are rounded to float32."""
     return max(abs(bound.low), abs(bound.high)) <= float(np.finfo(np.float32).max)
-
-
-def prepared(
-    program: soter.api.Program,
-    system: str | None,
-    module: str | None,
-    plant: str | None,
-    params: Mapping[str, object] | None,
-    measured: bool | Collection[str],
-) -> CompiledEnvironment:
-    """A system of which an agent and a plant are outside; SoterError U001, and as the compiler."""
-    errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
-
-    def make() -> CompiledEnvironment:
-        flat = program.declared(system, params)
-        notes = complete(flat)
-        flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
-        flat = measured_by(flat, body, errors)
-        flat = answered_outside(flat, (flat_module.ac, body.index))
-        return CompiledEnvironment(
-            flat,
-            Roles(flat_module.ac, flat_module.index, body.index),
-            program.bound,
-            notes=notes,
-        )
-
-    key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
-    return compiled(program, key, make)
-
-
-def modelled(
-    program: soter.api.Program,
-    system: str | None,
-    plant: str | None,
-    params: Mapping[str, object] | None,
-) -> PlantModel | None:
-    """The program's own plant, to be asked; None where it cannot be."""
-
-    def make() -> PlantModel | str:
-        flat = program.declared(system, params)
-        body = chosen_plant(flat, plant)
-        return why_not(body) or PlantModel(flat, body)
-
-    model = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
-    return None if isinstance(model, str) else model

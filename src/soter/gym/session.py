@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.api.arguments import complete
 from soter.core.layout import decode_from, encode_into
-from soter.gym.compiled_system import refuse_call
+from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, refuse_call
+from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
 from soter.gym.python_methods import step_calls
+from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
 from soter.native.library import RunStatus
@@ -24,11 +27,11 @@ from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     import numpy.typing as npt
 
-    from soter.gym.compiled_system import CompiledEnvironment
+    import soter.api
     from soter.gym.disturbance_explanation import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
@@ -282,3 +285,31 @@ def numbers(given: object, into: npt.NDArray[np.float64]) -> int | None:
         array = array.reshape(-1)
     into[:] = array
     return None
+
+
+def prepared(
+    program: soter.api.Program,
+    system: str | None,
+    module: str | None,
+    plant: str | None,
+    params: Mapping[str, object] | None,
+    measured: bool | Collection[str],
+) -> CompiledEnvironment:
+    """A system of which an agent and a plant are outside; SoterError U001, and as the compiler."""
+    errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
+
+    def make() -> CompiledEnvironment:
+        flat = program.declared(system, params)
+        notes = complete(flat)
+        flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
+        flat = measured_by(flat, body, errors)
+        flat = answered_outside(flat, (flat_module.ac, body.index))
+        return CompiledEnvironment(
+            flat,
+            Roles(flat_module.ac, flat_module.index, body.index),
+            program.bound,
+            notes=notes,
+        )
+
+    key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
+    return compiled(program, key, make)

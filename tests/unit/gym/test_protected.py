@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 import soter
 from soter.campaign import compiled_unit
-from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec, python_methods
+from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
 from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
@@ -1057,7 +1057,7 @@ class Talker(Engine):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         *told, _ = super().step(action)
-        return (*told, {"own": self.speed, "mode": "mine", "cost": 77.0})  # type: ignore[return-value]
+        return (*told, {"own": self.speed, "mode": "mine", "cost": 77.0})
 
 
 def test_every_episode_counts_its_own_violations() -> None:
@@ -1116,6 +1116,6 @@ def test_without_functions_of_pythons_own_steps_are_the_same(
 
     expected = told()
     other = types.SimpleNamespace(name="another")
-    monkeypatch.setattr(python_methods.sys, "implementation", other)
+    monkeypatch.setattr(sys, "implementation", other)
     assert told() == expected
     assert len({str(x[2:]) for x in expected}) > 5

@@ -119,26 +119,6 @@ def test_faults_of_a_system_strike_every_world_as_they_strike_its_run(tmp_path: 
     assert refused > WORLDS
 
 
-@pytest.mark.parametrize(("path", "system"), [(CLIFF, "RandomProtected"), (CART, None)])
-def test_instants_of_plain_programs_are_those_of_the_kernel(path: Path, system: str | None) -> None:
-    seen = []
-    for plain in (1, 0):
-        env = make_vec(path, WORLDS, system=system, max_steps=70)
-        assert env.compiled.view.plain == 1
-        env.compiled.view.plain = plain
-        try:
-            env.reset(seed=SEED)
-            rng, told = np.random.default_rng(2), []
-            for _ in range(200):
-                env.step(rng.uniform(-1.02, 1.02, (WORLDS, 1)))
-                worlds = env.worlds
-                told.append((worlds.states.tobytes(), worlds.facts.tobytes()))
-            seen.append(told)
-        finally:
-            env.compiled.view.plain = 1
-    assert seen[0] == seen[1]
-
-
 WRONG = (np.nan, np.inf, -np.inf, 1.5, -7.0, 1.0000000000000002)
 
 

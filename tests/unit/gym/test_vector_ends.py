@@ -1,4 +1,4 @@
-"""`soter.gym.ProtectedVector`: seeds in words, and when episodes end where releases are lost."""
+"""`soter.gym.ProtectedVector`: seeds in words, ends where releases are lost, plain instants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import pytest
 import soter
 from soter.gym import make_vec
 
-CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+CART = EXAMPLES / "wall" / "cart.soter"
+CLIFF = EXAMPLES / "mountain_car" / "cliff.soter"
 MS = 1_000_000
 
 
@@ -73,3 +75,23 @@ def test_an_episode_ends_with_the_system_also_where_the_agent_skips(tmp_path: Pa
     times, steps = ends(faulty, 12, max_steps=last // step)
     assert steps == [last // step] * 12
     assert max(times) > last + step, "steps were asked for, steps are counted"
+
+
+@pytest.mark.parametrize(("path", "system"), [(CLIFF, "RandomProtected"), (CART, None)])
+def test_instants_of_plain_programs_are_those_of_the_kernel(path: Path, system: str | None) -> None:
+    seen = []
+    for plain in (1, 0):
+        env = make_vec(path, 5, system=system, max_steps=70)
+        assert env.compiled.view.plain == 1
+        env.compiled.view.plain = plain
+        try:
+            env.reset(seed=11)
+            rng, told = np.random.default_rng(2), []
+            for _ in range(200):
+                env.step(rng.uniform(-1.02, 1.02, (5, 1)))
+                worlds = env.worlds
+                told.append((worlds.states.tobytes(), worlds.facts.tobytes()))
+            seen.append(told)
+        finally:
+            env.compiled.view.plain = 1
+    assert seen[0] == seen[1]
