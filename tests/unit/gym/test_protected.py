@@ -1115,7 +1115,7 @@ def test_without_functions_of_pythons_own_steps_are_the_same(
         ]
 
     expected = told()
-    other = types.SimpleNamespace(name="another")
+    other = types.SimpleNamespace(**{**vars(sys.implementation), "name": "another"})
     monkeypatch.setattr(sys, "implementation", other)
     assert told() == expected
     assert len({str(x[2:]) for x in expected}) > 5
