@@ -13,7 +13,7 @@ C_g is a box on which `safe` surely holds; the product with the other groups is 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
-from soter.verify.polytope.certificate_entry import entry
+from soter.verify.polytope.certificate_entry import entry, polytope_of
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope, inner_point
 from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.format.folder import Certificate
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case, Tell
     from soter.verify.claims.product_sets import SetFactor
@@ -361,6 +362,16 @@ class Polytopes(Method):
             for k in range(2)
         )
         return outer, inner
+
+    def certified(
+        self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
+    ) -> Pair | None:
+        """Two sets of half-spaces."""
+        del group
+        levels = entry.get("S", [])
+        if not levels:
+            return None
+        return polytope_of(certificate, levels[0]), polytope_of(certificate, levels[-1])
 
 
 def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
