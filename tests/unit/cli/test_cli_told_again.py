@@ -7,6 +7,7 @@ import os
 import shutil
 import sys
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -22,7 +23,6 @@ from soter.native.compiler import Compiler
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     Verify = Callable[..., tuple[int, str, str]]
 
@@ -311,6 +311,19 @@ def test_what_others_could_have_written_or_nobody_can_read_is_no_outcome(
     assert told() is not None
     (entry / store.FILE).write_text("{}")
     assert told() is None, "its seal is broken"
+
+
+def test_what_a_path_leads_to_counts_and_not_how_it_reads(
+    stored: Mapping[Path, str], here: Path
+) -> None:
+    (here / "deep" / "er").mkdir(parents=True)
+    (here / "link").symlink_to(here / "deep" / "er")
+    by_link = Path("link/../main.soter")
+    (here / "deep" / "main.soter").write_text("main.soter")
+    store.store_outcome(str(by_link), ("a", "b"), {by_link: stored[here / "main.soter"]}, OUTCOME)
+    assert told(file=str(by_link)) is not None
+    (here / "deep" / "main.soter").write_text("changed")
+    assert told(file=str(by_link)) is None
 
 
 def test_a_pipe_is_not_read_to_see_whether_it_is_the_same(

@@ -107,7 +107,8 @@ def _version(package: str) -> str:
 
 
 def _absolute(path: str | Path) -> str:
-    return os.path.abspath(path)  # noqa: PTH100 - links stay: what they point to may change
+    """As the system reads it, links and `..` in it: what they lead to may change."""
+    return str(Path(path).absolute())
 
 
 def _sha256(path: str) -> str:
