@@ -379,7 +379,8 @@ class Grids(Method):
         if not levels:
             return None
         shape = tuple(len(a.edges) - 1 for a in group.axes)
-        return Estimates(*(certificate.bits(levels[k], shape) for k in (0, -1)))
+        outer, inner = (certificate.bits(levels[k], shape) for k in (0, -1))
+        return Estimates(outer, inner)
 
 
 def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
