@@ -21,9 +21,13 @@ from soter.cli.terminal.parser import (
     add_settings,
     report_path,
 )
-from soter.cli.terminal.printout import Printout
 from soter.cli.terminal.progress import ProgressBar
-from soter.cli.terminal.stored_outcome import StoredOutcome, store_outcome, stored_outcome
+from soter.cli.terminal.stored_outcome import (
+    Printout,
+    StoredOutcome,
+    store_outcome,
+    stored_outcome,
+)
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.record_to_json import JsonObject, one_of
 
@@ -58,8 +62,6 @@ HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN = 3
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
-
-
 ENDING = "-proof.html"
 
 
@@ -149,8 +151,7 @@ def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     """
     if not console.own_process or args.synthesize or args.bindings:
         return ()
-    asked = (args.module, args.system, args.params, args.no_refute)
-    return ("verify", *map(repr, asked))
+    return ("verify", *map(repr, (args.module, args.system, args.params, args.no_refute)))
 
 
 def _told_again(

@@ -15,8 +15,7 @@ import pytest
 from soter.api.program import Program
 from soter.cli.main import main
 from soter.cli.terminal import stored_outcome as store
-from soter.cli.terminal.printout import Printout
-from soter.cli.terminal.stored_outcome import StoredOutcome
+from soter.cli.terminal.stored_outcome import Printout, StoredOutcome
 from soter.cli.verify import TOLD_AGAIN
 from soter.native import cache
 from soter.native.compiler import Compiler

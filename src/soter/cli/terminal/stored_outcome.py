@@ -1,8 +1,8 @@
 """The outcome of a command, told again as long as nothing has changed that it rests on.
 
-Purpose: `store_outcome` keeps in the cache what a command printed and its document, and
-`stored_outcome` finds it for the same words about files of the same bytes, by the same Soter,
-compiler, Python and packages.
+Purpose: `Printout` is what a command prints before anybody knows how wide and how coloured it is
+shown; `store_outcome` keeps that and the document in the cache, and `stored_outcome` finds them for
+the same words about files of the same bytes, by the same Soter, compiler, Python and packages.
 Non-goals: which outcomes may be told again: that is the command's to know.
 
 What is looked up costs no reading of the program as one: of each program a small file lists the
@@ -17,28 +17,69 @@ import hashlib
 import json
 import os
 import platform
+import re
 import stat
 import sys
 import tempfile
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from soter.cli.terminal.printout import Printout
+from soter.cli.terminal.console import painted
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cache_dir, digest, find_cached, is_ours, store
 from soter.native.compiler import find
 from soter.native.package_sources import soter_sha256
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from soter.cli.terminal.console import Console
+    from soter.report.terminal_tables import Styled
 
 NAME = "proof-outcome"
 FILE = "outcome.json"
 PACKAGES = ("cffi", "highspy", "numpy", "z3-solver")
 """What of others' a result may depend on."""
 LIST_MAX = 1024 * 1024
+PAINT = re.compile(r"\x1b\[[0-9;]*m")
+
+
+@dataclass(eq=False)
+class Printout:
+    """Texts and tables in the order in which they are shown; `parts` are what JSON can hold.
+
+    A part is a text, coloured, or `[headers, rows]` of a table, whose cells are texts or
+    `{"text", "tone"}`.
+    """
+
+    parts: list[Any] = field(default_factory=list)
+
+    def say(self, text: str = "") -> None:
+        """A line, or several."""
+        self.parts.append(text)
+
+    def table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
+        """A table."""
+        cells = [[c if isinstance(c, str) else asdict(c) for c in row] for row in rows]
+        self.parts.append([list(headers), cells])
+
+    @staticmethod
+    def paint(style: str, text: str) -> str:
+        """`text` in colour, which is taken off where nobody sees it."""
+        return painted(style, text)
+
+    def show(self, console: Console) -> None:
+        """Say all of it."""
+        for part in self.parts if not console.json else ():
+            if isinstance(part, str):
+                console.say(part if console.color_out else PAINT.sub("", part))
+            else:
+                from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
+
+                rows = [[c if isinstance(c, str) else Styled(**c) for c in row] for row in part[1]]
+                console.say(console.table(part[0], rows))
 
 
 @dataclass(frozen=True)
