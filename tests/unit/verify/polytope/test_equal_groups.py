@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -17,6 +17,8 @@ from soter.verify.polytope.linear_group import LinearGroup
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.verify.claims.case import Case
 
 pytest.importorskip("highspy")
@@ -98,11 +100,19 @@ def numbers(proof: PolytopeProof) -> list[bytes]:
 def test_a_group_with_the_numbers_of_another_has_its_sets_and_multipliers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    calls = []
-    for name in ("find_core", "find_levels", "find_return", "prove_core", "prove_return"):
+    calls: list[str] = []
+
+    def counted(name: str) -> Callable[..., Any]:
         made = getattr(proofs, name)
-        count = lambda *given, made=made, name=name: calls.append(name) or made(*given)  # noqa: E731
-        monkeypatch.setattr(proofs, name, count)
+
+        def count(*given: Any) -> Any:
+            calls.append(name)
+            return made(*given)
+
+        return count
+
+    for name in ("find_core", "find_levels", "find_return", "prove_core", "prove_return"):
+        monkeypatch.setattr(proofs, name, counted(name))
     case = case_of()
     assert not case.failures
     x, y = groups(case)
@@ -167,6 +177,7 @@ def test_every_number_counts() -> None:
     assert group.equals(replace(group))
     for field in fields(group):
         value = np.asarray(getattr(group, field.name))
-        other = value + 1 if value.size else np.zeros((1, *value.shape[1:]))
-        assert not group.equals(replace(group, **{field.name: other})), field.name
-        assert not group.equals(replace(group, **{field.name: np.asarray(value)[None]})), field.name
+        others: list[Any] = [value + 1 if value.size else np.zeros((1, *value.shape[1:]))]
+        for other in (*others, value[None]):
+            change: dict[str, Any] = {field.name: other}
+            assert not group.equals(replace(group, **change)), field.name
