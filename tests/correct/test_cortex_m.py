@@ -266,10 +266,10 @@ def test_instants_are_counted_from_the_interrupt_to_the_commands(name: str, tmp_
     board = wanted(name)
     package = package_of(example(EXAMPLES["cart"]), board, tmp_path)
     image = build_image(package, board)
-    said = {
-        make(package.folder, "-s", "run-loop", "LOOP=-DSOTER_COUNTED=32", "ICOUNT=5").stdout
-        for _ in range(3)
-    }
+    counted = ("run-loop", "LOOP=-DSOTER_COUNTED=32", "ICOUNT=5")
+    runs = [make(package.folder, "-s", *counted) for _ in range(3)]
+    assert [done.returncode for done in runs] == [0, 0, 0], runs
+    said = {done.stdout for done in runs}
     assert len(said) == 1
     told = figures.COUNTED.search(said.pop())
     assert told is not None
