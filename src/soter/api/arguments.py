@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
+    from soter.verify.deploy.missing_predicates import Known
 
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]
@@ -122,11 +122,15 @@ def params_from_json(
     return params
 
 
-def complete(system: System, progress: Progress | None = None) -> list[str]:
-    """Compute `ttf` and `safer` for modules that have neither; a note on each."""
+def complete(
+    system: System, progress: Progress | None = None, known: Known | None = None
+) -> list[str]:
+    """Compute `ttf` and `safer` for modules that have neither; a note on each.
+
+    `known`: as `soter.verify.deploy.missing_predicates.complete` takes it.
+    """
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
     from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
 
-    phase("computing ttf and safer", anew=True)
-    return compute(system, progress)
+    return compute(system, progress, known)

@@ -11,6 +11,7 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
@@ -39,10 +40,15 @@ if TYPE_CHECKING:
     from soter.simulate.externs.bindings import Bindings
     from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
+    from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
+    from soter.verify.problem.problem import Problem
+    from soter.verify.proof_methods import Pairs
 
 FILE = "inherited.json"
 SCHEMA = 1
+SETS_CONFIRMED = ("P2a", "P3", "ttf", "safer")
+"""By which the sets of computed predicates are what they are said to be."""
 NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
 """Files of the command that runs in virtual time."""
 
@@ -54,6 +60,8 @@ class DeploymentReport:
     certificate: str = ""
     lines: list[str] = field(default_factory=list)
     document: dict[str, object] = field(default_factory=dict)
+    sets: Known | None = None
+    """Of the deployed system's modules, by problem, what the certificate has in place of `ttf`."""
 
     @property
     def files(self) -> list[PackageFile]:
@@ -82,11 +90,12 @@ def deployed(
     from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
     modules = inherited(here, there)
-    seal, confirmed = "", {}
+    seal, confirmed, sets = "", {}, None
     if cert is not None:
         report = recheck(cert, progress)
         seal = _fits(Path(cert), report, there)
         confirmed = _confirmed(report, there)
+        sets = partial(_certified, Path(cert), seal, confirmed)
     entries = [_entry(m, confirmed.get(m.module), seal) for m in modules]
     lines = [line for e in entries for line in _lines(e, there.name, seal)]
     document: dict[str, object] = {
@@ -96,14 +105,33 @@ def deployed(
         "certificate": seal or None,
         "modules": entries,
     }
-    return DeploymentReport(seal, lines, document)
+    return DeploymentReport(seal, lines, document, sets)
+
+
+def _certified(
+    folder: Path,
+    seal: str,
+    confirmed: Mapping[str, list[RecheckedModule]],
+    problem: Problem,
+) -> list[Pairs] | None:
+    """The sets of a module as the re-checker has confirmed them; None where it has not all."""
+    from soter.certificate.format.folder import read_certificate  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.certified_sets import certified_sets  # noqa: PLC0415 - the same
+
+    reports = confirmed.get(problem.name, [])
+    if not reports or not all(set(SETS_CONFIRMED) <= set(r.confirmed) for r in reports):
+        return None
+    certificate = read_certificate(folder)
+    if certificate.seal != seal:
+        raise _other(folder, "it was changed while it was checked")
+    return certified_sets(certificate, reports[0].system, problem.name, problem)
 
 
 def build(
     target: str,
     output: Path,
     fresh: System,
-    completed: Callable[[], tuple[System, list[str]]],
+    completed: Callable[[Known | None], tuple[System, list[str]]],
     bound: Callable[[System], Bindings],
     *,
     cert: str | Path | None,
@@ -112,6 +140,8 @@ def build(
     progress: Progress | None,
 ) -> Package:
     """The package of a target; `completed`: the same system with computed predicates, and notes.
+
+    It is given what of them need not be computed, as a certificate has it.
 
     `mapping`: of targets that speak with a middleware, a file or what it says. `board`: of targets
     that are an image, the name of a board or its file.
@@ -125,7 +155,7 @@ def build(
     if read is not None:  # before anything takes long
         mapping_of(read, fresh, folder=beside, file=file)
     inherits = deployed(fresh, cert, progress)
-    flat, computed = completed()
+    flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     fits = None if read is None else mapping_of(read, bindings.system, None, beside, file)
@@ -271,7 +301,10 @@ def _fits(folder: Path, report: Report, there: System) -> str:
     """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
         raise _other(folder, f"it is rejected: {report.reason}")
-    manifest = json.loads((folder / "manifest.json").read_bytes())
+    raw = (folder / "manifest.json").read_bytes()
+    if hashlib.sha256(raw).hexdigest() != report.seal:
+        raise _other(folder, "it was changed while it was checked")
+    manifest = json.loads(raw)
     prefix = _prefix(there)
     home = _home(there, prefix)
     main = Path(str(manifest["main"]))
@@ -287,7 +320,7 @@ def _fits(folder: Path, report: Report, there: System) -> str:
             same = False
         if not same:
             raise _other(folder, f"its `{own}` is not the one that is built")
-    return (folder / "SEAL").read_text(encoding="ascii").strip()
+    return report.seal
 
 
 def _prefix(there: System) -> str:

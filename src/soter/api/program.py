@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from soter.targets.package import Package
     from soter.verify.claims.results import VerifyReport
     from soter.verify.delay_search import DelayAdvice
+    from soter.verify.deploy.missing_predicates import Known
     from soter.verify.period_sweep import Advice
 
     Params = Mapping[str, object] | None
@@ -468,11 +469,15 @@ class Program:
         return dict(self._bound)
 
     def _completed(
-        self, name: str | None, params: Params, progress: Progress | None = None
+        self,
+        name: str | None,
+        params: Params,
+        progress: Progress | None = None,
+        known: Known | None = None,
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
         system = self.declared(name, params)
-        return system, complete(system, progress)
+        return system, complete(system, progress, known)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring

@@ -94,6 +94,7 @@ def recheck(
     report = Report(accepted=False)
     try:
         certificate = read_certificate(folder)
+        report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
         report.accepted = True
     except (RejectedError, DiffersError) as error:

@@ -81,6 +81,8 @@ class Report:
     program: str = ""
     not_covered: list[RecheckAssumption] = field(default_factory=list)
     program_sha256: str = ""
+    seal: str = ""
+    """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
 
     @property

@@ -81,8 +81,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             board=args.board,
             progress=progress,
         )
-    stack = stack_bound(package, args.board)
-    image = image_of(package, args.board, stack)
+        stack = stack_bound(package, args.board)
+        image = image_of(package, args.board, stack)
     _say(package, stack, image, console)
     fields: dict[str, object] = {
         "file": args.file,

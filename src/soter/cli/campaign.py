@@ -105,7 +105,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             campaign = program.campaign(
                 args.system, dict(args.params), progress=progress, **settings_of(vars(args))
             )
-        pages = written(campaign, program.path, args.report, parquet=args.parquet)
+            pages = written(campaign, program.path, args.report, parquet=args.parquet)
     except SoterError as error:
         return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     except KeyboardInterrupt:

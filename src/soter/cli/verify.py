@@ -22,6 +22,12 @@ from soter.cli.terminal.parser import (
     report_path,
 )
 from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.stored_outcome import (
+    Printout,
+    StoredOutcome,
+    store_outcome,
+    stored_outcome,
+)
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.record_to_json import JsonObject, one_of
 
@@ -32,6 +38,7 @@ if TYPE_CHECKING:
 
     from soter.cli.ci.findings import Kind
     from soter.cli.terminal.console import Console
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.composition_table import ComposedAssumption
 
@@ -54,8 +61,7 @@ TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "s
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN = 3
-
-
+TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
 
 
@@ -89,18 +95,22 @@ def parser() -> CommandParser:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Verify."""
+    words = _words(args, console)
+    told = _told_again(args, words, console)
+    if told is not None:
+        return told
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
     program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
     written: tuple[Path, ...] = ()
     try:
-        if args.synthesize:
-            written = program.synthesize(
-                args.output, module=args.module, system=args.system, params=dict(args.params)
-            )
-            program = load(written[0]) if written else program
         with ProgressBar(console) as progress:
+            if args.synthesize:
+                written = program.synthesize(
+                    args.output, module=args.module, system=args.system, params=dict(args.params)
+                )
+                program = load(written[0]) if written else program
             report = program.verify(
                 args.module,
                 args.cert,
@@ -115,8 +125,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
-    _say(report, args, console)
-    fields = DOCUMENT.of(report)
+    printed, fields = Printout(), DOCUMENT.of(report)
+    _say(report, printed)
+    printed.show(console)
+    _say_files(report, args, console)
+    exit_ = EXITS[report.verdict]
+    if words and report.verdict in HOLDING:
+        outcome = StoredOutcome(exit_, fields, printed, warned=bool(warnings))
+        store_outcome(args.file, words, report.contents, outcome)
     if not (args.params or args.bindings):
         _remember(report)
     if written:
@@ -124,7 +140,37 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
     findings = tuple(_found(report)) if args.format else ()
-    return CommandOutcome(EXITS[report.verdict], warnings, fields, findings)
+    return CommandOutcome(exit_, warnings, fields, findings)
+
+
+def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
+    """All that is asked of the proofs, where their outcome may be stored; else nothing.
+
+    Not where somebody calls `main` in a process of their own, in which Soter may not be what its
+    files say.
+    """
+    if not console.own_process or args.synthesize or args.bindings:
+        return ()
+    return ("verify", *map(repr, (args.module, args.system, args.params, args.no_refute)))
+
+
+def _told_again(
+    args: argparse.Namespace, words: tuple[str, ...], console: Console
+) -> CommandOutcome | None:
+    """What was proved before of exactly this; None where it has to be proved."""
+    files = (args.cert, args.report, args.format)
+    stored = stored_outcome(args.file, words) if words and not any(files) else None
+    if stored is None:
+        return None
+    warnings: tuple[Diagnostic, ...] = ()
+    if stored.warned:
+        program = loaded(args, console)
+        warnings = program.diagnostics
+        if program.sha256 != stored.fields["program_sha256"]:
+            return None
+    console.note(TOLD_AGAIN)
+    stored.printed.show(console)
+    return CommandOutcome(stored.exit, warnings, stored.fields)
 
 
 KINDS: dict[str, Kind] = {
@@ -156,24 +202,30 @@ def _found(report: VerifyReport) -> Iterator[CiFinding]:
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
+def _say(report: VerifyReport, printed: Printout) -> None:
     hash_ = report.program_sha256[:12]
-    console.say(console.paint("muted", f"{report.path}  {report.system}  {hash_}"))
+    printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for module in report.modules:
-        console.say()
-        console.say(_headline(module, console))
-        console.say()
-        console.say(_table(module, console))
-        for line in _details(module, console):
-            console.say(line)
-        console.say()
-        console.say("under these assumptions")
+        printed.say()
+        printed.say(_headline(module, printed))
+        printed.say()
+        _table(module, printed)
+        for line in _details(module, printed):
+            printed.say(line)
+        printed.say()
+        printed.say("under these assumptions")
         for text in (a.text for a in module.assumptions):
-            console.say(console.paint("muted", f"  {text}"))
+            printed.say(printed.paint("muted", f"  {text}"))
     if not report.modules:
-        console.say("there is no module to be verified")
-    for line in _coverage(report, console):
-        console.say(line)
+        printed.say("there is no module to be verified")
+    for line in _coverage(report):
+        printed.say(line)
+    if report.composed:
+        _together(report, printed)
+
+
+def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
+    """What was written beside the verdicts."""
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
@@ -185,7 +237,7 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> No
         console.say(f"\nrun     {path}")
 
 
-def _coverage(report: VerifyReport, console: Console) -> list[str]:
+def _coverage(report: VerifyReport) -> list[str]:
     """What all of it is about, and what it is not."""
     coverage, lines = report.coverage, []
     if coverage.params:
@@ -195,25 +247,26 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
         lines += ["", "the same problem, and so the same verdict", *_listed(coverage.also)]
     if coverage.rest:
         lines += ["", "not covered", *_listed(coverage.rest)]
-    return [*lines, *_together(report, console)] if report.composed else lines
+    return lines
 
 
-def _together(report: VerifyReport, console: Console) -> list[str]:
+def _together(report: VerifyReport, printed: Printout) -> None:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
     from soter.verify.composition_table import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
 
-    verdict = console.paint(PAINTS[report.together], report.together.upper())
+    verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
-    shown = console.table(("module", "takes for granted", "because"), rows)
     says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
     lawful = all(m.findings["failsafe"].verdict == "proved" for m in report.modules)
     how_long = "at all times" if lawful else "for as long as the trusted part runs"
     says = ["", f"in every run that keeps what is assumed, {how_long}", *says]
     says = says if report.together in HOLDING else []
     head = f"all of them together (Theorem 4.1)  {verdict}{_open(report, taken)}"
-    return ["", head, *says, "", shown]
+    for line in ("", head, *says, ""):
+        printed.say(line)
+    printed.table(("module", "takes for granted", "because"), rows)
 
 
 def _open(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
@@ -287,12 +340,12 @@ def _save_runs(report: VerifyReport) -> None:
         save_runs(report)
 
 
-def _headline(module: ModuleResult, console: Console) -> str:
+def _headline(module: ModuleResult, printed: Printout) -> str:
     held = module.verdict in ("proved", "assumed")
-    verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
+    verdict = printed.paint(PAINTS[module.verdict], module.verdict.upper())
     verdict += module.whilst if held else ""
     if held and module.vacuity is not None:  # proved, but of next to nothing
-        little = console.paint("yellow", module.verdict.upper())
+        little = printed.paint("yellow", module.verdict.upper())
         verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
     count = len(module.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
@@ -305,21 +358,20 @@ def _headline(module: ModuleResult, console: Console) -> str:
             under += " alone: safe as proved, but nothing says that SC gives control back"
         if worst == ["failsafe"]:
             under += " alone: safe as proved while the trusted part runs; its law is not shown"
-    return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
+    return f"{printed.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
 
 
-def _table(module: ModuleResult, console: Console) -> str:
+def _table(module: ModuleResult, printed: Printout) -> None:
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
     rows = [
         (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
         for name, f in module.findings.items()
     ]
-    headers = ("property", "verdict", "time", "how")
-    return console.table(headers, rows)
+    printed.table(("property", "verdict", "time", "how"), rows)
 
 
-def _details(module: ModuleResult, console: Console) -> list[str]:
+def _details(module: ModuleResult, printed: Printout) -> list[str]:
     """Shares, and where and why something is not proved."""
     from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
 
@@ -337,12 +389,12 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
         finding = module.findings[name]
         if not finding.holds and finding.text not in (NO_CORE, *told):
             told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
-            lines += _failure(name, finding, console)
+            lines += _failure(name, finding, printed)
     return lines
 
 
-def _failure(name: str, finding: Finding, console: Console) -> list[str]:
-    lines = ["", f"{console.paint(PAINTS[finding.verdict], name)}  {finding.text}"]
+def _failure(name: str, finding: Finding, printed: Printout) -> list[str]:
+    lines = ["", f"{printed.paint(PAINTS[finding.verdict], name)}  {finding.text}"]
     lines += [f"  where  {region}" for region in finding.regions[:REGIONS_SHOWN]]
     rest = len(finding.regions) - REGIONS_SHOWN
     if rest > 0:

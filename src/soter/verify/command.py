@@ -90,7 +90,8 @@ def verify(
         tuple(results),
         time.perf_counter() - began,
         _command_line(checked.program.path, module, system, given or {}),
-        coverage,
+        coverage=coverage,
+        contents={} if checked.loaded is None else checked.loaded.contents,
     )
     if cert is not None:
         from soter.verify.write_certificate import write  # noqa: PLC0415 - only then

@@ -55,6 +55,11 @@ class Certificate:
     cells: int = 0
     """Of the grids that were asked for so far."""
 
+    @property
+    def seal(self) -> str:
+        """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
+        return hashlib.sha256(canonical(self.manifest)).hexdigest()
+
     # ------------------------------------------------------------ tables
 
     def edges(self, path: object) -> tuple[float, ...]:

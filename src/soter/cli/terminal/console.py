@@ -131,8 +131,7 @@ class Console:
 
     def paint(self, style: str, text: str) -> str:
         """`text` in colour where standard output shows it; as it is in a style nobody knows."""
-        known = STYLES.get(style)
-        return f"\x1b[{known}m{text}\x1b[0m" if known and self.color_out and text else text
+        return painted(style, text) if self.color_out else text
 
     @property
     def width(self) -> int | None:
@@ -200,6 +199,12 @@ class Console:
             os.dup2(self.out.fileno(), 1)
             self.out.close()
         self.out = self._saved
+
+
+def painted(style: str, text: str) -> str:
+    """`text` in colour; as it is in a style nobody knows."""
+    known = STYLES.get(style)
+    return f"\x1b[{known}m{text}\x1b[0m" if known and text else text
 
 
 def colorful(stream: IO[str] | None) -> bool:

@@ -39,7 +39,7 @@ class Checker:
         self.unused = UnusedDeclarations(diagnostics)
         self.calls = CallGraph(diagnostics, self._fun_body)
         expressions = ExprChecker(self)
-        constants = ConstantChecker(self, loaded.digest, loaded.reading)
+        constants = ConstantChecker(self, loaded)
         self.declarations = DeclChecker(self, constants)
         self.resolve_type = TypeChecker(self).check
         self.check_expr = expressions.check

@@ -21,14 +21,13 @@ from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import ErrorType
 
 if TYPE_CHECKING:
-    import hashlib
     from collections.abc import Mapping
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.check.checker_interface import Because, Shared
     from soter.language.check.scope import FileScope
-    from soter.language.load.loader import SourceAccess
+    from soter.language.load.loader import LoadedProgram
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree
 
@@ -125,13 +124,12 @@ class Calculator:
 class ConstantChecker:
     """Constant expressions of one program."""
 
-    def __init__(self, shared: Shared, digest: hashlib._Hash, reading: SourceAccess) -> None:
+    def __init__(self, shared: Shared, loaded: LoadedProgram) -> None:
         self.shared = shared
         self.diagnostics = shared.diagnostics
         budgets = (CONSTANT_BUDGET, PROGRAM_BUDGET)
         self.calculator = Calculator(shared.diagnostics, None, budgets)
-        self._digest = digest
-        self._reading = reading
+        self._loaded = loaded
 
     def constant(
         self,
@@ -159,7 +157,7 @@ class ConstantChecker:
         checked = self.shared.check_expr(decl.value, context, expected)
         if not self._computable(checked, what):
             return None
-        known = self._reading.constants(scope.loaded)
+        known = self._loaded.reading.constants(scope.loaded)
         return self.calculator.value_of(decl.name.text, checked, what, known)
 
     def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
@@ -231,7 +229,7 @@ class ConstantChecker:
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
-            value, raw = self._reading.data(path, t, self.diagnostics.tell)
+            value, raw = self._loaded.reading.data(path, t, self.diagnostics.tell)
         except ReadError as error:
             if error.missing:
                 self.diagnostics.error(
@@ -255,6 +253,5 @@ class ConstantChecker:
                 also=((decl.type.span, "this type is expected"),),
             )
             return None
-        self._digest.update(f"data {decl.data}\0{len(raw)}\0".encode())
-        self._digest.update(raw)
+        self._loaded.add_data(decl.data, path, raw)
         return value

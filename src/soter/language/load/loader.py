@@ -88,6 +88,20 @@ class LoadedProgram:
     digest: hashlib._Hash
     reading: SourceAccess = FROM_DISK
     """How it was read, and data files are."""
+    data: dict[Path, str] = field(default_factory=dict)
+    """SHA-256 of the data files that were read so far, by path."""
+
+    def add_data(self, name: str, path: Path, raw: bytes) -> None:
+        """Count a data file, called `name` by the program, among what it is made of."""
+        self.digest.update(f"data {name}\0{len(raw)}\0".encode())
+        self.digest.update(raw)
+        self.data[path] = hashlib.sha256(raw).hexdigest()
+
+    @property
+    def contents(self) -> dict[Path, str]:
+        """SHA-256 of every file as it was read, by path: of a source, of its text as UTF-8."""
+        texts = {f.path: f.source.text.encode("utf-8", "surrogatepass") for f in self.files}
+        return {**{p: hashlib.sha256(raw).hexdigest() for p, raw in texts.items()}, **self.data}
 
 
 def read_text(

@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import phase
 from soter.verify.claims.results import CaseSets, GroupResult
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from soter.certificate.format.folder import Certificate
     from soter.verify.claims.failsafe_claim import FailsafeClaim
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Region
@@ -223,6 +224,16 @@ class Method(ABC):
 
         KeyError or ValueError where these are other arrays.
         """
+
+    def certified(
+        self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
+    ) -> object | None:
+        """The pair that a certificate has in the entry of a group; None where it has none.
+
+        RejectedError where its files are not of the size that they should be.
+        """
+        del certificate, group, entry
+        return None
 
 
 @dataclass

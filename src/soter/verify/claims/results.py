@@ -15,7 +15,7 @@ from soter.verify.problem.assumption import SCHEME, remaining
 from soter.verify.scope_data import VerificationScope
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -378,6 +378,8 @@ class VerifyReport:
     """The command line that verifies the same again."""
     coverage: VerificationScope = field(default_factory=VerificationScope)
     """What it is about beside these modules, and what it is not."""
+    contents: Mapping[Path, str] = field(default_factory=dict, repr=False)
+    """SHA-256 of every file that the program was made of, as it was read, by path."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
     """Gives the page of `--report` as one HTML text; for notebooks."""
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.tree_walk import topic_reads
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     Found = list[LevelTable]
     Progress = Callable[[float], None]
+    Known = Callable[[Problem], list[Pairs] | None]
 
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
@@ -61,14 +63,18 @@ def open_modules(flat: System) -> list[Module]:
     return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
 
 
-def complete(flat: System, progress: Progress | None = None) -> list[str]:
+def complete(
+    flat: System, progress: Progress | None = None, known: Known | None = None
+) -> list[str]:
     """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
 
     A module that determines no verification problem, or whose problem has no solution, stays as it
-    is: its AC never gets control. Gives a note about each module; `soter verify` says more.
+    is: its AC never gets control. `known` gives the pairs of every case of a problem, which are
+    then not computed; None: it does not know them. Gives a note about each module; `soter verify`
+    says more.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
-        notes = complete(flat.proved, progress)
+        notes = complete(flat.proved, progress, known)
         _carry(flat, flat.proved)
         return notes
     todo = open_modules(flat)
@@ -79,7 +85,10 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
         except SoterError as error:
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
-        level_tables = _tables(problem, _part(progress, i, len(todo)))
+        sets = None if known is None else known(problem)
+        if sets is None:
+            sets = _sets(problem, _part(progress, i, len(todo)))
+        level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
@@ -180,17 +189,17 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 # ---------------------------------------------------------------- computing
 
 
-def _tables(problem: Problem, progress: Progress | None) -> Found | None:
+def _sets(problem: Problem, progress: Progress | None) -> list[Pairs] | None:
     """From the cache, or computed; None where the engine has no answer."""
+    phase("computing ttf and safer", anew=True)
     library, _ = library_of(problem)
     key = _key(problem, library)
     sets = _kept(key, problem)
     if sets is None:
         sets = _computed(problem, library, progress)
-        if sets is None:
-            return None
-        _keep(key, problem, sets)
-    return tables(problem, sets)
+        if sets is not None:
+            _keep(key, problem, sets)
+    return sets
 
 
 def _computed(

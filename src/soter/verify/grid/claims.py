@@ -9,7 +9,7 @@ says (`set_volumes.py`), files and figures (`certificate_entry.py`, `region_figu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.format.folder import Certificate
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case, Tell
     from soter.verify.claims.product_sets import SetFactor
@@ -369,6 +370,17 @@ class Grids(Method):
         lasting = np.asarray(arrays["lasting"], np.uint8) if "lasting" in arrays else None
         commands = CommandTable(None if moved < 0 else moved, tops, lasting=lasting)
         return Estimates(outer, inner, commands)
+
+    def certified(
+        self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
+    ) -> Estimates | None:
+        """Two tables of bits; of a shield nothing."""
+        levels = entry.get("S", [])
+        if not levels:
+            return None
+        shape = tuple(len(a.edges) - 1 for a in group.axes)
+        outer, inner = (certificate.bits(levels[k], shape) for k in (0, -1))
+        return Estimates(outer, inner)
 
 
 def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:

@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.claims.certificate_entries import axes, matrix
+from soter.verify.polytope.half_spaces import Polytope
 from soter.verify.polytope.linear_group import free_instants, hold_instants
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
+    from soter.certificate.format.folder import Certificate
     from soter.verify.claims.results import PolytopePart
-    from soter.verify.polytope.half_spaces import Polytope
     from soter.verify.problem.problem import Problem
 
 
@@ -29,6 +32,15 @@ def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, ob
         "box": matrix(f"{stem}_box.bin", box, files),
         "faces": matrix(f"{stem}_faces.bin", faces, files),
     }
+
+
+def polytope_of(certificate: Certificate, given: Mapping[str, Any]) -> Polytope:
+    """What `half_spaces` wrote; ValueError where a file is not of its shape."""
+    box, faces = (
+        np.frombuffer(certificate.plain(given[k]["file"]), "<f8").reshape(given[k]["shape"]).copy()
+        for k in ("box", "faces")
+    )
+    return Polytope(box[0], box[1], faces[:, :-1].copy(), faces[:, -1].copy())
 
 
 def entry(

@@ -12,8 +12,8 @@ C_g is a box on which `safe` surely holds; the product with the other groups is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
-from soter.verify.polytope.certificate_entry import entry
+from soter.verify.polytope.certificate_entry import entry, polytope_of
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope, inner_point
 from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.format.folder import Certificate
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case, Tell
     from soter.verify.claims.product_sets import SetFactor
@@ -95,6 +96,10 @@ class PolytopeProof(GroupProof):
     found: PolytopePart
     fresh: bool = True
     mark = "p"
+    equal: PolytopeProof | None = None
+    """An earlier group of the case with the same numbers: what was shown of it holds of this."""
+    shown: set[str] = field(default_factory=set)
+    """Parts of the proof."""
 
     @property
     def return_ns(self) -> int:  # type: ignore[override]
@@ -105,13 +110,30 @@ class PolytopeProof(GroupProof):
         self, case: Case, claims: Sequence[str], name: str, prove: Callable[..., None]
     ) -> bool:
         """Prove a part of the claims about the sets, and keep the multipliers."""
+        if self.equal is not None and self._sets_of_equal(name) is not None:
+            self.found.multipliers[name] = self.equal.found.multipliers[name]
+            self.shown.add(name)
+            return True
         record = proofs.claims_of()
         why = why_not(lambda: prove(self.found.sets, record), self.group)
         self.found.multipliers[name] = record.record
         for claim in claims if why else ():
             hint = "start further inside, or closer to rest" if claim == "start" else WEAK
             case.fail(claim, f"not shown of the polytope: {why}", self, hint)
+        self.shown |= set() if why else {name}
         return not why
+
+    def _sets_of_equal(self, name: str) -> PolytopeSets | None:
+        """The sets of the group with the same numbers, where a part was shown of just these sets.
+
+        `start` is about the initial states, and Q about a target, of each group itself.
+        """
+        if self.equal is None or name == "start" or name not in self.equal.shown:
+            return None
+        own, its = self.found.sets, self.equal.found.sets
+        assert own is not None
+        assert its is not None
+        return its if name != "Q" or _same(own.target, its.target) else None
 
     def _both(self, case: Case, text: str, hint: str) -> None:
         for claim in ("ttf", "safer"):
@@ -141,7 +163,13 @@ class PolytopeProof(GroupProof):
         def find() -> None:
             part.sets = proofs.find_core(linear, windows)
 
-        why_not(find)
+        self.shown.clear()
+        self.equal = _with_same_numbers(case, self)
+        its = None if self.equal is None else self.equal.found.sets
+        if its is not None:
+            part.sets = proofs.PolytopeSets(linear, windows, its.rate, its.core, its.free, [], [])
+        else:
+            why_not(find)
         if part.sets is None or inner_point(part.sets.core) is None:
             case.fail("P2a", "K is empty: no polytope was found that SC keeps", self, WEAK)
             part.sets = None
@@ -161,6 +189,7 @@ class PolytopeProof(GroupProof):
     def levels(self, case: Case) -> None:
         """S_0 ... S_(m-2); without a proof there are none."""
         sets = self.found.sets
+        self.shown.discard("S")
         if sets is None:
             return
         problem = case.problem
@@ -175,7 +204,10 @@ class PolytopeProof(GroupProof):
             hint = "one topic that shows all of the group's states, or write `ttf` and `safer`"
             self._both(case, text, hint)
             return
-        why = why_not(lambda: proofs.find_levels(sets))
+        its = self._sets_of_equal("S")
+        why = "" if its is not None else why_not(lambda: proofs.find_levels(sets))
+        if its is not None:
+            sets.allowed, sets.carried = list(its.allowed), list(its.carried)
         empty = [j for j, s in enumerate(sets.allowed) if inner_point(s) is None]
         if why or empty:
             hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
@@ -244,7 +276,11 @@ class PolytopeProof(GroupProof):
         sets.target = target.polytope
         if not self.fresh:
             return
-        why = why_not(lambda: proofs.find_return(sets))
+        self.shown.discard("Q")
+        its = self._sets_of_equal("Q")
+        why = "" if its is not None else why_not(lambda: proofs.find_return(sets))
+        if its is not None:
+            sets.kept, sets.kept_rate, sets.periods = its.kept, its.kept_rate, its.periods
         if why or sets.kept is None:
             text = "no polytope was found that SC keeps inside `safer` and returns to"
             case.fail("P2b", text, self, "let SC come to rest where `safer` holds")
@@ -305,6 +341,24 @@ class PolytopeProof(GroupProof):
         return figures(self.found, note)
 
 
+def _with_same_numbers(case: Case, proof: PolytopeProof) -> PolytopeProof | None:
+    """The first group of a case before this one that has the same numbers, bit for bit."""
+    own = proof.found.model
+    assert own is not None
+    for p in case.proofs[: case.proofs.index(proof)]:
+        model = p.found.model if isinstance(p, PolytopeProof) else None
+        if model is not None and model.group.equals(own.group):
+            return cast("PolytopeProof", p)
+    return None
+
+
+def _same(a: Polytope | None, b: Polytope | None) -> bool:
+    """Whether two polytopes are the same numbers."""
+    if a is None or b is None:
+        return a is b
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in PARTS)
+
+
 class Polytopes(Method):
     """Half-spaces, with multipliers for every claim."""
 
@@ -361,6 +415,16 @@ class Polytopes(Method):
             for k in range(2)
         )
         return outer, inner
+
+    def certified(
+        self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
+    ) -> Pair | None:
+        """Two sets of half-spaces."""
+        del group
+        levels = entry.get("S", [])
+        if not levels:
+            return None
+        return polytope_of(certificate, levels[0]), polytope_of(certificate, levels[-1])
 
 
 def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:

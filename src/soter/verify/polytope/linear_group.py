@@ -31,7 +31,7 @@ Where the bounds come from, for one row c and drift = b + w, w symmetric after c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TypeAlias
 
@@ -104,6 +104,14 @@ class LinearGroup:
     jitter_ns: int = 0
     delay_ns: int = 0
     """d: how old the state is that a command answers."""
+
+    def equals(self, other: LinearGroup) -> bool:
+        """Whether every number is the same, bit for bit: then so is everything that is proved."""
+        for name in (f.name for f in fields(self)):
+            own, its = np.asarray(getattr(self, name)), np.asarray(getattr(other, name))
+            if (own.dtype, own.shape, own.tobytes()) != (its.dtype, its.shape, its.tobytes()):
+                return False
+        return True
 
     @cached_property
     def drift(self) -> tuple[Array, Array]:

@@ -1,0 +1,185 @@
+"""The outcome of a command, told again as long as nothing has changed that it rests on.
+
+Purpose: `Printout` is what a command prints before anybody knows how wide and how coloured it is
+shown; `store_outcome` keeps that and the document in the cache, and `stored_outcome` finds them for
+the same words about files of the same bytes, by the same Soter, compiler, Python and packages.
+Non-goals: which outcomes may be told again: that is the command's to know.
+
+What is looked up costs no reading of the program as one: of each program a small file lists the
+files that it was made of, and an outcome is stored under the hashes of their contents as they were
+when the program was read. A file of the list that is another one by now gives another hash; one
+that would have to be added to the list needs a change in a file that is on it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import re
+import stat
+import sys
+import tempfile
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.cli.terminal.console import painted
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.cache import cache_dir, digest, find_cached, is_ours, store
+from soter.native.compiler import find
+from soter.native.package_sources import soter_sha256
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from soter.cli.terminal.console import Console
+    from soter.report.terminal_tables import Styled
+
+NAME = "proof-outcome"
+FILE = "outcome.json"
+PACKAGES = ("cffi", "highspy", "numpy", "z3-solver")
+"""What of others' a result may depend on."""
+LIST_MAX = 1024 * 1024
+PAINT = re.compile(r"\x1b\[[0-9;]*m")
+
+
+@dataclass(eq=False)
+class Printout:
+    """Texts and tables in the order in which they are shown; `parts` are what JSON can hold.
+
+    A part is a text, coloured, or `[headers, rows]` of a table, whose cells are texts or
+    `{"text", "tone"}`.
+    """
+
+    parts: list[Any] = field(default_factory=list)
+
+    def say(self, text: str = "") -> None:
+        """A line, or several."""
+        self.parts.append(text)
+
+    def table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
+        """A table."""
+        cells = [[c if isinstance(c, str) else asdict(c) for c in row] for row in rows]
+        self.parts.append([list(headers), cells])
+
+    @staticmethod
+    def paint(style: str, text: str) -> str:
+        """`text` in colour, which is taken off where nobody sees it."""
+        return painted(style, text)
+
+    def show(self, console: Console) -> None:
+        """Say all of it."""
+        for part in self.parts if not console.json else ():
+            if isinstance(part, str):
+                console.say(part if console.color_out else PAINT.sub("", part))
+            else:
+                from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
+
+                rows = [[c if isinstance(c, str) else Styled(**c) for c in row] for row in part[1]]
+                console.say(console.table(part[0], rows))
+
+
+@dataclass(frozen=True)
+class StoredOutcome:
+    """What was printed, the fields of the document, and the exit code.
+
+    `warned`: the program has warnings, which are not stored.
+    """
+
+    exit: int
+    fields: dict[str, object]
+    printed: Printout
+    warned: bool = False
+
+
+def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
+    """What was stored of the program in `file` for these words; None where anything is another."""
+    try:
+        contents = {path: _sha256(path) for path in _listed(file)}
+        entry = find_cached(NAME, _content(file, words, contents), (FILE,)) if contents else None
+        if entry is None:
+            return None
+        told = json.loads((entry / FILE).read_text(encoding="utf-8"))
+        printed = Printout(told["printed"])
+        return StoredOutcome(told["exit"], told["fields"], printed, told["warned"])
+    except (OSError, ValueError, SoterError):
+        return None
+
+
+def store_outcome(
+    file: str, words: Sequence[str], contents: Mapping[Path, str], outcome: StoredOutcome
+) -> None:
+    """Keep an outcome; a cache that refuses is left.
+
+    `words`: all that the command was asked. `contents`: SHA-256 of every file that the program in
+    `file` was made of, as it was read, by its path.
+    """
+    absolute = {_absolute(path): sha256 for path, sha256 in contents.items()}
+    told = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
+    text = json.dumps({**told, "printed": outcome.printed.parts}, allow_nan=False)
+
+    def make(at: Path) -> None:
+        (at / FILE).write_text(text, encoding="utf-8")
+
+    try:
+        store(NAME, _content(file, words, absolute), (FILE,), make)
+        _list(file, list(absolute))
+    except (OSError, SoterError):
+        return  # it is computed again: that is no lie
+
+
+def _content(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
+    """A hash of all that an outcome rests on."""
+    compiler = find()
+    made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]
+    made_by += [f"{name} {_version(name)}" for name in PACKAGES]
+    files = [part for pair in sorted(contents.items()) for part in pair]
+    return digest([*made_by, str(len(files)), *files, _absolute(file), file, *words])
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return ""
+
+
+def _absolute(path: str | Path) -> str:
+    """As the system reads it, links and `..` in it: what they lead to may change."""
+    return str(Path(path).absolute())
+
+
+def _sha256(path: str) -> str:
+    """Of a plain file; OSError for anything else, which may be another one in every reading."""
+    if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116 - follows links on purpose
+        raise OSError(f"{path} is no plain file")
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+# ---------------------------------------------------------------- which files
+
+
+def _list_of(file: str) -> Path:
+    """Beside the cache's entries, which are folders: nobody who makes room there removes it."""
+    return cache_dir() / "verdicts" / f"{digest([_absolute(file)])[:32]}.files"
+
+
+def _listed(file: str) -> list[str]:
+    """The files that a program was made of when its outcome was stored last."""
+    path = _list_of(file)
+    status = path.stat()
+    if not is_ours(status) or status.st_size > LIST_MAX:
+        return []
+    return [str(name) for name in json.loads(path.read_text(encoding="utf-8"))]
+
+
+def _list(file: str, paths: list[str]) -> None:
+    to = _list_of(file)
+    to.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    handle, made = tempfile.mkstemp(dir=to.parent)
+    with os.fdopen(handle, "w", encoding="utf-8") as stream:
+        json.dump(paths, stream)
+    Path(made).replace(to)
