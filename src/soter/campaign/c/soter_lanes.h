@@ -3,7 +3,7 @@
  * Purpose: numbers and truth values of as many worlds as a vector of this machine holds, loaded
  * from their states and stored there, and what generated code does with them (codegen/lanes.py).
  * Every operation on a lane is the one of soter.h, rounded once: the bits are the same.
- * Non-goals: whole numbers, and branches: a lane computes both sides and takes one.
+ * Non-goals: branches: a lane computes both sides and takes one.
  */
 #ifndef SOTER_LANES_H
 #define SOTER_LANES_H
@@ -19,7 +19,8 @@
 #define SOTER_LANE_INLINE static inline __attribute__((always_inline, unused))
 
 typedef double soter_lane_float __attribute__((vector_size(8 * SOTER_LANES)));
-typedef int64_t soter_lane_bool __attribute__((vector_size(8 * SOTER_LANES))); /* 0, or -1 */
+typedef int64_t soter_lane_int __attribute__((vector_size(8 * SOTER_LANES)));
+typedef soter_lane_int soter_lane_bool; /* 0, or -1 */
 typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
 
 /* What `member` is in each of the states that SOTER_LANE_STATES named. */
@@ -28,41 +29,47 @@ typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
   type* const given_s1 = (type*)given_states[1]; \
   type* const given_s2 = (type*)given_states[2]; \
   type* const given_s3 = (type*)given_states[3]
-#define SOTER_LANE_OF(kind, member)                                        \
-  (kind) {                                                                 \
-    given_s0->member, given_s1->member, given_s2->member, given_s3->member \
-  }
-#define SOTER_LANE_FLOAT(member) SOTER_LANE_OF(soter_lane_float, member)
+#define SOTER_LANE_OF(kind, member) \
+  ((kind){given_s0->member, given_s1->member, given_s2->member, given_s3->member})
 #define SOTER_LANE_BITS(member) SOTER_LANE_OF(soter_lane_bits, member)
-#define SOTER_LANE_BOOL(member) (-(SOTER_LANE_OF(soter_lane_bool, member)))
+
+/* The same of elements of an array that each state has (AT), that all share (IN), or whose elements
+ * are lanes (PICK): each lane has its own index, and `rest` leads on from the element. */
+#define SOTER_LANE_AT(kind, array, index, rest)                          \
+  ((kind){given_s0->array[(index)[0]] rest, given_s1->array[(index)[1]] rest, \
+          given_s2->array[(index)[2]] rest, given_s3->array[(index)[3]] rest})
+#define SOTER_LANE_IN(kind, array, index, rest)                     \
+  ((kind){array[(index)[0]] rest, array[(index)[1]] rest, array[(index)[2]] rest, \
+          array[(index)[3]] rest})
+#define SOTER_LANE_PICK(kind, array, index, rest)                       \
+  ((kind){(array)[(index)[0]] rest[0], (array)[(index)[1]] rest[1], (array)[(index)[2]] rest[2], \
+          (array)[(index)[3]] rest[3]})
 
 #define SOTER_LANE_ENABLED(flags) \
-  ((soter_lane_bool){(flags)[0], (flags)[1], (flags)[2], (flags)[3]} & SOTER_ENABLED)
+  (-((soter_lane_bool){(flags)[0], (flags)[1], (flags)[2], (flags)[3]} & SOTER_ENABLED))
 
 /* Lanes on their way into the states, where `on` says so. */
-#define SOTER_LANE_PUT_AS(kind, on, member, lanes, of_lane) \
+#define SOTER_LANE_PUT_AS(kind, on, member, lanes, type)    \
   do {                                                      \
     const kind given_put = (lanes);                         \
     const soter_lane_bool given_on = (on);                  \
     if (given_on[0]) {                                      \
-      given_s0->member = of_lane(given_put[0]);             \
+      given_s0->member = (type)given_put[0];               \
     }                                                       \
     if (given_on[1]) {                                      \
-      given_s1->member = of_lane(given_put[1]);             \
+      given_s1->member = (type)given_put[1];               \
     }                                                       \
     if (given_on[2]) {                                      \
-      given_s2->member = of_lane(given_put[2]);             \
+      given_s2->member = (type)given_put[2];               \
     }                                                       \
     if (given_on[3]) {                                      \
-      given_s3->member = of_lane(given_put[3]);             \
+      given_s3->member = (type)given_put[3];               \
     }                                                       \
   } while (0)
 #define SOTER_LANE_PUT(on, member, lanes) \
-  SOTER_LANE_PUT_AS(soter_lane_float, on, member, lanes, (double))
-#define SOTER_LANE_PUT_BOOL(on, member, lanes) \
-  SOTER_LANE_PUT_AS(soter_lane_bool, on, member, lanes, (uint8_t)-)
-#define SOTER_LANE_PUT_TIME(on, member, time) \
-  SOTER_LANE_PUT_AS(soter_lane_bool, on, member, (soter_lane_bool){0} + (time), (int64_t))
+  SOTER_LANE_PUT_AS(soter_lane_float, on, member, lanes, double)
+#define SOTER_LANE_PUT_INT(on, member, lanes, type) \
+  SOTER_LANE_PUT_AS(soter_lane_int, on, member, lanes, type)
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_all(double x) {
   return (soter_lane_float){x, x, x, x};
@@ -73,12 +80,21 @@ SOTER_LANE_INLINE soter_lane_bool soter_lane_all_bool(bool x) {
   return (soter_lane_bool){all, all, all, all};
 }
 
-SOTER_LANE_INLINE bool soter_lane_any(soter_lane_bool x) {
-  return (x[0] | x[1] | x[2] | x[3]) != 0;
+SOTER_LANE_INLINE soter_lane_int soter_lane_all_int(int64_t x) {
+  return (soter_lane_int){x, x, x, x};
 }
 
-SOTER_LANE_INLINE soter_lane_bool soter_lane_select_bool(soter_lane_bool on, soter_lane_bool a,
-                                                         soter_lane_bool b) {
+SOTER_LANE_INLINE bool soter_lane_any(soter_lane_bool x) {
+#if defined(__AVX2__)
+  return _mm256_testz_si256((__m256i)x, (__m256i)x) == 0;
+#else
+  return (x[0] | x[1] | x[2] | x[3]) != 0;
+#endif
+}
+
+/* Of whole numbers and truth values. */
+SOTER_LANE_INLINE soter_lane_int soter_lane_select_int(soter_lane_bool on, soter_lane_int a,
+                                                       soter_lane_int b) {
   return (on & a) | (~on & b);
 }
 
@@ -131,6 +147,112 @@ SOTER_LANE_INLINE soter_lane_float soter_lane_abs(soter_lane_float x) {
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_canonical(soter_lane_float x) {
   return soter_lane_select((soter_lane_bool)(x == x), x, soter_lane_all((double)NAN));
+}
+
+/* min and max of whole numbers, as soter_min_int and soter_max_int. */
+SOTER_LANE_INLINE soter_lane_int soter_lane_min_int(soter_lane_int a, soter_lane_int b) {
+  return soter_lane_select_int((soter_lane_bool)(b < a), b, a);
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_max_int(soter_lane_int a, soter_lane_int b) {
+  return soter_lane_select_int((soter_lane_bool)(b > a), b, a);
+}
+
+SOTER_LANE_INLINE soter_lane_float soter_lane_to_float(soter_lane_int x) {
+  return (soter_lane_float){(double)x[0], (double)x[1], (double)x[2], (double)x[3]};
+}
+
+SOTER_LANE_INLINE soter_lane_float soter_lane_seconds(soter_lane_int ns) {
+  return soter_lane_to_float(ns) / 1e9;
+}
+
+SOTER_LANE_INLINE soter_lane_bool soter_lane_negative(soter_lane_int x) {
+  return (soter_lane_bool)(x < soter_lane_all_int(0));
+}
+
+SOTER_LANE_INLINE soter_lane_bool soter_lane_outside_int(soter_lane_int x, int64_t low,
+                                                         int64_t high) {
+  return (soter_lane_bool)(x < soter_lane_all_int(low)) |
+         (soter_lane_bool)(x > soter_lane_all_int(high));
+}
+
+/* Operations that may fault: in which lanes of `mask` they do is added to `bad`. What a lane gets
+ * then, or outside of `mask`, is harmless: an index is inside. */
+SOTER_LANE_INLINE soter_lane_int soter_lane_add(soter_lane_int a, soter_lane_int b,
+                                                soter_lane_bool mask, soter_lane_bool* bad) {
+  const soter_lane_int sum = (soter_lane_int)((soter_lane_bits)a + (soter_lane_bits)b);
+  const soter_lane_bool over = soter_lane_negative((a ^ sum) & (b ^ sum));
+  *bad |= mask & over;
+  return sum & ~over;
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_sub(soter_lane_int a, soter_lane_int b,
+                                                soter_lane_bool mask, soter_lane_bool* bad) {
+  const soter_lane_int difference = (soter_lane_int)((soter_lane_bits)a - (soter_lane_bits)b);
+  const soter_lane_bool over = soter_lane_negative((a ^ b) & (a ^ difference));
+  *bad |= mask & over;
+  return difference & ~over;
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_neg(soter_lane_int a, soter_lane_bool mask,
+                                                soter_lane_bool* bad) {
+  return soter_lane_sub(soter_lane_all_int(0), a, mask, bad);
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_abs_int(soter_lane_int a, soter_lane_bool mask,
+                                                    soter_lane_bool* bad) {
+  const soter_lane_bool negative = soter_lane_negative(a);
+  return soter_lane_select_int(negative, soter_lane_neg(a, mask & negative, bad), a);
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_narrow(soter_lane_int a, int64_t low, int64_t high,
+                                                   soter_lane_bool mask, soter_lane_bool* bad) {
+  const soter_lane_bool outside = soter_lane_outside_int(a, low, high);
+  *bad |= mask & outside;
+  return soter_lane_select_int(outside, soter_lane_all_int(low), a);
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_index(soter_lane_int i, soter_lane_int limit,
+                                                  soter_lane_bool mask, soter_lane_bool* bad) {
+  const soter_lane_bool outside = soter_lane_negative(i) | (soter_lane_bool)(i >= limit);
+  *bad |= mask & outside;
+  return i & ~outside;
+}
+
+/* There are no vectors of these: each lane alone. */
+#define SOTER_LANE_EACH(name, made)                                                  \
+  for (int lane = 0; lane < SOTER_LANES; lane++) {                                   \
+    soter_fault fault = SOTER_OK;                                                    \
+    name[lane] = (made);                                                             \
+    (*bad)[lane] |= mask[lane] & -(int64_t)(fault != SOTER_OK);                      \
+  }
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_mul(soter_lane_int a, soter_lane_int b,
+                                                soter_lane_bool mask, soter_lane_bool* bad) {
+  soter_lane_int product = a;
+  SOTER_LANE_EACH(product, soter_mul(a[lane], b[lane], &fault))
+  return product;
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_div(soter_lane_int a, soter_lane_int b,
+                                                soter_lane_bool mask, soter_lane_bool* bad) {
+  soter_lane_int quotient = a;
+  SOTER_LANE_EACH(quotient, soter_div(a[lane], b[lane], &fault))
+  return quotient;
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_mod(soter_lane_int a, soter_lane_int b,
+                                                soter_lane_bool mask, soter_lane_bool* bad) {
+  soter_lane_int rest = a;
+  SOTER_LANE_EACH(rest, soter_mod(a[lane], b[lane], &fault))
+  return rest;
+}
+
+SOTER_LANE_INLINE soter_lane_int soter_lane_to_int(soter_lane_float x, soter_lane_bool mask,
+                                                   soter_lane_bool* bad) {
+  soter_lane_int whole = soter_lane_all_int(0);
+  SOTER_LANE_EACH(whole, soter_to_int(x[lane], &fault))
+  return whole;
 }
 
 /* Where a value may not be published (soter_check_float). */

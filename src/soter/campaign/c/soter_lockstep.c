@@ -29,6 +29,8 @@ void soter_lockstep_start(soter_lockstep* g, const soter_program* p, const soter
   }
   for (uint32_t i = 0; i < p->components; i++) {
     g->next[i] = p->component[i].phase_ns;
+    g->pause[i] = 0;
+    g->alone[i] = 0;
     if (p->component[i].happens != NULL) {
       g->next[i] = INT64_MAX;
       g->moved[g->moves] = i;
@@ -113,7 +115,7 @@ static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
 static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_t ct,
                                  uint32_t* flags) {
   const soter_component_info* const info = &g->p->component[index];
-  if (g->lanes->step[index] == NULL || info->judged || ct == info->phase_ns) {
+  if (g->lanes->step[index] == NULL || ct == info->phase_ns) {
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
@@ -141,23 +143,6 @@ static void soter_stepped(const soter_program* p, void* state, uint32_t index, u
   }
 }
 
-/* A step of all worlds at once; false where it is one for each of them alone. */
-static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
-  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
-  uint32_t published[SOTER_LOCKSTEP_WORLDS];
-  if (g->p->component[index].role == SOTER_ROLE_DM) {
-    return soter_decide_all(g, index);
-  }
-  if (!soter_steps_together(g, index, ct, flags) ||
-      !g->lanes->step[index](g->state, flags, published)) {
-    return false;
-  }
-  for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_stepped(g->p, g->state[w], index, published[w]);
-  }
-  return true;
-}
-
 static void soter_note_violation(const soter_program* p, void* state, uint32_t index,
                                  bool violated) {
   soter_header* const h = soter_header_of(state);
@@ -170,19 +155,74 @@ static void soter_note_violation(const soter_program* p, void* state, uint32_t i
   q->active = violated ? 1U : 0U;
 }
 
-static void soter_judge_all(const soter_lockstep* g) {
+/* The properties that are due now, those of a component or of the instant, in the worlds of `where`;
+ * in which of them all hold. */
+static void soter_judge_all(const soter_lockstep* g, soter_when when, uint32_t component,
+                            const bool* where, bool* hold) {
   for (uint32_t i = 0; i < g->p->properties; i++) {
     const soter_property_info* const info = &g->p->property[i];
     bool violated[SOTER_LOCKSTEP_WORLDS];
-    if (info->when != SOTER_AT_INSTANT) {
+    if (info->when != when || (when != SOTER_AT_INSTANT && info->component != component)) {
       continue;
     }
     const soter_lane_verdict all = g->lanes->violated[i];
     const bool known = all != NULL && all((const void* const*)g->state, violated);
     for (uint32_t w = 0; w < g->worlds; w++) {
-      soter_note_violation(g->p, g->state[w], i, known ? violated[w] : info->violated(g->state[w]));
+      if (where[w]) {
+        const bool bad = known ? violated[w] : info->violated(g->state[w]);
+        soter_note_violation(g->p, g->state[w], i, bad);
+        hold[w] = hold[w] && !bad;
+      }
     }
   }
+}
+
+/* ------------------------------------------------------------------ steps */
+
+/* A step of all worlds at once; false where it is one for each of them alone: what it assumes is
+ * judged again then, to no effect. */
+static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
+  const soter_component_info* const info = &g->p->component[index];
+  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
+  uint32_t published[SOTER_LOCKSTEP_WORLDS];
+  bool where[SOTER_LOCKSTEP_WORLDS];
+  bool hold[SOTER_LOCKSTEP_WORLDS];
+  if (info->role == SOTER_ROLE_DM) {
+    return soter_decide_all(g, index);
+  }
+  if (!soter_steps_together(g, index, ct, flags)) {
+    return false;
+  }
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    where[w] = hold[w] = true;
+  }
+  if (info->judged) {
+    soter_judge_all(g, SOTER_BEFORE_STEP, index, where, hold);
+  }
+  if (!g->lanes->step[index](g->state, flags, published)) {
+    return false;
+  }
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    soter_stepped(g->p, g->state[w], index, published[w]);
+    where[w] = hold[w] && soter_components_of(g->state[w])[index].oe != 0U;
+  }
+  if (info->judged) {
+    soter_judge_all(g, SOTER_AFTER_STEP, index, where, hold);
+  }
+  return true;
+}
+
+/* The same; who could not for some releases on end is not tried at the next ones. */
+static bool soter_try_all(soter_lockstep* g, uint32_t index, int64_t ct) {
+  if (g->pause[index] > 0U) {
+    g->pause[index]--;
+    return false;
+  }
+  const bool together = soter_step_all(g, index, ct);
+  const uint32_t twice = 2U * g->alone[index] + 1U;
+  g->alone[index] = together ? 0U : (twice < SOTER_LOCKSTEP_PAUSE ? twice : SOTER_LOCKSTEP_PAUSE);
+  g->pause[index] = g->alone[index];
+  return together;
 }
 
 /* Steps of a component in those worlds where it is released now. */
@@ -197,7 +237,10 @@ static void soter_step_each(const soter_lockstep* g, uint32_t index, bool releas
 void soter_lockstep_instant(soter_lockstep* g) {
   const soter_program* const p = g->p;
   const int64_t ct = soter_lockstep_next(g);
+  bool everywhere[SOTER_LOCKSTEP_WORLDS];
+  bool hold[SOTER_LOCKSTEP_WORLDS];
   for (uint32_t w = 0; w < g->worlds; w++) {
+    everywhere[w] = hold[w] = true;
     soter_move(g, g->state[w], ct);
   }
   for (uint32_t i = 0; i < p->components; i++) {
@@ -208,9 +251,9 @@ void soter_lockstep_instant(soter_lockstep* g) {
         soter_components_of(g->state[w])[i].next = g->next[i];
       }
     }
-    if (released ? !soter_step_all(g, i, ct) : p->component[i].happens != NULL) {
+    if (released ? !soter_try_all(g, i, ct) : p->component[i].happens != NULL) {
       soter_step_each(g, i, released);
     }
   }
-  soter_judge_all(g);
+  soter_judge_all(g, SOTER_AT_INSTANT, 0U, everywhere, hold);
 }

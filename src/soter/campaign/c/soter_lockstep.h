@@ -12,6 +12,7 @@
 
 #define SOTER_LOCKSTEP_WORLDS 8U
 #define SOTER_LOCKSTEP_COMPONENTS 256U
+#define SOTER_LOCKSTEP_PAUSE 255U /* releases of a component that are not tried together, at most */
 
 typedef struct {
   const soter_program* p;
@@ -21,6 +22,8 @@ typedef struct {
   int64_t next[SOTER_LOCKSTEP_COMPONENTS];   /* of each component whose releases nothing moves */
   uint32_t moved[SOTER_LOCKSTEP_COMPONENTS]; /* the others */
   uint32_t moves;
+  uint32_t pause[SOTER_LOCKSTEP_COMPONENTS]; /* so many releases are not tried together */
+  uint32_t alone[SOTER_LOCKSTEP_COMPONENTS]; /* so many were not, last */
 } soter_lockstep;
 
 /* Whether the worlds of a program can go in step. */
