@@ -81,7 +81,7 @@ def test_steps_are_taken_together(
         return replace(unit, source=source)
 
     monkeypatch.setattr(compiled_unit, "generate_measured", wrong)
-    fleet = Fleet(whole(tmp_path, 5), 3 * SECOND, "-O1")
+    fleet = Fleet(whole(tmp_path, 1), 3 * SECOND, "-O1")
     together = fleet.fly(range(4), first_seed=1)
     assert all(together[k] != fleet.fly([k], first_seed=1)[0] for k in range(4))
 

@@ -303,7 +303,7 @@ static bool soter_fly_together(const soter_program* p, const soter_flight* fligh
       for (uint32_t w = 0; w < lanes->count; w++) {
         first[w] = soter_before(p, &at[w], next, &e[w]);
       }
-      soter_lockstep_instant(&g);
+      soter_lockstep_instant(&g, next);
       for (uint32_t w = 0; w < lanes->count; w++) {
         if (!soter_after(p, o, &at[w], &noted[w], &e[w], first[w])) {
           return false;

@@ -26,12 +26,16 @@ void soter_lockstep_start(soter_lockstep* g, const soter_program* p, const soter
   g->moves = 0;
   for (uint32_t w = 0; w < g->worlds; w++) {
     g->state[w] = states[w];
+    g->component[w] = soter_components_of(states[w]);
+    g->module[w] = soter_modules_of(p, states[w]);
+    g->property[w] = soter_properties_of(p, states[w]);
   }
   for (uint32_t i = 0; i < p->components; i++) {
     g->next[i] = p->component[i].phase_ns;
     g->pause[i] = 0;
     g->alone[i] = 0;
-    if (p->component[i].happens != NULL) {
+    g->is_moved[i] = p->component[i].happens != NULL;
+    if (g->is_moved[i]) {
       g->next[i] = INT64_MAX;
       g->moved[g->moves] = i;
       g->moves++;
@@ -40,7 +44,7 @@ void soter_lockstep_start(soter_lockstep* g, const soter_program* p, const soter
 }
 
 int64_t soter_lockstep_next(const soter_lockstep* g) {
-  const int64_t ct = soter_header_of(g->state[0])->ct;
+  const int64_t ct = ((const soter_header*)g->state[0])->ct;
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < g->p->components; i++) {
     next = g->next[i] < next ? g->next[i] : next;
@@ -54,7 +58,7 @@ int64_t soter_lockstep_next(const soter_lockstep* g) {
 }
 
 int64_t soter_lockstep_alone(const soter_lockstep* g, uint32_t world) {
-  const soter_component* const c = soter_components_of(g->state[world]);
+  const soter_component* const c = g->component[world];
   int64_t next = INT64_MAX;
   for (uint32_t k = 0; k < g->moves; k++) {
     next = c[g->moved[k]].next < next ? c[g->moved[k]].next : next;
@@ -63,10 +67,11 @@ int64_t soter_lockstep_alone(const soter_lockstep* g, uint32_t world) {
 }
 
 /* Time moves on in one world; who is moved there is released. */
-static void soter_move(const soter_lockstep* g, void* state, int64_t ct) {
+static void soter_move(const soter_lockstep* g, uint32_t world, int64_t ct) {
   const soter_program* const p = g->p;
-  soter_component* const c = soter_components_of(state);
-  soter_header_of(state)->ct = ct;
+  void* const state = g->state[world];
+  soter_component* const c = g->component[world];
+  ((soter_header*)state)->ct = ct;
   for (uint32_t k = 0; k < g->moves; k++) {
     const uint32_t i = g->moved[k];
     const soter_component_info* const info = &p->component[i];
@@ -99,7 +104,7 @@ static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_module* const m = soter_modules_of(g->p, g->state[w]) + module;
+    soter_module* const m = &g->module[w][module];
     const soter_mode decided = dm->decided(g->state[w], ttf[w], safer[w]);
     if (decided != (soter_mode)m->mode && !g->p->module[module].forced) {
       (void)soter_fire(g->p, g->state[w], index, NULL); /* who switches, decides once more */
@@ -119,7 +124,7 @@ static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    const soter_component* const c = soter_components_of(g->state[w]) + index;
+    const soter_component* const c = &g->component[w][index];
     const bool taken_over = c->oe != 0U && c->had_control == 0U;
     if (c->latched != 0U || (taken_over && info->role != SOTER_ROLE_PLANT)) {
       return false;
@@ -130,23 +135,24 @@ static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_
 }
 
 /* What the kernel does after a step that went well, in one world. */
-static void soter_stepped(const soter_program* p, void* state, uint32_t index, uint32_t published) {
-  const soter_component_info* const info = &p->component[index];
-  soter_component* const c = soter_components_of(state) + index;
+static void soter_stepped(const soter_lockstep* g, uint32_t world, uint32_t index,
+                          uint32_t published) {
+  const soter_component_info* const info = &g->p->component[index];
+  soter_component* const c = &g->component[world][index];
   if (info->role == SOTER_ROLE_PLANT) {
     return;
   }
   c->had_control = c->oe;
   if (info->role == SOTER_ROLE_AC && published == info->outputs) {
-    soter_module* const m = soter_modules_of(p, state) + info->module;
+    soter_module* const m = &g->module[world][info->module];
     m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
   }
 }
 
-static void soter_note_violation(const soter_program* p, void* state, uint32_t index,
+static void soter_note_violation(const soter_lockstep* g, uint32_t world, uint32_t index,
                                  bool violated) {
-  soter_header* const h = soter_header_of(state);
-  soter_property* const q = soter_properties_of(p, state) + index;
+  soter_header* const h = (soter_header*)g->state[world];
+  soter_property* const q = &g->property[world][index];
   if (violated && q->active == 0U) {
     q->count++;
     h->violations++;
@@ -170,7 +176,7 @@ static void soter_judge_all(const soter_lockstep* g, soter_when when, uint32_t c
     for (uint32_t w = 0; w < g->worlds; w++) {
       if (where[w]) {
         const bool bad = known ? violated[w] : info->violated(g->state[w]);
-        soter_note_violation(g->p, g->state[w], i, bad);
+        soter_note_violation(g, w, i, bad);
         hold[w] = hold[w] && !bad;
       }
     }
@@ -203,8 +209,8 @@ static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) 
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_stepped(g->p, g->state[w], index, published[w]);
-    where[w] = hold[w] && soter_components_of(g->state[w])[index].oe != 0U;
+    soter_stepped(g, w, index, published[w]);
+    where[w] = hold[w] && g->component[w][index].oe != 0U;
   }
   if (info->judged) {
     soter_judge_all(g, SOTER_AFTER_STEP, index, where, hold);
@@ -228,30 +234,29 @@ static bool soter_try_all(soter_lockstep* g, uint32_t index, int64_t ct) {
 /* Steps of a component in those worlds where it is released now. */
 static void soter_step_each(const soter_lockstep* g, uint32_t index, bool released) {
   for (uint32_t w = 0; w < g->worlds; w++) {
-    if (released || soter_components_of(g->state[w])[index].pending != 0U) {
+    if (released || g->component[w][index].pending != 0U) {
       (void)soter_fire(g->p, g->state[w], index, NULL);
     }
   }
 }
 
-void soter_lockstep_instant(soter_lockstep* g) {
+void soter_lockstep_instant(soter_lockstep* g, int64_t ct) {
   const soter_program* const p = g->p;
-  const int64_t ct = soter_lockstep_next(g);
   bool everywhere[SOTER_LOCKSTEP_WORLDS];
   bool hold[SOTER_LOCKSTEP_WORLDS];
   for (uint32_t w = 0; w < g->worlds; w++) {
     everywhere[w] = hold[w] = true;
-    soter_move(g, g->state[w], ct);
+    soter_move(g, w, ct);
   }
   for (uint32_t i = 0; i < p->components; i++) {
     const bool released = g->next[i] == ct;
     if (released) {
       g->next[i] = ct + p->component[i].period_ns;
       for (uint32_t w = 0; w < g->worlds; w++) {
-        soter_components_of(g->state[w])[i].next = g->next[i];
+        g->component[w][i].next = g->next[i];
       }
     }
-    if (released ? !soter_try_all(g, i, ct) : p->component[i].happens != NULL) {
+    if (released ? !soter_try_all(g, i, ct) : g->is_moved[i]) {
       soter_step_each(g, i, released);
     }
   }
