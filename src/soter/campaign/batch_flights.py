@@ -43,7 +43,7 @@ EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
 FAST = ("-fno-trapping-math",)
 """Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
-SPARE = 9
+SPARE = 17
 """States that a batch needs besides those of its flights."""
 MODULES_MAX = 64
 """Modules of a system whose saves can be counted."""

@@ -19,7 +19,7 @@ from soter.codegen.function_context import Frame
 from soter.language.front_end import check_file, system_of
 from soter.native.build import RUNTIME
 from soter.native.compiler import STRICT, find
-from soter.native.vector_instructions import vector_flags
+from soter.native.vector_instructions import VECTORS, vector_flags
 from soter.simulate.run import run_interpreted
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 SECOND = 10**9
 LARGE_VALUES = Path(__file__).resolve().parents[2] / "correct" / "large_values.soter"
+HERE = VECTORS[VECTORS.index(vector_flags()) :] if vector_flags() else ()
+"""Vectors that this machine has."""
 PROGRAMS = examples("SOTER_LANE_PROGRAMS", quick=12, long=200)
 MOVED = """faults {
     late Guard.dm by 2ms; late Guard.Calm by 2ms;
@@ -82,17 +84,85 @@ def test_steps_are_taken_together(
 
     monkeypatch.setattr(compiled_unit, "generate_measured", wrong)
     fleet = Fleet(whole(tmp_path, 1), 3 * SECOND, "-O1")
-    together = fleet.fly(range(4), first_seed=1)
-    assert all(together[k] != fleet.fly([k], first_seed=1)[0] for k in range(4))
+    together = fleet.fly(range(8), first_seed=1)
+    assert all(together[k] != fleet.fly([k], first_seed=1)[0] for k in range(8))
 
 
-def test_without_vectors_flights_are_the_same(
+AIMED = """soter 1;
+input topic wind: float in [-3.0, 3.0];
+topic told: float;
+topic tally: int in [0, 3] = 0;
+node Swings period 10ms {  // what a branch goes by is changed on either side of it
+  subscribes wind;
+  publishes told;
+  var m: float;
+  var same: float;
+  step {
+    if m < wind { m = m + 1.0; same = same + wind; } else { m = m - 1.5; }
+    if m > 0.0 && wind > 0.0 { if m > 1.0 { m = -m; } else { same = 0.0; } }
+    publish told = same;
+  }
+}
+node Counts period 10ms {  // each world writes elsewhere, some nowhere
+  subscribes wind;
+  publishes tally;
+  var n: int in [0, 3];
+  var cells: float[4];
+  step {
+    if wind > 0.0 { cells[n] = wind; } elseif cells[n] > 1.0 { n = (n + 1) % 4; }
+    publish tally = n;
+  }
+}
+node Keeps period 10ms {  // a list is changed where the wind is strong
+  subscribes wind;
+  guarantees wind < 2.0;
+  var seen: float[<=3];
+  var sum: float;
+  step {
+    if wind > 2.0 { seen = [wind, sum]; }
+    for s in seen { sum = sum / 2.0 + s; }
+  }
+}
+node Grows period 10ms {  // to infinity, and to what is no number
+  subscribes wind;
+  var huge: float = 1.0;
+  var none: float;
+  step { huge = huge * (wind > 0.0 ? 1e3 : 10.0); none = huge - huge; }
+}
+node Ends period 10ms {  // some worlds latch
+  subscribes wind;
+  var last: float;
+  step { assert wind < 2.99; last = last / 2.0 + wind; }
+}
+system Aimed default {
+  node Swings; node Counts; node Keeps; node Grows; node Ends;
+  input wind every 10ms;
+  until 3s;
+  never told > 5.0;
+}
+"""
+
+
+def test_each_world_takes_its_own_side(tmp_path: Path) -> None:
+    file = tmp_path / "aimed.soter"
+    file.write_text(AIMED, encoding="utf-8")
+    system = system_of(check_file(str(file)), "Aimed")
+    assert parts_with_lanes(system) == 5
+    fleet = Fleet(system, 3 * SECOND, "-O1")
+    together = fleet.fly(range(8), first_seed=1)
+    assert together == [fleet.fly([k], first_seed=1)[0] for k in range(8)]
+    assert 0 < sum("Ends latched" in f.broken for f in together) < 8
+
+
+def test_on_any_vectors_flights_are_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     system = whole(tmp_path, 1)
-    flights = Fleet(system, 3 * SECOND, "-O1").fly(range(6), first_seed=1)
-    monkeypatch.setattr(batch_flights, "vector_flags", tuple)
-    assert Fleet(system, 3 * SECOND, "-O1").fly(range(6), first_seed=1) == flights
+    flights = [Fleet(system, 3 * SECOND, "-O1").fly(range(9), first_seed=1)]
+    for flags in (*HERE, ()):
+        monkeypatch.setattr(batch_flights, "vector_flags", lambda flags=flags: flags)
+        flights.append(Fleet(system, 3 * SECOND, "-O1").fly(range(9), first_seed=1))
+    assert all(f == flights[0] for f in flights)
 
 
 def test_little_room_for_events_is_none_for_a_group(
@@ -251,7 +321,7 @@ int main(void) {
 """
 
 
-@pytest.mark.parametrize("vectors", [vector_flags(), ()], ids=["vectors", "none"])
+@pytest.mark.parametrize("vectors", [*HERE, ()])
 @pytest.mark.parametrize("optimise", ["-O0", "-O3"])
 def test_an_operation_on_a_lane_is_that_on_a_number(
     optimise: str, vectors: tuple[str, ...], tmp_path: Path

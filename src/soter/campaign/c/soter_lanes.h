@@ -14,8 +14,19 @@
 #include <immintrin.h>
 #endif
 
+/* f(0, ...), f(1, ...), ...: one a lane. */
+#define SOTER_FOUR_LANES(f, ...) \
+  f(0, __VA_ARGS__), f(1, __VA_ARGS__), f(2, __VA_ARGS__), f(3, __VA_ARGS__)
+#if defined(__AVX512F__) && defined(__AVX512DQ__)
+#define SOTER_LANES 8
+#define SOTER_EACH_LANE(f, ...)                                                                  \
+  SOTER_FOUR_LANES(f, __VA_ARGS__), f(4, __VA_ARGS__), f(5, __VA_ARGS__), f(6, __VA_ARGS__), \
+      f(7, __VA_ARGS__)
+#else
 #define SOTER_LANES 4
-#define soter_lane_always ((soter_lane_bool){-1, -1, -1, -1})
+#define SOTER_EACH_LANE(f, ...) SOTER_FOUR_LANES(f, __VA_ARGS__)
+#endif
+#define soter_lane_always soter_lane_all_bool(true)
 #define SOTER_LANE_INLINE static inline __attribute__((always_inline, unused))
 
 typedef double soter_lane_float __attribute__((vector_size(8 * SOTER_LANES)));
@@ -24,68 +35,61 @@ typedef soter_lane_int soter_lane_bool; /* 0, or -1 */
 typedef uint64_t soter_lane_bits __attribute__((vector_size(8 * SOTER_LANES)));
 
 /* What `member` is in each of the states that SOTER_LANE_STATES named. */
-#define SOTER_LANE_STATES(type)                  \
-  type* const given_s0 = (type*)given_states[0]; \
-  type* const given_s1 = (type*)given_states[1]; \
-  type* const given_s2 = (type*)given_states[2]; \
-  type* const given_s3 = (type*)given_states[3]
-#define SOTER_LANE_OF(kind, member) \
-  ((kind){given_s0->member, given_s1->member, given_s2->member, given_s3->member})
+#define SOTER_LANE_STATE(k, type) (type*)given_states[k]
+#define SOTER_LANE_STATES(type) \
+  type* const given_s[SOTER_LANES] = {SOTER_EACH_LANE(SOTER_LANE_STATE, type)}
+#define SOTER_LANE_MEMBER(k, member) given_s[k]->member
+#define SOTER_LANE_OF(kind, member) ((kind){SOTER_EACH_LANE(SOTER_LANE_MEMBER, member)})
 #define SOTER_LANE_BITS(member) SOTER_LANE_OF(soter_lane_bits, member)
 
 /* The same of elements of an array that each state has (AT), that all share (IN), or whose elements
  * are lanes (PICK): each lane has its own index, and `rest` leads on from the element. */
-#define SOTER_LANE_AT(kind, array, index, rest)                          \
-  ((kind){given_s0->array[(index)[0]] rest, given_s1->array[(index)[1]] rest, \
-          given_s2->array[(index)[2]] rest, given_s3->array[(index)[3]] rest})
-#define SOTER_LANE_IN(kind, array, index, rest)                     \
-  ((kind){array[(index)[0]] rest, array[(index)[1]] rest, array[(index)[2]] rest, \
-          array[(index)[3]] rest})
-#define SOTER_LANE_PICK(kind, array, index, rest)                       \
-  ((kind){(array)[(index)[0]] rest[0], (array)[(index)[1]] rest[1], (array)[(index)[2]] rest[2], \
-          (array)[(index)[3]] rest[3]})
+#define SOTER_LANE_ELEMENT(k, array, index, rest) given_s[k]->array[(index)[k]] rest
+#define SOTER_LANE_AT(kind, array, index, rest) \
+  ((kind){SOTER_EACH_LANE(SOTER_LANE_ELEMENT, array, index, rest)})
+#define SOTER_LANE_ROW(k, array, index, rest) array[(index)[k]] rest
+#define SOTER_LANE_IN(kind, array, index, rest) \
+  ((kind){SOTER_EACH_LANE(SOTER_LANE_ROW, array, index, rest)})
+#define SOTER_LANE_OWN(k, array, index, rest) (array)[(index)[k]] rest[k]
+#define SOTER_LANE_PICK(kind, array, index, rest) \
+  ((kind){SOTER_EACH_LANE(SOTER_LANE_OWN, array, index, rest)})
 
+#define SOTER_LANE_FLAG(k, flags) (flags)[k]
 #define SOTER_LANE_ENABLED(flags) \
-  (-((soter_lane_bool){(flags)[0], (flags)[1], (flags)[2], (flags)[3]} & SOTER_ENABLED))
+  (-((soter_lane_bool){SOTER_EACH_LANE(SOTER_LANE_FLAG, flags)} & SOTER_ENABLED))
 
 /* Lanes on their way into the states, where `on` says so. */
-#define SOTER_LANE_PUT_AS(kind, on, member, lanes, type)    \
-  do {                                                      \
-    const kind given_put = (lanes);                         \
-    const soter_lane_bool given_on = (on);                  \
-    if (given_on[0]) {                                      \
-      given_s0->member = (type)given_put[0];               \
-    }                                                       \
-    if (given_on[1]) {                                      \
-      given_s1->member = (type)given_put[1];               \
-    }                                                       \
-    if (given_on[2]) {                                      \
-      given_s2->member = (type)given_put[2];               \
-    }                                                       \
-    if (given_on[3]) {                                      \
-      given_s3->member = (type)given_put[3];               \
-    }                                                       \
+#define SOTER_LANE_PUT_ONE(k, member, type) \
+  (void)(given_on[k] != 0 ? (given_s[k]->member = (type)given_put[k], 0) : 0)
+#define SOTER_LANE_PUT_AS(kind, on, member, lanes, type) \
+  do {                                                   \
+    const kind given_put = (lanes);                      \
+    const soter_lane_bool given_on = (on);               \
+    SOTER_EACH_LANE(SOTER_LANE_PUT_ONE, member, type);   \
   } while (0)
 #define SOTER_LANE_PUT(on, member, lanes) \
   SOTER_LANE_PUT_AS(soter_lane_float, on, member, lanes, double)
 #define SOTER_LANE_PUT_INT(on, member, lanes, type) \
   SOTER_LANE_PUT_AS(soter_lane_int, on, member, lanes, type)
 
+#define SOTER_LANE_SAME(k, x) x
 SOTER_LANE_INLINE soter_lane_float soter_lane_all(double x) {
-  return (soter_lane_float){x, x, x, x};
+  return (soter_lane_float){SOTER_EACH_LANE(SOTER_LANE_SAME, x)};
 }
 
 SOTER_LANE_INLINE soter_lane_bool soter_lane_all_bool(bool x) {
   const int64_t all = -(int64_t)x;
-  return (soter_lane_bool){all, all, all, all};
+  return (soter_lane_bool){SOTER_EACH_LANE(SOTER_LANE_SAME, all)};
 }
 
 SOTER_LANE_INLINE soter_lane_int soter_lane_all_int(int64_t x) {
-  return (soter_lane_int){x, x, x, x};
+  return (soter_lane_int){SOTER_EACH_LANE(SOTER_LANE_SAME, x)};
 }
 
 SOTER_LANE_INLINE bool soter_lane_any(soter_lane_bool x) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return _mm512_test_epi64_mask((__m512i)x, (__m512i)x) != 0;
+#elif defined(__AVX2__)
   return _mm256_testz_si256((__m256i)x, (__m256i)x) == 0;
 #else
   return (x[0] | x[1] | x[2] | x[3]) != 0;
@@ -100,7 +104,10 @@ SOTER_LANE_INLINE soter_lane_int soter_lane_select_int(soter_lane_bool on, soter
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_select(soter_lane_bool on, soter_lane_float a,
                                                      soter_lane_float b) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return (soter_lane_float)_mm512_mask_blend_pd(_mm512_movepi64_mask((__m512i)on), (__m512d)b,
+                                                (__m512d)a);
+#elif defined(__AVX2__)
   return (soter_lane_float)_mm256_blendv_pd((__m256d)b, (__m256d)a, (__m256d)on);
 #else
   return (soter_lane_float)((on & (soter_lane_bool)a) | (~on & (soter_lane_bool)b));
@@ -110,7 +117,9 @@ SOTER_LANE_INLINE soter_lane_float soter_lane_select(soter_lane_bool on, soter_l
 /* min(a, b) = b < a ? b : a, max(a, b) = b > a ? b : a, as soter_min and soter_max: of equal ones,
  * and where one is NaN, it is a. So does the instruction of x86 with its operands the other way. */
 SOTER_LANE_INLINE soter_lane_float soter_lane_min(soter_lane_float a, soter_lane_float b) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return (soter_lane_float)_mm512_min_pd((__m512d)b, (__m512d)a);
+#elif defined(__AVX2__)
   return (soter_lane_float)_mm256_min_pd((__m256d)b, (__m256d)a);
 #else
   return soter_lane_select((soter_lane_bool)(b < a), b, a);
@@ -118,7 +127,9 @@ SOTER_LANE_INLINE soter_lane_float soter_lane_min(soter_lane_float a, soter_lane
 }
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_max(soter_lane_float a, soter_lane_float b) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return (soter_lane_float)_mm512_max_pd((__m512d)b, (__m512d)a);
+#elif defined(__AVX2__)
   return (soter_lane_float)_mm256_max_pd((__m256d)b, (__m256d)a);
 #else
   return soter_lane_select((soter_lane_bool)(b > a), b, a);
@@ -126,7 +137,9 @@ SOTER_LANE_INLINE soter_lane_float soter_lane_max(soter_lane_float a, soter_lane
 }
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_sqrt(soter_lane_float x) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return (soter_lane_float)_mm512_sqrt_pd((__m512d)x);
+#elif defined(__AVX2__)
   return (soter_lane_float)_mm256_sqrt_pd((__m256d)x);
 #else
   return (soter_lane_float){sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])};
@@ -134,7 +147,9 @@ SOTER_LANE_INLINE soter_lane_float soter_lane_sqrt(soter_lane_float x) {
 }
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_floor(soter_lane_float x) {
-#if defined(__AVX2__)
+#if SOTER_LANES == 8
+  return (soter_lane_float)_mm512_floor_pd((__m512d)x);
+#elif defined(__AVX2__)
   return (soter_lane_float)_mm256_floor_pd((__m256d)x);
 #else
   return (soter_lane_float){floor(x[0]), floor(x[1]), floor(x[2]), floor(x[3])};
@@ -159,7 +174,7 @@ SOTER_LANE_INLINE soter_lane_int soter_lane_max_int(soter_lane_int a, soter_lane
 }
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_to_float(soter_lane_int x) {
-  return (soter_lane_float){(double)x[0], (double)x[1], (double)x[2], (double)x[3]};
+  return __builtin_convertvector(x, soter_lane_float);
 }
 
 SOTER_LANE_INLINE soter_lane_float soter_lane_seconds(soter_lane_int ns) {

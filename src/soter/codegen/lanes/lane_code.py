@@ -437,7 +437,7 @@ class LaneCode:
         state = f"{type_}{self.lanes.frame.prefix}_state"
         return [
             c.Do(c.CallExpr("SOTER_LANE_STATES", (c.Name(state),))),
-            c.Declare("int64_t", "given_ct", c.Name("given_s0->header.ct"), const=True),
+            c.Declare("int64_t", "given_ct", c.Name("given_s[0]->header.ct"), const=True),
             c.Unused("given_ct"),
             c.Declare(BOOL, "given_mask", ALL, const=True),
             c.Unused("given_mask"),
