@@ -92,6 +92,9 @@ AIMED = """soter 1;
 input topic wind: float in [-3.0, 3.0];
 topic told: float;
 topic tally: int in [0, 3] = 0;
+type Rung = { n: int in [0, 9] };
+topic rung: Rung in { n in [0, 2] };
+topic u: float in [0.0, 3.0];
 node Swings period 10ms {  // what a branch goes by is changed on either side of it
   subscribes wind;
   publishes told;
@@ -100,12 +103,18 @@ node Swings period 10ms {  // what a branch goes by is changed on either side of
   step {
     if m < wind { m = m + 1.0; same = same + wind; } else { m = m - 1.5; }
     if m > 0.0 && wind > 0.0 { if m > 1.0 { m = -m; } else { same = 0.0; } }
+    if wind > 1.0 {  // large enough to be skipped where it is 1.0 or less in all worlds
+      same = (same + 1.0) / 2.0 + (same + 2.0) / 3.0 + (same + 3.0) / 4.0 + (same + 4.0) / 5.0;
+      same = same - floor(same) + wind * wind * wind - wind / 2.0 - wind * wind / 8.0;
+    }
     publish told = same;
   }
 }
 node Counts period 10ms {  // each world writes elsewhere, some nowhere
   subscribes wind;
   publishes tally;
+  assumes wind < 2.5;
+  guarantees tally < 3;
   var n: int in [0, 3];
   var cells: float[4];
   step {
@@ -115,12 +124,13 @@ node Counts period 10ms {  // each world writes elsewhere, some nowhere
 }
 node Keeps period 10ms {  // a list is changed where the wind is strong
   subscribes wind;
-  guarantees wind < 2.0;
   var seen: float[<=3];
   var sum: float;
   step {
+    let k = wind > 0.0 ? 1 : 0;
     if wind > 2.0 { seen = [wind, sum]; }
     for s in seen { sum = sum / 2.0 + s; }
+    if seen.len > 1 { sum = sum + seen[k] / 4.0; }
   }
 }
 node Grows period 10ms {  // to infinity, and to what is no number
@@ -129,13 +139,26 @@ node Grows period 10ms {  // to infinity, and to what is no number
   var none: float;
   step { huge = huge * (wind > 0.0 ? 1e3 : 10.0); none = huge - huge; }
 }
-node Ends period 10ms {  // some worlds latch
+node Ends period 10ms {  // some worlds latch: an index that all of them have is outside
   subscribes wind;
-  var last: float;
-  step { assert wind < 2.99; last = last / 2.0 + wind; }
+  var cells: float[4];
+  step { for i in 0..5 { if wind > 2.99 { cells[i] = wind; } } }
 }
+node Climbs period 10ms {  // and here what is published may not be
+  subscribes wind;
+  publishes rung;
+  var n: int in [0, 9];
+  step {
+    if wind > 2.96 { n = n + 1; }
+    publish rung = { n: n };
+  }
+}
+node Gentle period 10ms { publishes u; guarantees u < 1.0; step { publish u = 0.5; } }
+node Rough period 10ms { publishes u; step { publish u = 2.0; } }
+rta Switched { ac Gentle; sc Rough; period 10ms; safe u < 3.0; ttf wind > 2.0; safer wind < 1.0; }
 system Aimed default {
-  node Swings; node Counts; node Keeps; node Grows; node Ends;
+  module Switched;
+  node Swings; node Counts; node Keeps; node Grows; node Ends; node Climbs;
   input wind every 10ms;
   until 3s;
   never told > 5.0;
@@ -147,11 +170,13 @@ def test_each_world_takes_its_own_side(tmp_path: Path) -> None:
     file = tmp_path / "aimed.soter"
     file.write_text(AIMED, encoding="utf-8")
     system = system_of(check_file(str(file)), "Aimed")
-    assert parts_with_lanes(system) == 5
+    assert parts_with_lanes(system) == 10
     fleet = Fleet(system, 3 * SECOND, "-O1")
     together = fleet.fly(range(8), first_seed=1)
     assert together == [fleet.fly([k], first_seed=1)[0] for k in range(8)]
-    assert 0 < sum("Ends latched" in f.broken for f in together) < 8
+    for name in ("Ends", "Climbs"):
+        assert 0 < sum(f"{name} latched" in f.broken for f in together) < 8
+    assert all(f.disengagements[0] for f in together)
 
 
 def test_on_any_vectors_flights_are_the_same(
