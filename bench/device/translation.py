@@ -86,7 +86,7 @@ static void soter_lane(const soter_lanes *all, uint32_t k) {
   o.horizon_ns = all->horizon_ns;
   o.episode_ns = all->episode_ns;
   o.measured = &@_measured;
-  o.states = all->states + (size_t)k * 10U * p->state_size;
+  o.states = all->states + (size_t)k * 4U * p->state_size;
   o.events = all->events + (size_t)k * all->room;
   o.room = all->room;
   o.looks = all->looks + (size_t)k * @_measured.count;

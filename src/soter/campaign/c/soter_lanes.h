@@ -19,7 +19,7 @@
   f(0, __VA_ARGS__), f(1, __VA_ARGS__), f(2, __VA_ARGS__), f(3, __VA_ARGS__)
 #if defined(__AVX512F__) && defined(__AVX512DQ__)
 #define SOTER_LANES 8
-#define SOTER_EACH_LANE(f, ...)                                                                  \
+#define SOTER_EACH_LANE(f, ...)                                                              \
   SOTER_FOUR_LANES(f, __VA_ARGS__), f(4, __VA_ARGS__), f(5, __VA_ARGS__), f(6, __VA_ARGS__), \
       f(7, __VA_ARGS__)
 #else
@@ -235,11 +235,11 @@ SOTER_LANE_INLINE soter_lane_int soter_lane_index(soter_lane_int i, soter_lane_i
 }
 
 /* There are no vectors of these: each lane alone. */
-#define SOTER_LANE_EACH(name, made)                                                  \
-  for (int lane = 0; lane < SOTER_LANES; lane++) {                                   \
-    soter_fault fault = SOTER_OK;                                                    \
-    name[lane] = (made);                                                             \
-    (*bad)[lane] |= mask[lane] & -(int64_t)(fault != SOTER_OK);                      \
+#define SOTER_LANE_EACH(name, made)                             \
+  for (int lane = 0; lane < SOTER_LANES; lane++) {              \
+    soter_fault fault = SOTER_OK;                               \
+    name[lane] = (made);                                        \
+    (*bad)[lane] |= mask[lane] & -(int64_t)(fault != SOTER_OK); \
   }
 
 SOTER_LANE_INLINE soter_lane_int soter_lane_mul(soter_lane_int a, soter_lane_int b,

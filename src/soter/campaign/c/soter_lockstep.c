@@ -161,8 +161,8 @@ static void soter_note_violation(const soter_lockstep* g, uint32_t world, uint32
   q->active = violated ? 1U : 0U;
 }
 
-/* The properties that are due now, those of a component or of the instant, in the worlds of `where`;
- * in which of them all hold. */
+/* The properties that are due now, those of a component or of the instant, in the worlds of
+ * `where`; in which of them all hold. */
 static void soter_judge_all(const soter_lockstep* g, soter_when when, uint32_t component,
                             const bool* where, bool* hold) {
   for (uint32_t i = 0; i < g->p->properties; i++) {

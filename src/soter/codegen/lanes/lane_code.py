@@ -385,11 +385,12 @@ class LaneCode:
             )
             if block
         ]
-        return [*masks, *(x for made in self._sides((on, s.then), (off, s.otherwise)) for x in made)]
+        return [
+            *masks,
+            *(x for made in self._sides((on, s.then), (off, s.otherwise)) for x in made),
+        ]
 
-    def _sides(
-        self, *sides: tuple[c.CExpr, tuple[core.Stmt, ...]]
-    ) -> Iterator[list[c.CStmt]]:
+    def _sides(self, *sides: tuple[c.CExpr, tuple[core.Stmt, ...]]) -> Iterator[list[c.CStmt]]:
         """Both sides of a branch; where one of them has no lanes, who takes it goes alone."""
         straight, outer = False, self.mask
         for mask, block in sides:
