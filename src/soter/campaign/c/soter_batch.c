@@ -350,10 +350,10 @@ static soter_places soter_places_of(const soter_program* p, const soter_order* o
   saves->precautions = o->precautions + (size_t)k * p->modules;
   const soter_places at = {
       .state = states + (size_t)k * p->state_size,
-      .work = spare,
       .before = spare + p->state_size,
-      .modules = (size_t)((const uint8_t*)soter_modules_of(p, states) - states),
       .pre = spare + 2U * p->state_size,
+      .work = spare,
+      .modules = (size_t)((const uint8_t*)soter_modules_of(p, states) - states),
       .looks = o->looks + (size_t)k * o->measured->count,
       .bins = o->histogram + (size_t)k * soter_bins(o->measured),
       .saves = o->horizon_ns > 0 ? saves : NULL,

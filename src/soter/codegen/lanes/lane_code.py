@@ -20,7 +20,7 @@ from soter.core import core
 from soter.core.layout import scalar
 from soter.core.operation_counts import operations
 from soter.language.model import types
-from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType
+from soter.language.model.types import ArrayType, BoolType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -1,9 +1,9 @@
 """Straight code over several worlds at once, a world a lane.
 
-Purpose: of a step or predicate a second C function that runs it for as many states as a vector holds
-(`soter_lanes.h`); the operations of a lane are those of the step. Where anything would fault in any
-world, or a branch be taken whose code has no lanes, nothing is changed: the caller lets each step
-alone.
+Purpose: of a step or predicate a second C function that runs it for as many states as a vector
+holds (`soter_lanes.h`); the operations of a lane are those of the step. Where anything would fault
+in any world, or a branch be taken whose code has no lanes, nothing is changed: the caller lets each
+step alone.
 Non-goals: who calls it, and when (`campaign/c/soter_lockstep.c`); what ships, which has no lanes.
 """
 
