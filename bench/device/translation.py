@@ -53,6 +53,12 @@ typedef unsigned long uintptr_t;
 #define DBL_MAX 0x1.fffffffffffffp1023
 #define DBL_MIN 0x1p-1022
 #define DBL_EPSILON 0x1p-52
+static void *memmove(void *to, const void *from, unsigned long size) { /* to what is before it */
+  for (unsigned long k = 0; k < size; k++) {
+    ((char *)to)[k] = ((const char *)from)[k];
+  }
+  return to;
+}
 #else
 #include <float.h>
 #include <math.h>

@@ -108,7 +108,10 @@ def unpacked(recipe: Recipe) -> Recipe:
 def generate_measured(
     system: System, core: CoreSystem | None = None, *, lanes: bool = True
 ) -> Unit:
-    """The unit of a system with its measures; with `lanes` for worlds that go in step."""
+    """The unit of a system with its measures.
+
+    With `lanes` worlds may go in step, and calls are remembered by their threads.
+    """
     return UnitCache(system, core or lower(system), lanes=lanes).run()
 
 
@@ -122,7 +125,7 @@ class UnitCache(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem, *, lanes: bool = True) -> None:
         super().__init__(system, core, None)
         self.lanes = lanes
-        self.remembered = _dear_calls(core)
+        self.remembered = _dear_calls(core) if lanes else frozenset()
         self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:
