@@ -78,8 +78,12 @@ class Row:
 
 
 def processor_s(*arguments: str, turns: int = TURNS, cache: str = "") -> float:
-    """Processor seconds of `soter ARGUMENTS`, the median of several behind one that warms."""
+    """Processor seconds of `soter ARGUMENTS`, the median of several behind one that warms.
+
+    Of an installed package: Python stores what it compiled, whatever this shell says.
+    """
     environment = {**os.environ, **({"SOTER_CACHE": cache} if cache else {})}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     times = []
     for _ in range(turns + (turns > 1)):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -223,9 +227,19 @@ def flights() -> Iterator[Row]:
     took = turns_of({"stack": lambda: fleet.fly(range(count), first_seed=1)}, TURNS)
     hours_s = 104 * 3600 / (count * length_s / took["stack"])
     yield Row("104 h of the stack, one core", hours_s, "s", 25.0, "goal 8")
-    laps = NativeProgram(soter.load(DRONE / "motion_primitive.soter").flat("Protected"))
-    took = turns_of({"laps": lambda: [laps.run(14 * SECOND, k) for k in range(20)]}, TURNS)
-    yield Row("laps, real-time factor", 20 * 14 / took["laps"], "x", 25_000.0, most=False)
+    protected = soter.load(DRONE / "motion_primitive.soter").flat("Protected")
+    alone, together = NativeProgram(protected), Fleet(protected, 14 * SECOND)
+    count = 100
+    took = turns_of(
+        {
+            "alone": lambda: [alone.run(14 * SECOND, k) for k in range(count)],
+            "together": lambda: together.fly(range(count), first_seed=1),
+        },
+        TURNS,
+    )
+    speed = {name: count * 14 / took[name] for name in took}
+    beside = f"a lap by itself: {speed['alone']:,.0f} x"
+    yield Row("laps, real-time factor", speed["together"], "x", 25_000.0, beside, most=False)
 
 
 # ---------------------------------------------------------------- the disk

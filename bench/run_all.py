@@ -233,6 +233,12 @@ BENCHMARKS = (
         "The same network, seeds and cross-entropy method twice: falls during training.",
     ),
     Benchmark(
+        "What people wait for",
+        ("bench/quick.py",),
+        "`make bench-quick`: the ratios of speed with their targets, on a quiet machine. Times "
+        "are of processors, of an installed package.",
+    ),
+    Benchmark(
         "The time of soter verify",
         ("bench/verify/time_to_verdict.py",),
         "Whole processes, imports included; `cold` with an empty cache folder, so the engine, the "
@@ -543,9 +549,8 @@ BENCHMARKS = (
         "soter test: whole robots",
         ("bench/testing/whole_robots.py",),
         "Two robots of three modules each, by parts, each module as it is with the others as "
-        "contracts; and the battery, the planner and the motion primitive of the surveillance "
-        "drone one at a time (its whole by parts is not shown). Every mutant is one edit of a "
-        "module, and has to be found.",
+        "contracts; and the surveillance drone: its modules one at a time, and its whole by parts "
+        "for its first 990 ms. Every mutant is one edit of a module, and has to be found.",
     ),
     Benchmark(
         "soter test: size",
@@ -553,6 +558,14 @@ BENCHMARKS = (
         "One robot of a surveillance program (11 actors) and two (20 actors) that a property "
         "joins: as `soter test` searches, undivided, and with the reductions that there were "
         "before. Bytes are the most of table and frontier, and of all, for each configuration.",
+    ),
+    Benchmark(
+        "soter test: two threads",
+        ("bench/testing/size.py", "--two-threads"),
+        "One thread beside two, least of three runs each: the same states, steps and executions. "
+        "`path, 2` sums up the longer of both threads' CPU times between two waits: what two free "
+        "cores need. `efficiency` is CPU time of one thread over twice that. Target: 0.8 from a "
+        "million states on.",
     ),
     Benchmark(
         "soter test: three modules, one at a time",

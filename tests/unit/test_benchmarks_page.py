@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import processes
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from bench import run_all
@@ -21,7 +22,7 @@ FIRST, SECOND = run_all.BENCHMARKS[:2]
 def git(folder: Path, *words: str, day: str = "2026-01-01") -> None:
     """A command of git, as of noon of a day."""
     when = f"{day}T12:00:00 +0000"
-    subprocess.run(
+    processes.run(
         ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words],
         cwd=folder,
         env={"GIT_AUTHOR_DATE": when, "GIT_COMMITTER_DATE": when, "PATH": "/usr/bin:/bin"},

@@ -35,6 +35,8 @@ BRANCHING = {
     "adversary_choices.h direction": "a case a kind of adversary",
     "adversary_choices.h errors": "a case a kind of adversary",
     "adversary_gate.h forgotten": "every command that may still act, wherever it stands",
+    "adversary_gate.h moves": "the rule of the page, read in one piece",
+    "adversary_gate.h permitted_of": "the rule of the page, read in one piece",
     "adversary_gate.h proposes": "a case a kind of adversary",
     "adversary_model.h adversary_level": "as adversary_run",
     "c_coverage_loop.c firmware": "a list of calls",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+import processes
 from generators.straight_programs import program
 from long_tests import examples
 from soter.campaign import batch_flights, compiled_unit
@@ -355,6 +355,6 @@ def test_an_operation_on_a_lane_is_that_on_a_number(
     source.write_text(OPERATIONS, encoding="utf-8")
     folders = (f"-I{RUNTIME}", f"-I{ENGINE[0].parent}")
     flags = (*STRICT, "-fno-trapping-math", optimise, *vectors, *folders)
-    subprocess.run([*find().command, *flags, "-o", built, source, "-lm"], check=True)
-    done = subprocess.run([built], capture_output=True, text=True, check=False)
+    processes.run([*find().command, *flags, "-o", built, source, "-lm"], check=True)
+    done = processes.run([built], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, "")

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.batches import chain_walks
+from soter.certificate.batches import chain_walks, part_walks
 from soter.certificate.batches.ball_arrays import no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained
 from soter.certificate.batches.form_arrays import box_of, of_boxes
-from soter.certificate.batches.part_walks import unled_in_parts
+from soter.certificate.batches.part_walks import SAMPLE, Try, unled_in_parts
 from soter.certificate.inclusions import group_claims
 from soter.certificate.inclusions.cell_sets import Cells, Grid, block_index, parts
 from soter.certificate.inclusions.group_claims import (
@@ -232,6 +232,7 @@ def test_parts_of_many_cells_lead_where_those_of_one_do(
 ) -> None:
     """Cells that as a whole do not lead far enough: the same ones do in parts, and in windows."""
     monkeypatch.setattr(group_claims, "LED_IN", ((0, 0), (2, 2)))
+    monkeypatch.setattr(part_walks, "SAMPLE", 1)  # a single cell is tried, too
     path = tmp_path / "cart.soter"
     path.write_text(sealed.cart.text())
     facts = small_proofs.facts_of(path, "Track", "SafeCart")
@@ -268,6 +269,49 @@ def test_parts_of_many_cells_lead_where_those_of_one_do(
             assert together == alone
             answers.add(together)
     assert answers == {True, False}
+
+
+@pytest.mark.parametrize("shown", [0, 3])
+def test_what_arrays_show_of_few_cells_only_is_left_to_arb(
+    shown: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever a certificate says that is not so, arrays look at a few cells of it alone."""
+    grid = Grid(((*range(21),), (*range(51),)))
+    left = np.ones(grid.shape, dtype=np.bool_)
+    asked = []
+
+    def some(self: part_walks._Parts, _: part_walks.Boxes) -> Any:
+        asked.append(len(self.holds))
+        return np.arange(len(self.holds)) % 10 < shown
+
+    monkeypatch.setattr(part_walks._Parts, "shown", some)
+    walk = chain_walks.Walk(
+        None,  # type: ignore[arg-type]  # nothing is followed
+        Cells(grid, left),
+        np.ones(grid.shape, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        partial(_outside, Cells(grid, left)),
+    )
+    assert np.array_equal(unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]), left)
+    assert len(asked) == 2
+    assert max(asked) <= SAMPLE
+
+
+def test_a_try_that_shows_most_cells_is_made_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = Grid(((*range(21),), (*range(51),)))
+    left = np.ones(grid.shape, dtype=np.bool_)
+    monkeypatch.setattr(
+        part_walks._Parts, "shown", lambda self, _: np.arange(len(self.holds)) % 10 < 8
+    )
+    walk = chain_walks.Walk(
+        None,  # type: ignore[arg-type]  # nothing is followed
+        Cells(grid, left),
+        np.ones(grid.shape, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        partial(_outside, Cells(grid, left)),
+    )
+    assert unled_in_parts(walk, left, [Try((), 0, 0)]).sum() == 200
+    assert unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]).sum() == 40
 
 
 def _outside(target: Cells, boxes: Sequence[Floats]) -> Any:

@@ -140,7 +140,10 @@ class ChainCheck:
         if arrays is None or not self.many:
             return todo, CELLS_AT_ONCE
         walk = Walk(arrays, within, holds, order, highest)
+        asked = int(np.count_nonzero(todo[block_index(block)]))
         left, largest = unled(walk, todo, block, CELLS_AT_ONCE)
+        if 2 * int(np.count_nonzero(left)) > asked:  # Arb shows blocks where arrays show no cell
+            return left, CELLS_AT_ONCE
         if largest == 1:
             left = unled_in_parts(walk, left, self._tries())
         return left, largest

@@ -74,6 +74,17 @@ static bool soter_moved(const soter_view* v, const void* state) {
   return false;
 }
 
+/* Why the action does not count: of the module, else of the gate. */
+static void soter_take_cause(soter_facts* f) {
+  f->cause = f->next_cause;
+  if (f->cause == (uint8_t)SOTER_CAUSE_NONE && f->gate_fault != 0U) {
+    f->cause = (uint8_t)SOTER_CAUSE_GATE;
+  }
+  if (f->moved != 0U) {
+    f->cause = (uint8_t)SOTER_CAUSE_TOWARD_SC;
+  }
+}
+
 /* The agent is due: it answers, and facts tell what becomes of that. */
 static void soter_take(const soter_view* v, void* state, const double* action, uint8_t* answer,
                        soter_facts* f) {
@@ -86,13 +97,7 @@ static void soter_take(const soter_view* v, void* state, const double* action, u
   f->gate_fault = m != NULL && m->gate_faults != faults ? 1U : 0U;
   f->moved =
       f->taken_by == (uint8_t)SOTER_AC && f->gate_fault == 0U && soter_moved(v, state) ? 1U : 0U;
-  f->cause = f->next_cause;
-  if (f->cause == (uint8_t)SOTER_CAUSE_NONE && f->gate_fault != 0U) {
-    f->cause = (uint8_t)SOTER_CAUSE_GATE;
-  }
-  if (f->moved != 0U) {
-    f->cause = (uint8_t)SOTER_CAUSE_TOWARD_SC;
-  }
+  soter_take_cause(f);
   f->off_model = 0;
   f->steps++;
 }
