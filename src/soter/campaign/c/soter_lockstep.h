@@ -12,8 +12,8 @@
 
 #define SOTER_LOCKSTEP_WORLDS 8U
 #define SOTER_LOCKSTEP_COMPONENTS 256U
-#define SOTER_LOCKSTEP_PAUSE 255U /* releases of a component that are not tried together, at most \
-                                   */
+/* So many releases of a component are not tried together, at most. */
+#define SOTER_LOCKSTEP_PAUSE 255U
 
 typedef struct {
   const soter_program* p;
