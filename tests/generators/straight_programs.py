@@ -177,20 +177,8 @@ def _mass(rng: random.Random) -> str:
 """
 
 
-def program(number: int, faults: str = "") -> str:
-    """Program `number`; its system is `Whole`, its module `Guard`, a node of it `Shape`."""
-    rng = random.Random(number)  # noqa: S311 - programs
-    inside = _Text(rng, ["p.a", "p.b", "q", "r"], ["p.on"])
-    node = _Text(
-        rng,
-        ["y", "wind", "m", "all.a", "row[1]", "row[n % 3]", "age(points)"],
-        ["flag", "all.on", "(phase == Phase.High)", "(mode(Guard) == Mode.SC)"],
-        ["n", "total", "cells[n % 3]", "cells[1]", "points.len"],
-    )
-    counted = ["counted.n", "counted.total"]
-    ac = _Text(rng, ["y", "wind", "held", "made.a"], ["made.on"], counted)
-    dm = _Text(rng, ["y", "made.a", "made.b"], ["made.on", "(counted.phase != Phase.Low)"], counted)
-    gain = rng.choice(["1.0", "4.0", "30.0"])
+def _declared(rng: random.Random, gain: str) -> str:
+    """Types, constants and topics."""
     return f"""soter 1;
 type Pair = {{ a: float, b: float, on: bool }};
 type Phase = enum {{ Low, Middle, High }};
@@ -207,7 +195,24 @@ topic told: float in [-{gain}, {gain}];
 topic counted: Tally in {{ n in [0, {rng.choice((7, 9))}] }};
 topic points: float[<=5];
 topic command: Vec3 in [-1.0, 1.0];
+"""
 
+
+def program(number: int, faults: str = "") -> str:
+    """Program `number`; its system is `Whole`, its module `Guard`, a node of it `Shape`."""
+    rng = random.Random(number)  # noqa: S311 - programs
+    inside = _Text(rng, ["p.a", "p.b", "q", "r"], ["p.on"])
+    node = _Text(
+        rng,
+        ["y", "wind", "m", "all.a", "row[1]", "row[n % 3]", "age(points)"],
+        ["flag", "all.on", "(phase == Phase.High)", "(mode(Guard) == Mode.SC)"],
+        ["n", "total", "cells[n % 3]", "cells[1]", "points.len"],
+    )
+    counted = ["counted.n", "counted.total"]
+    ac = _Text(rng, ["y", "wind", "held", "made.a"], ["made.on"], counted)
+    dm = _Text(rng, ["y", "made.a", "made.b"], ["made.on", "(counted.phase != Phase.Low)"], counted)
+    gain = rng.choice(["1.0", "4.0", "30.0"])
+    return f"""{_declared(rng, gain)}
 fun Bent(p: Pair, q: float): float {{
   let r = Plain(p, q);
   if r < q {{ return {inside.number(1).replace("Bent", "Plain")}; }}
