@@ -198,6 +198,21 @@ topic command: Vec3 in [-1.0, 1.0];
 """
 
 
+def _bold(ac: _Text) -> str:
+    """AC."""
+    return f"""node Bold period 20ms {{
+  subscribes y, wind, made, counted;
+  publishes command;
+  var held: float;
+  step {{
+    {ac.changes(["held"], 1)}
+    let along = clamp(0.45 * held, -1.02, 1.02) + 0.03 * wind * y;
+    publish command = vec3(along, Squashed({ac.number(1)}), 0.0);
+  }}
+}}
+"""
+
+
 def program(number: int, faults: str = "") -> str:
     """Program `number`; its system is `Whole`, its module `Guard`, a node of it `Shape`."""
     rng = random.Random(number)  # noqa: S311 - programs
@@ -244,17 +259,7 @@ fun Bent(p: Pair, q: float): float {{
     publish made = {{ a: clamp(all.a, -9.0, 9.0), b: clamp(row[1], -9.0, 9.0), on: flag }};
   }}
 }}
-node Bold period 20ms {{
-  subscribes y, wind, made, counted;
-  publishes command;
-  var held: float;
-  step {{
-    {ac.changes(["held"], 1)}
-    let along = clamp(0.45 * held, -1.02, 1.02) + 0.03 * wind * y;
-    publish command = vec3(along, Squashed({ac.number(1)}), 0.0);
-  }}
-}}
-{FIXED}rta Guard {{
+{_bold(ac)}{FIXED}rta Guard {{
   ac Bold;
   sc Calm;
   period 20ms;
