@@ -25,6 +25,7 @@ import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import soter
 from soter.campaign import batch_flights
@@ -68,9 +69,8 @@ def seconds(fleet: Fleet, flights: int) -> float:
 def speeds(flat: System, flights: int) -> None:
     """104 hours of the stack: bare, with faults, with saves."""
     here = vector_flags()
-    batch_flights.vector_flags = lambda: FOUR if here else here
-    four = Fleet(faultless(flat), LENGTH_S * SECOND)
-    batch_flights.vector_flags = lambda: here
+    with patch.object(batch_flights, "vector_flags", lambda: FOUR if here else here):
+        four = Fleet(faultless(flat), LENGTH_S * SECOND)
     cases = {
         "no faults, four at a time": four,
         "no faults": Fleet(faultless(flat), LENGTH_S * SECOND),
