@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.campaign.batch_flights import EPISODE_NS, EVENT, LOOK, SPARE, Fleet
+from soter.campaign.batch_flights import EPISODE_NS, EVENT, LOOK, Fleet
 from soter.campaign.compiled_unit import generate_measured
 from soter.language.front_end import check_file, system_of
 
@@ -43,6 +43,8 @@ SECOND = 10**9
 SEED = 1
 ROOM = 4096
 """Events of a flight."""
+STATES = 4
+"""Of a flight that goes alone: its own, and three to work in."""
 UNITS = (
     ("examples/wall/cart.soter", 30 * SECOND, 0),
     ("examples/drone/campaign.soter", 600 * SECOND, 0),
@@ -153,7 +155,7 @@ def lanes_of(text: str, fleet: Fleet, count: int, folder: Path) -> tuple[list[An
     recipe, size = fleet.recipe, fleet.dtype.itemsize
     modules = len(recipe.forced)
     arrays = {
-        "states": np.zeros((count, 1 + SPARE, size), dtype=np.uint8),
+        "states": np.zeros((count, STATES, size), dtype=np.uint8),
         "events": np.zeros((count, ROOM), dtype=EVENT),
         "looks": np.zeros((count, len(recipe.bins)), dtype=LOOK),
         "histogram": np.zeros((count, sum(recipe.bins)), dtype=np.uint32),
@@ -234,7 +236,7 @@ def one(path: str, until_ns: int, horizon_ns: int, args: argparse.Namespace, fol
     flights = -(-HOURS * 3600 * SECOND // until_ns)
     out = 8 * len(measures) * 4 + 4 * sum(measures) + FLOWN.itemsize + 8 * len(fleet.recipe.forced)
     print(
-        f"  memory: a lane {(1 + SPARE) * size + ROOM * EVENT.itemsize + out:,} bytes, of which "
+        f"  memory: a lane {STATES * size + ROOM * EVENT.itemsize + out:,} bytes, of which "
         f"{out:,} and its events come back (the last state, {size:,}, is in the digest); in: one "
         f"seed; {HOURS} h are {flights:,} lanes"
     )

@@ -53,6 +53,12 @@ typedef unsigned long uintptr_t;
 #define DBL_MAX 0x1.fffffffffffffp1023
 #define DBL_MIN 0x1p-1022
 #define DBL_EPSILON 0x1p-52
+static void *memmove(void *to, const void *from, unsigned long size) { /* to what is before it */
+  for (unsigned long k = 0; k < size; k++) {
+    ((char *)to)[k] = ((const char *)from)[k];
+  }
+  return to;
+}
 #else
 #include <float.h>
 #include <math.h>
@@ -86,7 +92,7 @@ static void soter_lane(const soter_lanes *all, uint32_t k) {
   o.horizon_ns = all->horizon_ns;
   o.episode_ns = all->episode_ns;
   o.measured = &@_measured;
-  o.states = all->states + (size_t)k * 10U * p->state_size;
+  o.states = all->states + (size_t)k * 4U * p->state_size;
   o.events = all->events + (size_t)k * all->room;
   o.room = all->room;
   o.looks = all->looks + (size_t)k * @_measured.count;

@@ -41,7 +41,7 @@ EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
-SPARE = 9
+SPARE = 17
 """States that a batch needs besides those of its flights."""
 MODULES_MAX = 64
 """Modules of a system whose saves can be counted."""

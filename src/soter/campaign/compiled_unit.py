@@ -21,8 +21,9 @@ from soter.codegen.function_context import S
 from soter.codegen.lanes.lanes import Lanes
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
-from soter.core.core import Call, Fact, If, Loop
+from soter.core.core import Call, Fact
 from soter.core.layout import size_of, state_dtype
+from soter.core.operation_counts import operations_of
 from soter.core.read_write_footprint import walk
 from soter.core.steps import lower
 from soter.native.cache import cached, digest
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.core.core import CoreSystem, Decision, Function, Predicate, Stmt
+    from soter.core.core import CoreSystem, Decision, Function, Predicate
     from soter.language.model.system import Metric, Property, System
 
 NEVER = c.Name("SOTER_NEVER")
@@ -108,7 +109,10 @@ def unpacked(recipe: Recipe) -> Recipe:
 def generate_measured(
     system: System, core: CoreSystem | None = None, *, lanes: bool = True
 ) -> Unit:
-    """The unit of a system with its measures; with `lanes` for worlds that go in step."""
+    """The unit of a system with its measures.
+
+    With `lanes` worlds may go in step, and calls are remembered by their threads.
+    """
     return UnitCache(system, core or lower(system), lanes=lanes).run()
 
 
@@ -122,7 +126,7 @@ class UnitCache(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem, *, lanes: bool = True) -> None:
         super().__init__(system, core, None)
         self.lanes = lanes
-        self.remembered = _dear_calls(core)
+        self.remembered = _dear_calls(core) if lanes else frozenset()
         self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:
@@ -276,26 +280,11 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
         for x in walk(predicate.body)
         if isinstance(x, Call)
     }
-    known: dict[str, int] = {}
-    for f in core.functions:  # those that are called come first
-        known[f.name] = _operations(f.body, known)
+    known = operations_of(core.functions)
     words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in asked}
     return frozenset(
         n for n in asked if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
     )
-
-
-def _operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """How many expressions a body evaluates at most, roughly."""
-    count = 0
-    for s in body:
-        if isinstance(s, Loop):
-            count += max(0, s.high - s.low) * _operations(s.body, known)
-        elif isinstance(s, If):
-            count += _operations(s.then, known) + _operations(s.otherwise, known)
-        else:
-            count += sum(known[x.function] if isinstance(x, Call) else 1 for x in walk(s))
-    return count
 
 
 def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:

@@ -12,7 +12,8 @@ from functools import cache
 from pathlib import Path
 
 CPU = Path("/proc/cpuinfo")
-AVX2 = "-mavx2"
+VECTORS = (("-mavx512f", "-mavx512dq"), ("-mavx2",))
+"""Flags of vectors of eight doubles, and of four."""
 FAST = ("-fno-trapping-math",)
 """Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
 
@@ -20,7 +21,10 @@ FAST = ("-fno-trapping-math",)
 def of_processor(said: str) -> tuple[str, ...]:
     """The flags for a processor of which Linux says this: it has what all of its cores have."""
     cores = [line.split() for line in said.splitlines() if line.startswith("flags")]
-    return (AVX2,) if cores and all("avx2" in core for core in cores) else ()
+    for flags in VECTORS:
+        if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
+            return flags
+    return ()
 
 
 @cache

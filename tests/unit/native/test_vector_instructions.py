@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.native.compiler import MEANING
-from soter.native.vector_instructions import AVX2, of_processor, vector_flags
+from soter.native.vector_instructions import VECTORS, of_processor, vector_flags
 
 if TYPE_CHECKING:
     import pytest
@@ -14,7 +14,11 @@ CORE = "processor\t: {}\nmodel name\t: of a test\nflags\t\t: fpu sse2 {}\n\n"
 
 
 def test_a_processor_has_what_all_of_its_cores_have() -> None:
-    assert of_processor(CORE.format(0, "avx2 fma") + CORE.format(1, "avx2")) == (AVX2,)
+    eight, four = VECTORS
+    assert of_processor(CORE.format(0, "avx2 fma") + CORE.format(1, "avx2")) == four
+    both = "avx2 avx512f avx512dq"
+    assert of_processor(CORE.format(0, both) + CORE.format(1, both)) == eight
+    assert of_processor(CORE.format(0, both) + CORE.format(1, "avx2 avx512f")) == four
     assert of_processor(CORE.format(0, "avx2") + CORE.format(1, "avx")) == ()
     assert of_processor(CORE.format(0, "avx avx2_of_another_name")) == ()
     assert of_processor("") == ()

@@ -27,11 +27,9 @@ static bool soter_note(soter_events* e, int64_t time, soter_event_kind kind, uin
   return true;
 }
 
-/* Modes that are others than `before`, which follows. */
-static bool soter_modes(const soter_program* p, void* state, void* before, soter_events* e) {
-  const int64_t ct = soter_header_of(state)->ct;
-  const soter_module* const m = soter_modules_of(p, state);
-  soter_module* const n = soter_modules_of(p, before);
+/* Modes that are others than before, which follow. */
+static bool soter_modes(const soter_program* p, int64_t ct, const soter_module* m, soter_module* n,
+                        soter_events* e) {
   bool fits = true;
   for (uint32_t i = 0; i < p->modules; i++) {
     if (m[i].mode != n[i].mode) {
@@ -64,16 +62,6 @@ static bool soter_violations(const soter_program* p, void* state, void* before, 
     }
   }
   return fits;
-}
-
-static bool soter_compare(const soter_program* p, void* state, void* before, soter_events* e) {
-  const bool fits = soter_modes(p, state, before, e);
-  soter_header* const h = soter_header_of(before);
-  if (soter_header_of(state)->violations == h->violations) {
-    return fits;
-  }
-  h->violations = soter_header_of(state)->violations;
-  return soter_violations(p, state, before, e) && fits;
 }
 
 /* ------------------------------------------------------------------ measures */
@@ -183,6 +171,7 @@ static void soter_judge(const soter_program* p, const soter_order* o, const sote
 
 typedef struct {
   uint8_t *state, *before, *pre, *work;
+  size_t modules; /* where in a state they lie */
   soter_look* looks;
   uint32_t* bins;
   soter_saves* saves; /* NULL: they are not counted */
@@ -206,11 +195,24 @@ typedef struct {
 
 static const soter_due soter_at_start = {.since = -1, .look = 0, .sample = 0};
 
+/* What an instant changed; `before` follows. */
+static bool soter_compare(const soter_program* p, const soter_places* at, soter_events* e) {
+  const soter_header* const h = (const soter_header*)at->state;
+  soter_header* const before = (soter_header*)at->before;
+  const bool fits = soter_modes(p, h->ct, (const soter_module*)(at->state + at->modules),
+                                (soter_module*)(at->before + at->modules), e);
+  if (h->violations == before->violations) {
+    return fits;
+  }
+  before->violations = h->violations;
+  return soter_violations(p, at->state, at->before, e) && fits;
+}
+
 /* What is noted after an instant, whose events begin at `first`; false where they do not fit. */
 static bool soter_after(const soter_program* p, const soter_order* o, const soter_places* at,
                         soter_due* due, soter_events* e, size_t first) {
-  const int64_t ct = soter_header_of(at->state)->ct;
-  if (!soter_compare(p, at->state, at->before, e)) {
+  const int64_t ct = ((const soter_header*)at->state)->ct;
+  if (!soter_compare(p, at, e)) {
     return false;
   }
   if (ct >= due->look) {
@@ -303,7 +305,7 @@ static bool soter_fly_together(const soter_program* p, const soter_flight* fligh
       for (uint32_t w = 0; w < lanes->count; w++) {
         first[w] = soter_before(p, &at[w], next, &e[w]);
       }
-      soter_lockstep_instant(&g);
+      soter_lockstep_instant(&g, next);
       for (uint32_t w = 0; w < lanes->count; w++) {
         if (!soter_after(p, o, &at[w], &noted[w], &e[w], first[w])) {
           return false;
@@ -348,9 +350,10 @@ static soter_places soter_places_of(const soter_program* p, const soter_order* o
   saves->precautions = o->precautions + (size_t)k * p->modules;
   const soter_places at = {
       .state = states + (size_t)k * p->state_size,
-      .work = spare,
       .before = spare + p->state_size,
       .pre = spare + 2U * p->state_size,
+      .work = spare,
+      .modules = (size_t)((const uint8_t*)soter_modules_of(p, states) - states),
       .looks = o->looks + (size_t)k * o->measured->count,
       .bins = o->histogram + (size_t)k * soter_bins(o->measured),
       .saves = o->horizon_ns > 0 ? saves : NULL,

@@ -86,7 +86,7 @@ typedef struct {
 #define SOTER_BATCH_MODULES 64U /* of a program whose saves are counted, at most */
 
 /* What a batch is about, and where it writes. Of flight number k: `states` + k * state_size is its
- * last state (nine more states are places to work in); `looks` + k * count of
+ * last state (17 more states are places to work in); `looks` + k * count of
  * measures; `histogram` + k * all bins, two more than its own of each measure; `saves` and
  * `precautions` + k * modules, all of them zero at first. */
 typedef struct {

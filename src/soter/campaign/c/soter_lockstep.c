@@ -26,10 +26,16 @@ void soter_lockstep_start(soter_lockstep* g, const soter_program* p, const soter
   g->moves = 0;
   for (uint32_t w = 0; w < g->worlds; w++) {
     g->state[w] = states[w];
+    g->component[w] = soter_components_of(states[w]);
+    g->module[w] = soter_modules_of(p, states[w]);
+    g->property[w] = soter_properties_of(p, states[w]);
   }
   for (uint32_t i = 0; i < p->components; i++) {
     g->next[i] = p->component[i].phase_ns;
-    if (p->component[i].happens != NULL) {
+    g->pause[i] = 0;
+    g->alone[i] = 0;
+    g->is_moved[i] = p->component[i].happens != NULL;
+    if (g->is_moved[i]) {
       g->next[i] = INT64_MAX;
       g->moved[g->moves] = i;
       g->moves++;
@@ -38,7 +44,7 @@ void soter_lockstep_start(soter_lockstep* g, const soter_program* p, const soter
 }
 
 int64_t soter_lockstep_next(const soter_lockstep* g) {
-  const int64_t ct = soter_header_of(g->state[0])->ct;
+  const int64_t ct = ((const soter_header*)g->state[0])->ct;
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < g->p->components; i++) {
     next = g->next[i] < next ? g->next[i] : next;
@@ -52,7 +58,7 @@ int64_t soter_lockstep_next(const soter_lockstep* g) {
 }
 
 int64_t soter_lockstep_alone(const soter_lockstep* g, uint32_t world) {
-  const soter_component* const c = soter_components_of(g->state[world]);
+  const soter_component* const c = g->component[world];
   int64_t next = INT64_MAX;
   for (uint32_t k = 0; k < g->moves; k++) {
     next = c[g->moved[k]].next < next ? c[g->moved[k]].next : next;
@@ -61,10 +67,11 @@ int64_t soter_lockstep_alone(const soter_lockstep* g, uint32_t world) {
 }
 
 /* Time moves on in one world; who is moved there is released. */
-static void soter_move(const soter_lockstep* g, void* state, int64_t ct) {
+static void soter_move(const soter_lockstep* g, uint32_t world, int64_t ct) {
   const soter_program* const p = g->p;
-  soter_component* const c = soter_components_of(state);
-  soter_header_of(state)->ct = ct;
+  void* const state = g->state[world];
+  soter_component* const c = g->component[world];
+  ((soter_header*)state)->ct = ct;
   for (uint32_t k = 0; k < g->moves; k++) {
     const uint32_t i = g->moved[k];
     const soter_component_info* const info = &p->component[i];
@@ -97,7 +104,7 @@ static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_module* const m = soter_modules_of(g->p, g->state[w]) + module;
+    soter_module* const m = &g->module[w][module];
     const soter_mode decided = dm->decided(g->state[w], ttf[w], safer[w]);
     if (decided != (soter_mode)m->mode && !g->p->module[module].forced) {
       (void)soter_fire(g->p, g->state[w], index, NULL); /* who switches, decides once more */
@@ -113,11 +120,11 @@ static bool soter_decide_all(const soter_lockstep* g, uint32_t index) {
 static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_t ct,
                                  uint32_t* flags) {
   const soter_component_info* const info = &g->p->component[index];
-  if (g->lanes->step[index] == NULL || info->judged || ct == info->phase_ns) {
+  if (g->lanes->step[index] == NULL || ct == info->phase_ns) {
     return false;
   }
   for (uint32_t w = 0; w < g->worlds; w++) {
-    const soter_component* const c = soter_components_of(g->state[w]) + index;
+    const soter_component* const c = &g->component[w][index];
     const bool taken_over = c->oe != 0U && c->had_control == 0U;
     if (c->latched != 0U || (taken_over && info->role != SOTER_ROLE_PLANT)) {
       return false;
@@ -128,40 +135,24 @@ static bool soter_steps_together(const soter_lockstep* g, uint32_t index, int64_
 }
 
 /* What the kernel does after a step that went well, in one world. */
-static void soter_stepped(const soter_program* p, void* state, uint32_t index, uint32_t published) {
-  const soter_component_info* const info = &p->component[index];
-  soter_component* const c = soter_components_of(state) + index;
+static void soter_stepped(const soter_lockstep* g, uint32_t world, uint32_t index,
+                          uint32_t published) {
+  const soter_component_info* const info = &g->p->component[index];
+  soter_component* const c = &g->component[world][index];
   if (info->role == SOTER_ROLE_PLANT) {
     return;
   }
   c->had_control = c->oe;
   if (info->role == SOTER_ROLE_AC && published == info->outputs) {
-    soter_module* const m = soter_modules_of(p, state) + info->module;
+    soter_module* const m = &g->module[world][info->module];
     m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
   }
 }
 
-/* A step of all worlds at once; false where it is one for each of them alone. */
-static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
-  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
-  uint32_t published[SOTER_LOCKSTEP_WORLDS];
-  if (g->p->component[index].role == SOTER_ROLE_DM) {
-    return soter_decide_all(g, index);
-  }
-  if (!soter_steps_together(g, index, ct, flags) ||
-      !g->lanes->step[index](g->state, flags, published)) {
-    return false;
-  }
-  for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_stepped(g->p, g->state[w], index, published[w]);
-  }
-  return true;
-}
-
-static void soter_note_violation(const soter_program* p, void* state, uint32_t index,
+static void soter_note_violation(const soter_lockstep* g, uint32_t world, uint32_t index,
                                  bool violated) {
-  soter_header* const h = soter_header_of(state);
-  soter_property* const q = soter_properties_of(p, state) + index;
+  soter_header* const h = (soter_header*)g->state[world];
+  soter_property* const q = &g->property[world][index];
   if (violated && q->active == 0U) {
     q->count++;
     h->violations++;
@@ -170,47 +161,104 @@ static void soter_note_violation(const soter_program* p, void* state, uint32_t i
   q->active = violated ? 1U : 0U;
 }
 
-static void soter_judge_all(const soter_lockstep* g) {
+/* The properties that are due now, those of a component or of the instant, in the worlds of
+ * `where`; in which of them all hold. */
+static void soter_judge_all(const soter_lockstep* g, soter_when when, uint32_t component,
+                            const bool* where, bool* hold) {
   for (uint32_t i = 0; i < g->p->properties; i++) {
     const soter_property_info* const info = &g->p->property[i];
     bool violated[SOTER_LOCKSTEP_WORLDS];
-    if (info->when != SOTER_AT_INSTANT) {
+    if (info->when != when || (when != SOTER_AT_INSTANT && info->component != component)) {
       continue;
     }
     const soter_lane_verdict all = g->lanes->violated[i];
     const bool known = all != NULL && all((const void* const*)g->state, violated);
     for (uint32_t w = 0; w < g->worlds; w++) {
-      soter_note_violation(g->p, g->state[w], i, known ? violated[w] : info->violated(g->state[w]));
+      if (where[w]) {
+        const bool bad = known ? violated[w] : info->violated(g->state[w]);
+        soter_note_violation(g, w, i, bad);
+        hold[w] = hold[w] && !bad;
+      }
     }
   }
+}
+
+/* ------------------------------------------------------------------ steps */
+
+/* A step of all worlds at once; false where it is one for each of them alone: what it assumes is
+ * judged again then, to no effect. */
+static bool soter_step_all(const soter_lockstep* g, uint32_t index, int64_t ct) {
+  const soter_component_info* const info = &g->p->component[index];
+  uint32_t flags[SOTER_LOCKSTEP_WORLDS];
+  uint32_t published[SOTER_LOCKSTEP_WORLDS];
+  bool where[SOTER_LOCKSTEP_WORLDS];
+  bool hold[SOTER_LOCKSTEP_WORLDS];
+  if (info->role == SOTER_ROLE_DM) {
+    return soter_decide_all(g, index);
+  }
+  if (!soter_steps_together(g, index, ct, flags)) {
+    return false;
+  }
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    where[w] = hold[w] = true;
+  }
+  if (info->judged) {
+    soter_judge_all(g, SOTER_BEFORE_STEP, index, where, hold);
+  }
+  if (!g->lanes->step[index](g->state, flags, published)) {
+    return false;
+  }
+  for (uint32_t w = 0; w < g->worlds; w++) {
+    soter_stepped(g, w, index, published[w]);
+    where[w] = hold[w] && g->component[w][index].oe != 0U;
+  }
+  if (info->judged) {
+    soter_judge_all(g, SOTER_AFTER_STEP, index, where, hold);
+  }
+  return true;
+}
+
+/* The same; who could not for some releases on end is not tried at the next ones. */
+static bool soter_try_all(soter_lockstep* g, uint32_t index, int64_t ct) {
+  if (g->pause[index] > 0U) {
+    g->pause[index]--;
+    return false;
+  }
+  const bool together = soter_step_all(g, index, ct);
+  const uint32_t twice = 2U * g->alone[index] + 1U;
+  g->alone[index] = together ? 0U : (twice < SOTER_LOCKSTEP_PAUSE ? twice : SOTER_LOCKSTEP_PAUSE);
+  g->pause[index] = g->alone[index];
+  return together;
 }
 
 /* Steps of a component in those worlds where it is released now. */
 static void soter_step_each(const soter_lockstep* g, uint32_t index, bool released) {
   for (uint32_t w = 0; w < g->worlds; w++) {
-    if (released || soter_components_of(g->state[w])[index].pending != 0U) {
+    if (released || g->component[w][index].pending != 0U) {
       (void)soter_fire(g->p, g->state[w], index, NULL);
     }
   }
 }
 
-void soter_lockstep_instant(soter_lockstep* g) {
+void soter_lockstep_instant(soter_lockstep* g, int64_t ct) {
   const soter_program* const p = g->p;
-  const int64_t ct = soter_lockstep_next(g);
+  bool everywhere[SOTER_LOCKSTEP_WORLDS];
+  bool hold[SOTER_LOCKSTEP_WORLDS];
   for (uint32_t w = 0; w < g->worlds; w++) {
-    soter_move(g, g->state[w], ct);
+    everywhere[w] = hold[w] = true;
+    soter_move(g, w, ct);
   }
   for (uint32_t i = 0; i < p->components; i++) {
     const bool released = g->next[i] == ct;
     if (released) {
       g->next[i] = ct + p->component[i].period_ns;
       for (uint32_t w = 0; w < g->worlds; w++) {
-        soter_components_of(g->state[w])[i].next = g->next[i];
+        g->component[w][i].next = g->next[i];
       }
     }
-    if (released ? !soter_step_all(g, i, ct) : p->component[i].happens != NULL) {
+    if (released ? !soter_try_all(g, i, ct) : g->is_moved[i]) {
       soter_step_each(g, i, released);
     }
   }
-  soter_judge_all(g);
+  soter_judge_all(g, SOTER_AT_INSTANT, 0U, everywhere, hold);
 }

@@ -12,15 +12,23 @@
 
 #define SOTER_LOCKSTEP_WORLDS 8U
 #define SOTER_LOCKSTEP_COMPONENTS 256U
+/* So many releases of a component are not tried together, at most. */
+#define SOTER_LOCKSTEP_PAUSE 255U
 
 typedef struct {
   const soter_program* p;
   const soter_lane_table* lanes;
   uint32_t worlds;
   void* state[SOTER_LOCKSTEP_WORLDS];
+  soter_component* component[SOTER_LOCKSTEP_WORLDS]; /* of each state, as the two below */
+  soter_module* module[SOTER_LOCKSTEP_WORLDS];
+  soter_property* property[SOTER_LOCKSTEP_WORLDS];
   int64_t next[SOTER_LOCKSTEP_COMPONENTS];   /* of each component whose releases nothing moves */
   uint32_t moved[SOTER_LOCKSTEP_COMPONENTS]; /* the others */
   uint32_t moves;
+  bool is_moved[SOTER_LOCKSTEP_COMPONENTS];
+  uint32_t pause[SOTER_LOCKSTEP_COMPONENTS]; /* so many releases are not tried together */
+  uint32_t alone[SOTER_LOCKSTEP_COMPONENTS]; /* so many were not, last */
 } soter_lockstep;
 
 /* Whether the worlds of a program can go in step. */
@@ -37,7 +45,7 @@ int64_t soter_lockstep_next(const soter_lockstep* g);
  * time, it takes that instant alone. */
 int64_t soter_lockstep_alone(const soter_lockstep* g, uint32_t world);
 
-/* The next instant of all of them. */
-void soter_lockstep_instant(soter_lockstep* g);
+/* The instant of all of them at `ct`, which soter_lockstep_next said. */
+void soter_lockstep_instant(soter_lockstep* g, int64_t ct);
 
 #endif

@@ -6,6 +6,7 @@ Non-goals: which have lanes (`lanes.py`).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from soter.codegen.body import stream_key
@@ -14,10 +15,17 @@ from soter.codegen.c.names import Unique, field_name
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.faults import leaf_of
 from soter.codegen.lanes.lane_code import CT, MASK, LaneCode
-from soter.codegen.lanes.lane_values import BOOL, NOWHERE, NotStraight
+from soter.codegen.lanes.lane_values import BOOL, NOWHERE, NotStraight, Place
 from soter.core import core
 from soter.core.layout import scalar
-from soter.language.model.types import ArrayType, BoolType, FloatType, RecordType
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,7 +47,7 @@ class LaneVerdict(LaneCode):
         inner = self.block(p.body)
         value = self.lane(p.value)
         body: list[c.CStmt] = [*inner, c.Declare(BOOL, "given_verdict", value, const=True)]
-        body += [*self.fault_told(), self.given_up()]
+        body.append(self.given_up())
         each = c.IndexExpr(c.Name("given_verdict"), LANE)
         op = "==" if negate else "!="
         told = c.Assign(c.IndexExpr(VERDICTS, LANE), c.Binary(op, each, c.Number("0")))
@@ -65,6 +73,10 @@ class LaneStep(LaneCode):
             return None
         return c.Name("has_" + self.outputs[output].removeprefix("out_"))
 
+    def enabled(self) -> c.CExpr:
+        """In which lanes the outputs of the step are enabled."""
+        return c.CallExpr("SOTER_LANE_ENABLED", (c.Name("flags"),))
+
     def statements(self) -> list[c.CStmt]:
         """Load, compute, check, store."""
         step = self.step
@@ -72,18 +84,23 @@ class LaneStep(LaneCode):
         copies = step.states if isinstance(step, core.PlantStep) else step.locals
         inner: list[c.CStmt] = []
         for x in copies:
+            there = Place(self.cell(x.cell))
+            if not self.lanes.has_lanes(x.type):
+                self.places[x.name] = there
+                continue
             name = self.local(x.name)
             self.varying.add(x.name)
-            there = self._load(self.cell(x.cell), x.type)
-            inner += [c.Declare(self.lanes.type(x.type), name, there), c.Unused(name)]
+            value = self.load(there, x.type)
+            inner += [c.Declare(self.lanes.type(x.type), name, value), c.Unused(name)]
         if isinstance(step, core.PlantStep):
             inner += self._disturbances(step)
         unique = Unique()
         topics = [self.lanes.frame.system.topics[o.topic].name for o in step.outputs]
         self.outputs = tuple(f"out_{unique(n.rpartition('.')[2])}" for n in topics)
         for name, o in zip(self.outputs, step.outputs, strict=True):
-            default = self.lanes.spread(o.type, self.types.default(o.type))
-            inner.append(c.Declare(self.lanes.type(o.type), name, default))
+            if self.lanes.has_lanes(o.type):
+                default = self.lanes.spread(o.type, self.types.default(o.type))
+                inner.append(c.Declare(self.lanes.type(o.type), name, default))
         for k in range(len(step.outputs)):
             has = self.has(k)
             if has is not None:
@@ -94,11 +111,12 @@ class LaneStep(LaneCode):
         else:
             inner += self.block(step.body)
         for k, o in enumerate(step.outputs):
-            with self._under(self.has(k) or MASK):
-                inner += self._checks(o.type, list(o.bounds), c.Name(self.outputs[k]))
-        inner += [*self.fault_told(), self.given_up()]
+            if self.lanes.has_lanes(o.type):
+                with self._under(self.has(k) or MASK):
+                    inner += self._checks(o.type, list(o.bounds), c.Name(self.outputs[k]))
+        inner.append(self.given_up())
         for x in copies:
-            if x.written:
+            if x.written and x.name not in self.places:
                 inner += self._stored(
                     c.Name("soter_lane_always"),
                     self.cell(x.cell),
@@ -156,7 +174,12 @@ class LaneStep(LaneCode):
             if bound is not None:
                 ends = (float_number(bound.low), float_number(bound.high))
                 yield self.fails(c.CallExpr("soter_lane_outside", (e, *ends)))
-        elif isinstance(t, BoolType):
+        elif isinstance(t, IntType):
+            bound = bounds.pop(0)
+            if bound is not None:
+                ends = (int_number(math.ceil(bound.low)), int_number(math.floor(bound.high)))
+                yield self.fails(c.CallExpr("soter_lane_outside_int", (e, *ends)))
+        elif isinstance(t, (BoolType, EnumType)):
             bounds.pop(0)
         elif isinstance(t, RecordType):
             for n, f in t.fields:
@@ -171,11 +194,16 @@ class LaneStep(LaneCode):
         self, on: c.CExpr, path: str, t: Type, e: c.CExpr, *, canonical: bool
     ) -> Iterator[c.CStmt]:
         """Values on their way into the states."""
-        if scalar(t) is not None:
+        stored = scalar(t)
+        if stored is not None:
             if canonical and isinstance(t, FloatType):
                 e = c.CallExpr("soter_lane_canonical", (e,))
-            put = "SOTER_LANE_PUT" if isinstance(t, FloatType) else "SOTER_LANE_PUT_BOOL"
-            yield c.Do(c.CallExpr(put, (on, c.Name(path), e)))
+            if isinstance(t, FloatType):
+                yield c.Do(c.CallExpr("SOTER_LANE_PUT", (on, c.Name(path), e)))
+                return
+            whole = c.Unary("-", e) if isinstance(t, BoolType) else e
+            parts = (on, c.Name(path), whole, c.Name(stored.c_type))
+            yield c.Do(c.CallExpr("SOTER_LANE_PUT_INT", parts))
         elif isinstance(t, RecordType):
             for n, f in t.fields:
                 own_field = field_name(n)
@@ -200,10 +228,12 @@ class LaneStep(LaneCode):
         yield c.For(LANE.text, c.Number("0"), c.Name("SOTER_LANES"), body)
         gate = c.Name("given_gate")
         if gated:
-            yield c.Declare(BOOL, gate.text, c.CallExpr("SOTER_LANE_ENABLED", (c.Name("flags"),)))
+            yield c.Declare(BOOL, gate.text, self.enabled())
         else:
             yield c.Unused("flags")
         for k, o in enumerate(self.step.outputs):
+            if not self.lanes.has_lanes(o.type):
+                continue
             has = self.has(k)
             where: list[c.CExpr] = [*([gate] if gated else []), *([] if has is None else [has])]
             on: c.CExpr = where[0] if where else c.Name("soter_lane_always")
@@ -212,7 +242,8 @@ class LaneStep(LaneCode):
             topic = f"topics.{self.lanes.frame.topic_field(o.topic)}"
             yield from self._stored(on, topic, o.type, c.Name(self.outputs[k]), canonical=False)
             stamp = c.Name(f"stamps[{o.topic}]")
-            yield c.Do(c.CallExpr("SOTER_LANE_PUT_TIME", (on, stamp, CT)))
+            now = c.CallExpr("soter_lane_all_int", (CT,))
+            yield c.Do(c.CallExpr("SOTER_LANE_PUT_INT", (on, stamp, now, c.Name("int64_t"))))
 
 
 def _not_zero(e: c.CExpr) -> c.CExpr:

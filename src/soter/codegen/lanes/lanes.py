@@ -1,9 +1,9 @@
 """Straight code over several worlds at once, a world a lane.
 
-Purpose: of a step or predicate without whole numbers that differ from world to world, a second C
-function that runs it for as many states as a vector holds (`soter_lanes.h`); the operations of a
-lane are those of the step. Where anything would fault in any world nothing is changed: the caller
-lets each step alone.
+Purpose: of a step or predicate a second C function that runs it for as many states as a vector
+holds (`soter_lanes.h`); the operations of a lane are those of the step. Where anything would fault
+in any world, or a branch be taken whose code has no lanes, nothing is changed: the caller lets each
+step alone.
 Non-goals: who calls it, and when (`campaign/c/soter_lockstep.c`); what ships, which has no lanes.
 """
 
@@ -16,6 +16,7 @@ from soter.codegen.lanes.lane_code import LaneCode
 from soter.codegen.lanes.lane_steps import LaneStep, LaneVerdict
 from soter.codegen.lanes.lane_values import BOOL, LaneValues, NotStraight, inline
 from soter.core import core
+from soter.core.operation_counts import operations_of
 from soter.language.model.system import queues_of
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ class Lanes(LaneValues):
     def __init__(self, frame: Frame, functions: tuple[core.Function, ...]) -> None:
         super().__init__(frame)
         self.functions = {f.name: f for f in functions}
+        self.operations = operations_of(functions)
         self._made: dict[str, str | None] = {}
 
     # ------------------------------------------------------------ what has lanes
