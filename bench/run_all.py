@@ -206,8 +206,12 @@ BENCHMARKS = (
         "Images for a Cortex-M",
         ("bench/bare_metal/cortex_m.py",),
         "Flash, RAM and stack of images at `-Os`, and instructions under `qemu -icount`, the same "
-        "in ten runs. With their plants examples repeat the host's first 1,000 instants in "
-        "virtual time; the trusted part is the image of its loop, without plants. No hardware.",
+        "in ten runs. With their plants examples repeat the host's first 1,000 instants of their "
+        "calendar in virtual time (`an instant`); `to commands` is the image against the clock, "
+        "from the interrupt that makes an instant due until its commands are there. `tables` are "
+        "those of computed predicates, in flash and read in place. The trusted part is the image "
+        "of its loop, without plants: `its test` is what the image is larger with the test of the "
+        "arithmetic, its words and the doubles that nothing else needs. No hardware.",
     ),
     Benchmark(
         "Bad files and options",
