@@ -222,7 +222,7 @@ def simplex_peer(peer: str) -> Iterator[Row]:
 def flights() -> Iterator[Row]:
     """The stack and its laps, one core."""
     flat = soter.load(DRONE / "campaign.soter").flat()
-    length_s, count = 600, 6
+    length_s, count = 600, 8  # fewer than eight are flown alone
     fleet = Fleet(faultless(flat), length_s * SECOND)
     took = turns_of({"stack": lambda: fleet.fly(range(count), first_seed=1)}, TURNS)
     hours_s = 104 * 3600 / (count * length_s / took["stack"])
