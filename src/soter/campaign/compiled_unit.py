@@ -107,13 +107,13 @@ def unpacked(recipe: Recipe) -> Recipe:
 
 
 def generate_measured(
-    system: System, core: CoreSystem | None = None, *, lanes: bool = True
+    system: System, core: CoreSystem | None = None, *, lanes: bool = True, remembers: bool = True
 ) -> Unit:
     """The unit of a system with its measures.
 
-    With `lanes` worlds may go in step, and calls are remembered by their threads.
+    With `lanes` worlds may go in step; where it `remembers`, dear calls are, by their threads.
     """
-    return UnitCache(system, core or lower(system), lanes=lanes).run()
+    return UnitCache(system, core or lower(system), lanes=lanes, remembers=remembers).run()
 
 
 DEAR = 16
@@ -123,10 +123,12 @@ DEAR = 16
 class UnitCache(UnitBuilder):
     """Builds the unit of a system that is flown many times."""
 
-    def __init__(self, system: System, core: CoreSystem, *, lanes: bool = True) -> None:
+    def __init__(
+        self, system: System, core: CoreSystem, *, lanes: bool = True, remembers: bool = True
+    ) -> None:
         super().__init__(system, core, None)
         self.lanes = lanes
-        self.remembered = _dear_calls(core) if lanes else frozenset()
+        self.remembered = _dear_calls(core) if remembers else frozenset()
         self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:

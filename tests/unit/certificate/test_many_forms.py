@@ -285,13 +285,7 @@ def test_what_arrays_show_of_few_cells_only_is_left_to_arb(
         return np.arange(len(self.holds)) % 10 < shown
 
     monkeypatch.setattr(part_walks._Parts, "shown", some)
-    walk = chain_walks.Walk(
-        None,  # type: ignore[arg-type]  # nothing is followed
-        Cells(grid, left),
-        np.ones(grid.shape, dtype=np.uint8),
-        np.ones(grid.shape, dtype=np.int64),
-        partial(_outside, Cells(grid, left)),
-    )
+    walk = _nothing_followed(grid)
     assert np.array_equal(unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]), left)
     assert len(asked) == 2
     assert max(asked) <= SAMPLE
@@ -303,15 +297,21 @@ def test_a_try_that_shows_most_cells_is_made_of_all(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(
         part_walks._Parts, "shown", lambda self, _: np.arange(len(self.holds)) % 10 < 8
     )
-    walk = chain_walks.Walk(
-        None,  # type: ignore[arg-type]  # nothing is followed
-        Cells(grid, left),
-        np.ones(grid.shape, dtype=np.uint8),
-        np.ones(grid.shape, dtype=np.int64),
-        partial(_outside, Cells(grid, left)),
-    )
+    walk = _nothing_followed(grid)
     assert unled_in_parts(walk, left, [Try((), 0, 0)]).sum() == 200
     assert unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]).sum() == 40
+
+
+def _nothing_followed(grid: Grid) -> chain_walks.Walk:
+    """A walk of which every cell is asked, in one hold."""
+    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    return chain_walks.Walk(
+        None,  # type: ignore[arg-type]
+        every,
+        np.ones(grid.shape, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        partial(_outside, every),
+    )
 
 
 def _outside(target: Cells, boxes: Sequence[Floats]) -> Any:

@@ -61,9 +61,12 @@ def unled_in_parts(walk: Walk, left: NDArray[np.bool_], tries: Iterable[Try]) ->
     try:
         with no_underflow():
             for one in tries:
-                sample = shown(one, waiting[:: -(-waiting.size // SAMPLE)])
-                if 2 * sample.sum() >= sample.size:
-                    waiting = waiting[~shown(one, waiting)]
+                sample = waiting[:: -(-waiting.size // SAMPLE)]
+                fine = shown(one, sample)
+                if 2 * fine.sum() >= sample.size:
+                    if sample.size < waiting.size:
+                        fine = shown(one, waiting)
+                    waiting = waiting[~fine]
                 if waiting.size < SAMPLE:  # what the next one needs is not even made
                     break
     except FloatingPointError:
