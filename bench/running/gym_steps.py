@@ -179,14 +179,22 @@ def singles(seconds: float) -> bool:
     return ratio <= STEP_TARGET
 
 
-def protected_car() -> gymnasium.Env[Any, Any]:
+def protected_car(**options: Any) -> gymnasium.Env[Any, Any]:  # noqa: ANN401 - of Protected
     """A car behind the module, as a process of a vector makes it."""
-    return Protected(CAR / "cliff.soter", cliff_env.make())
+    return Protected(CAR / "cliff.soter", cliff_env.make(), **options)
 
 
 def asynchronous(seconds: float) -> bool:
-    """Gymnasium's vector of processes, of bare cars and of protected ones."""
-    made = {"bare": cliff_env.make, "protected": protected_car}
+    """Gymnasium's vector of processes, of bare cars and of protected ones.
+
+    The target is asked of those that send the keys of `info` that learners read, not all 16.
+    """
+    learning = functools.partial(protected_car, info_keys=("cost", "intervened", "cause", "margin"))
+    made = {
+        "bare": cliff_env.make,
+        "protected": learning,
+        "protected, all keys of info": protected_car,
+    }
     actions = np.full((ASYNC, 1), 0.1, dtype=np.float32)
     envs = {n: gymnasium.vector.AsyncVectorEnv([make] * ASYNC) for n, make in made.items()}
     try:

@@ -8,6 +8,7 @@ fast as the checker.
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
@@ -63,6 +64,10 @@ TOOL = frozenset({"explain", "fmt", "completion", "cache", "show"})
 """Commands about the tool itself and about pictures: they stand in `cli/tool/`."""
 
 
+BLAS_SPINS = ("OPENBLAS_THREAD_TIMEOUT", "20")
+"""NumPy's import starts a thread a core that waits for work, busily, for 2^26 cycles; here 2^20."""
+
+
 class Command(Protocol):
     """What a command's file offers."""
 
@@ -75,6 +80,7 @@ class Command(Protocol):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
+    os.environ.setdefault(*BLAS_SPINS)
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
     name = next((a for a in options if not a.startswith("-")), None)

@@ -57,6 +57,13 @@ NO_STATES = -1
 """`SOTER_NO_STATES`: what was given is no state of the plant."""
 ndarray = np.ndarray
 
+INFO_KEYS = (
+    *("mode", "ttf", "safer", "margin", "stale", "switched", "violations", "taken_by"),
+    *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),
+    *("off_model", "action_mask", "not_finite"),
+)
+"""All that `info` may say of the module."""
+
 NOT_COPIED = (
     "session",
     "asked",
@@ -90,6 +97,7 @@ class EnvironmentGuard:
         truncate_on_violation: bool = False,
         alarm: bool | None = None,
         tolerance: float | Mapping[str, float] | None = None,
+        info_keys: Collection[str] | None = None,
     ) -> None:
         loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
         if not isinstance(getattr(env, "unwrapped", None), gymnasium.Env):
@@ -99,6 +107,7 @@ class EnvironmentGuard:
             )
         self.program = loaded
         self.choice = (system, module, plant, params, measured)
+        self._info_keys = None if info_keys is None else _known_keys(info_keys)
         self._observe, self._act, self._command = observe, act, command
         self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
         self._observed = env.observation_space.dtype
@@ -200,7 +209,7 @@ class EnvironmentGuard:
         self._violations = info["violations"]
         if session.seen.ttf:
             warn_of_start(session)
-        return observation, info
+        return observation, self._asked_for(info, given)
 
     def step(
         self,
@@ -241,12 +250,12 @@ class EnvironmentGuard:
             self._over = ended or cut
             info = self._told.copy()
             info["margin"] = session.outside.margin_ns / 1e9
-            info["action_taken"] = taken
-            info["action_requested"] = action
+            info["action_taken"], info["action_requested"] = taken, action
             for key in given:
                 if key not in info:
                     info[key] = given[key]
-            return last, reward, ended, cut, info
+            asked_for = info if self._info_keys is None else self._asked_for(info, given)
+            return last, reward, ended, cut, asked_for
         broken = self._not_finite() if session.outside.latched else []
         cut = cut or bool(broken)
         self._over = ended or cut
@@ -262,7 +271,7 @@ class EnvironmentGuard:
                 warn_off_model(session.plant.name)
         elif self._repeats and info["cause"] != "gate":
             self._told = self._quiet(info["violations"])
-        return self._last, reward, ended, cut, info
+        return self._last, reward, ended, cut, self._asked_for(info, given)
 
     # ------------------------------------------------------------ the agent's answer
 
@@ -395,6 +404,13 @@ class EnvironmentGuard:
             info["action_mask"] = self.action_masks().astype(np.int8)
         return info
 
+    def _asked_for(self, info: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+        """Of `info` what the caller wants, beside all that is `given` by the environment."""
+        keys = self._info_keys
+        if keys is None:
+            return info
+        return {**given, **{key: info[key] for key in keys if key in info}}
+
     def _quiet(self, violations: int) -> dict[str, Any]:
         """What is told of a step that changes nothing but the margin; C compares, from now on."""
         outside = self.session.outside
@@ -478,6 +494,15 @@ class EnvironmentGuard:
         made = EnvironmentGuard.__new__(EnvironmentGuard)
         made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
+
+
+def _known_keys(keys: Collection[str]) -> tuple[str, ...]:
+    """`keys` in the order of `INFO_KEYS`; SoterError U001 for others."""
+    wanted = {keys} if isinstance(keys, str) else set(keys)
+    if unknown := sorted(map(str, wanted.difference(INFO_KEYS))):
+        names = ", ".join(f"`{name}`" for name in unknown)
+        raise wrong_choice(f"`info` says nothing of {names}", f"it has {', '.join(INFO_KEYS)}")
+    return tuple(key for key in INFO_KEYS if key in wanted)
 
 
 def is_single(bound: Bound) -> bool:

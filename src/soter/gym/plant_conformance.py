@@ -164,8 +164,9 @@ def conformance(
         asked_of, driven = 0, 0
         while tally.steps < n:
             action = env.action_space.sample() if policy is None else policy(observation)
-            observation, _, ended, cut, info = env.step(action)
-            asked_of, driven = asked_of + 1, driven + (info["taken_by"] == "AC")
+            observation, _, ended, cut, _ = env.step(action)
+            seen = session.seen
+            asked_of, driven = asked_of + 1, driven + bool(seen.steps and seen.taken_by)
             if ended or cut:
                 observation, _ = env.reset()
     finally:

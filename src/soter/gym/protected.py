@@ -42,7 +42,8 @@ class Protected(gymnasium.Env[Any, Any]):
 
     `measured`: whether the program's errors of measurement are added to what `env` shows, or the
     names of topics on which they are; by default none is, as a sensor has errors of its own.
-    `truncate_on_violation`: whether an episode ends with a violation.
+    `truncate_on_violation`: whether an episode ends with a violation. `info_keys`: which keys of
+    the module `info` has, by default all; in vectors of processes each costs time.
 
     `info`: docs/gym.md. SoterError U001 for a wrong choice, and whatever the program raises.
     """

@@ -7,7 +7,10 @@ Non-goals: files of users.
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
+import os
+import re
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +19,9 @@ SOTER = Path(__file__).resolve().parents[1]
 
 def files_below(folder: Path, *patterns: str) -> list[Path]:
     """All files of these patterns below a folder, in order; FileNotFoundError if there are none."""
-    paths = sorted({p for pattern in patterns for p in folder.rglob(pattern)})
+    wanted = re.compile("|".join(map(fnmatch.translate, patterns))).match
+    names = [f"{at}{os.sep}{n}" for at, _, files in os.walk(folder) for n in files if wanted(n)]
+    paths = [Path(name) for name in sorted(names, key=lambda name: name.replace(os.sep, "\0"))]
     if not paths:
         what = ", ".join(patterns)
         raise FileNotFoundError(f"soter is not whole: no {what} below {folder.name}/")
@@ -27,7 +32,8 @@ def files_below(folder: Path, *patterns: str) -> list[Path]:
 def soter_sha256() -> str:
     """A hash of every file that Soter is made of, the prelude too."""
     told = hashlib.sha256()
+    below = len(SOTER.as_posix()) + 1
     for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
-        told.update(path.relative_to(SOTER).as_posix().encode())
+        told.update(path.as_posix()[below:].encode())
         told.update(hashlib.sha256(path.read_bytes()).digest())
     return told.hexdigest()

@@ -7,6 +7,8 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
+
 import processes
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -47,3 +49,28 @@ def test_a_run_imports_nothing_of_rooms_that_it_does_not_use(tmp_path: Path) -> 
     _, modules = modules_of_run(tmp_path)
     assert not {m for m in modules for room in OTHERS if m.startswith(f"soter.{room}")}
     assert "soter.simulate.real_time" not in modules
+
+
+SPINS = """
+import os, sys
+from soter.cli.main import main
+main(["cache", "--json"])
+assert "numpy" not in sys.modules
+print(os.environ["OPENBLAS_THREAD_TIMEOUT"], file=sys.stderr)
+"""
+
+
+@pytest.mark.parametrize(("given", "used"), [({}, "20"), ({"OPENBLAS_THREAD_TIMEOUT": "7"}, "7")])
+def test_threads_of_numpys_blas_are_told_to_sleep_soon_unless_somebody_says_otherwise(
+    given: dict[str, str], used: str
+) -> None:
+    others = {k: v for k, v in os.environ.items() if not k.startswith("OPENBLAS")}
+    done = processes.run(
+        [sys.executable, "-c", SPINS],
+        cwd=ROOT,
+        env={**others, **given},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr.split() == [used]

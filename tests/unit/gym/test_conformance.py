@@ -131,7 +131,7 @@ def test_states_that_nobody_observes_are_not_compared() -> None:
 
 
 def test_a_share_of_one_says_who_drove(tmp_path: Path) -> None:
-    report = conformance(Protected(PROGRAM, Cart()), 20)
+    report = conformance(Protected(PROGRAM, Cart(), info_keys=()), 20)
     assert (report.share, report.ac_share) == (1.0, 1.0)
     assert "  AC had control in 100.0% of its steps" in str(report).splitlines()
     path = tmp_path / "cart.soter"

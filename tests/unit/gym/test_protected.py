@@ -1119,3 +1119,35 @@ def test_without_functions_of_pythons_own_steps_are_the_same(
     monkeypatch.setattr(sys, "implementation", other)
     assert told() == expected
     assert len({str(x[2:]) for x in expected}) > 5
+
+
+def test_info_has_the_keys_of_the_module_that_were_asked_for_and_all_of_the_environment() -> None:
+    keys = ("cost", "margin", "off_model", "action_taken")
+    whole, some = Protected(CART, Cart()), Protected(CART, Cart(), info_keys=keys)
+    pairs = [(whole.reset(seed=5)[1], some.reset(seed=5)[1])]
+    pairs += [(whole.step(FULL)[-1], some.step(FULL)[-1]) for _ in range(400)]
+    assert {full["mode"] for full, _ in pairs} == {"AC", "SC"}
+    for full, few in pairs:
+        assert set(few) == {"own", *keys} & set(full)
+        assert all(few[key] == full[key] for key in few)
+
+
+def test_without_keys_of_the_module_episodes_end_where_they_did_before() -> None:
+    cut: dict[str, Any] = {"system": "Unprotected", "truncate_on_violation": True}
+    ends = []
+    for keys in (None, ()):
+        env = Protected(CART, Cart(), info_keys=keys, **cut)
+        _, info = env.reset(seed=5)
+        steps, truncated = 0, False
+        while not truncated:
+            *_, truncated, info = env.step(FULL)
+            steps += 1
+        ends.append((steps, info["own"]))
+    assert set(info) == {"own"}
+    assert ends[0] == ends[1]
+
+
+def test_a_key_that_info_does_not_have_is_named() -> None:
+    with pytest.raises(soter.SoterError, match="says nothing of `margins`") as caught:
+        Protected(CART, Cart(), info_keys=("margins", "cost"))
+    assert caught.value.diagnostics[0].code == "U001"

@@ -107,5 +107,6 @@ def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
     """Share of the grid's volume; `cells` has its shape, `edges` are (cells + 1,) for each axis."""
     weight = cells.astype(np.float64)
     for e in reversed(edges):
-        weight = weight @ (np.diff(e) / (e[-1] - e[0]))
+        # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
+        weight = np.einsum("...i,i", weight, np.diff(e) / (e[-1] - e[0]))
     return float(weight)

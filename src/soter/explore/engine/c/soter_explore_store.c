@@ -216,6 +216,9 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   if (g->base == NULL) {
     return false;
   }
+  /* Written before anybody looks: a page that was read as zeros first is another one once it is
+   * written, and every core that runs a thread of this process is interrupted for that. */
+  (void)memset(g->base, 0, g->bytes);
   /* a bucket of eight-byte entries is then one line of the cache */
   g->entry = g->base + (LINE - (uintptr_t)g->base % LINE) % LINE;
   return true;
