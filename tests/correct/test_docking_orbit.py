@@ -39,7 +39,7 @@ def test_limits_of_directions_say_the_limit_of_all(directions: int) -> None:
 def test_the_craft_moves_as_the_plant_of_the_proof(directions: int, tmp_path: Path) -> None:
     """With its own sensors and no disturbance: no step is off the model."""
     task = docking_peer.TASKS[directions]
-    ours = docking_peer.Ours(task, tmp_path, shield=False)
+    ours = docking_peer.Ours.of_each(task, tmp_path, shield=False)
     rng = np.random.default_rng(1)
     ours.env.reset(seed=1)
     for _ in range(200):
