@@ -89,12 +89,12 @@ typedef struct {
   double lo[SOTER_REACH_AXES];
   double hi[SOTER_REACH_AXES];
   uint32_t from_low, from_high; /* bit i: it began at an end of axis i that has no outer end */
+  int32_t holds;
   double uc[SOTER_REACH_COMMANDS];
   double ug[SOTER_REACH_COMMANDS][SOTER_REACH_AXES];
   double ur[SOTER_REACH_COMMANDS];
   double past_lo[SOTER_REACH_PAST][SOTER_REACH_COMMANDS]; /* 0 is the last command */
   double past_hi[SOTER_REACH_PAST][SOTER_REACH_COMMANDS];
-  int32_t holds;
 } soter_reach_chain;
 
 /* A fixpoint under way, by rounds. `dirty` lists tiles to look at; `cursor` how far a call came. */
@@ -116,6 +116,8 @@ typedef struct {
   uint8_t* witness;        /* per cell */
   uint16_t* image;         /* per cell: first and last cell of the witness's image, per axis */
   int32_t* slot;           /* per cell: where its chain is kept, -1: nowhere */
+  uint8_t* known;          /* per tile: what soter_reach_around.c knows of its block */
+  double* command;         /* per tile: the commands that act all over its block */
   soter_reach_chain* pool;
   int32_t pool_size;
   int32_t pool_used[2];

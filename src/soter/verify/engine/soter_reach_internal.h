@@ -8,6 +8,8 @@
 
 #include <float.h>
 #include <math.h>
+#include <stddef.h>
+#include <string.h>
 
 enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
 
@@ -74,6 +76,11 @@ static inline void soter_reach_keep_axis(const soter_reach_group* g, int axis, d
   }
 }
 
+/* `from` without its commands. */
+static inline void soter_copy_state(soter_reach_chain* to, const soter_reach_chain* from) {
+  memcpy(to, from, offsetof(soter_reach_chain, uc));
+}
+
 typedef struct {
   double tube_lo[AXES], tube_hi[AXES];   /* every instant of the hold */
   double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
@@ -119,5 +126,11 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
                        soter_reach_chain* x);
 int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
                      soter_hold* out);
+int soter_reach_one_command(const soter_reach_group* g, soter_scratch* s,
+                            const soter_reach_chain* x, double* command);
+int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x);
+int soter_reach_may_look_around(const soter_reach_group* g);
+const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
+                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x);
 
 #endif

@@ -1,0 +1,80 @@
+/* What the law gives around a tile.
+ * Purpose: from a block of tiles on all of which the law gives one command, and from which no run
+ * leaves C while that is held, a hold of a box needs neither the law nor its tube.
+ * Non-goals: the hold (soter_reach_hold.c), boxes that no block holds.
+ *
+ * A block is a tile and the next one along every axis. Both facts are of each state of the block
+ * and of each run from it, with everything else anywhere in its range: so they are facts of every
+ * box within. Only of linear flows, without delay or jitter: else the law read another state, or an
+ * earlier command may act. C is the same as long as a core is looked for, so that what is known of
+ * a block stays true for that long. */
+#include "soter_reach_internal.h"
+
+enum { UNKNOWN, ASKED, NOTHING, ONE_COMMAND };
+
+/* Whether blocks are any use: of a law, where each hold is as any other. */
+int soter_reach_may_look_around(const soter_reach_group* g) {
+  int bounded = 1;
+  SOTER_CHECK(!(g->delay < 0) && !(g->jitter < 0));
+  for (int a = 0; a < g->axes; a++) {
+    bounded = bounded && g->kept_low[a] != SOTER_REACH_UNBOUNDED &&
+              g->kept_high[a] != SOTER_REACH_UNBOUNDED;
+  }
+  return bounded && !g->is_map && !g->is_local && g->held_low == 0 && g->delay <= 0 &&
+         g->jitter <= 0;
+}
+
+/* The first and last cell of the block of cell `at`; gives its tile. */
+static int64_t block_of(const soter_reach_group* g, const uint16_t* at, int* first, int* last) {
+  int64_t tile = 0;
+  for (int a = 0; a < g->axes; a++) {
+    const int along = at[2 * a] / g->tile[a], end = (along + 2) * g->tile[a];
+    SOTER_CHECK(at[2 * a] < g->cells[a]);
+    tile = tile * g->tiles[a] + along;
+    first[a] = along * g->tile[a];
+    last[a] = (end < g->cells[a] ? end : g->cells[a]) - 1;
+  }
+  return tile;
+}
+
+static int holds_box(const soter_reach_group* g, const int* first, const int* last,
+                     const soter_reach_chain* x) {
+  for (int a = 0; a < g->axes; a++) {
+    SOTER_CHECK(first[a] <= last[a]);
+    if (!(g->edges[a][first[a]] <= x->lo[a] && x->hi[a] <= g->edges[a][last[a] + 1])) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+/* Whether all of the block has one command, under which no run leaves C. */
+static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratch* s,
+               const int* first, const int* last, double* command) {
+  soter_reach_chain x;
+  soter_hold h;
+  uint16_t tube[2 * AXES];
+  soter_reach_start_at(g, first, last, &x);
+  SOTER_CHECK(x.from_low == 0 && x.from_high == 0);
+  return soter_reach_one_command(g, s, &x, command) && soter_reach_hold(g, s, &x, &h) &&
+         soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) &&
+         soter_reach_inside(g, allowed, tube, 0);
+}
+
+/* The commands that the law gives all over a block that holds the box of x, from which no run
+ * leaves C in one hold; null: there is none. `at`: cells around x. While another thread asks, there
+ * is none: that costs time and nothing else. */
+const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
+                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x) {
+  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
+  const int64_t tile = block_of(g, at, first, last);
+  double* command = w->command + tile * g->commands;
+  uint8_t known = __atomic_load_n(&w->known[tile], __ATOMIC_ACQUIRE);
+  SOTER_CHECK(tile >= 0 && tile < soter_reach_tiles(g));
+  if (known == UNKNOWN && __atomic_compare_exchange_n(&w->known[tile], &known, ASKED, 0,
+                                                      __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE)) {
+    known = ask(g, w->allowed, s, first, last, command) ? ONE_COMMAND : NOTHING;
+    __atomic_store_n(&w->known[tile], known, __ATOMIC_RELEASE);
+  }
+  return known == ONE_COMMAND && holds_box(g, first, last, x) ? command : 0;
+}
