@@ -66,14 +66,15 @@ typedef struct {
   const double* edges[SOTER_REACH_AXES];
   const int32_t* guess[SOTER_REACH_AXES]; /* bucket -> a cell near it */
   int32_t guesses[SOTER_REACH_AXES];
-  double period, delay, jitter; /* seconds: delta, d, j */
-  int32_t past;                 /* how many commands back a read may lie under */
+  double per_unit[SOTER_REACH_AXES]; /* buckets in a unit of the axis */
+  double period, delay, jitter;      /* seconds: delta, d, j */
+  int32_t past;                      /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
   /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes; 2: what lies beyond belongs
    * to the last cell (soter_reach_invariant_ends.c). Other values are free, for axes that wrap
-   * around: soter_reach_cells is where boxes meet ends. */
+   * around: soter_reach_cover is where boxes meet ends. */
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */

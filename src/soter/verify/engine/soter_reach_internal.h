@@ -86,8 +86,6 @@ typedef struct {
   double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
 } soter_hold;
 
-int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
-                      int* last);
 int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
                       uint16_t* image);
 int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,

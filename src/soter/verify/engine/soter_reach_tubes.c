@@ -92,12 +92,13 @@ static void divide(cell_job* job, int who, box_test test, const int* first, cons
   divide(job, who, test, mid_first, last);
 }
 
-/* Every instant of every run from the box lies in the target (linear flows). */
+/* Every instant of every run from the box lies in the target (linear flows). What leaves it has
+ * mostly left it at the end: that is looked at first. */
 static int tube_inside(const cell_job* job, const double* lo, const double* hi) {
   const soter_reach_group* g = job->g;
   const int n = g->axes;
   uint16_t box[2 * AXES];
-  for (int k = 0; k < job->tube->segments; k++) {
+  for (int k = job->tube->segments - 1; k >= 0; k--) {
     const soter_reach_segment* s = &job->tube->at[k];
     double low[AXES], high[AXES];
     for (int i = 0; i < n; i++) {
