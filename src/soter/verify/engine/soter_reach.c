@@ -31,20 +31,36 @@ static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16
   return !soter_reach_inside(g, kept, box, 1);
 }
 
-enum { STOPPED, HELD, HELD_IN_C };
+enum { STOPPED, HELD };
 
-/* One hold from x, within the cells `at` (null: not told). HELD: the tube is to be looked at. */
-static int hold(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, soter_hold* h) {
+/* One hold from x, within the cells `at` (null: not told). `in_c`: the tube is known to lie in C,
+ * and is not told. */
+static int hold(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, soter_hold* h,
+                int* in_c) {
   const soter_reach_group* g = job->g;
   soter_scratch* s = &job->scratch[who];
   const double* command = at != 0 ? soter_reach_around(g, job->w, s, at, x) : 0;
+  SOTER_CHECK(at == 0 || job->looks_around);
   job->steps[who]++;
-  if (command != 0 && soter_reach_move(g, command, x)) {
+  *in_c = command != 0 && soter_reach_move(g, command, x);
+  if (*in_c) {
     memcpy(h->image_lo, x->lo, sizeof x->lo);
     memcpy(h->image_hi, x->hi, sizeof x->hi);
-    return HELD_IN_C;
+    return HELD;
   }
   return soter_reach_hold(g, s, x, h) ? HELD : STOPPED;
+}
+
+/* One hold all of which is in C; 0: it may leave C, or nothing can be bounded. */
+static int hold_in_c(core_job* job, int who, const uint16_t* at, soter_reach_chain* x,
+                     soter_hold* h) {
+  uint16_t tube[2 * AXES];
+  int in_c;
+  if (hold(job, who, at, x, h, &in_c) == STOPPED) {
+    return 0;
+  }
+  return in_c || (soter_reach_cover(job->g, h->tube_lo, h->tube_hi, tube) &&
+                  soter_reach_inside(job->g, job->w->allowed, tube, 0));
 }
 
 /* One hold; 2: the image lies in K, 1: not (yet), 0: never. `image` may be `at`. */
@@ -53,11 +69,7 @@ static int go_on(core_job* job, int who, const uint16_t* at, soter_reach_chain* 
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   soter_hold h;
-  uint16_t tube[2 * AXES];
-  const int how = hold(job, who, at, x, &h);
-  SOTER_CHECK(how == HELD || how == STOPPED || job->looks_around);
-  if (how == STOPPED || (how == HELD && (!soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) ||
-                                         !soter_reach_inside(g, w->allowed, tube, 0)))) {
+  if (!hold_in_c(job, who, at, x, &h)) {
     return 0;
   }
   if (!soter_reach_cover(g, h.image_lo, h.image_hi, image)) {
@@ -87,6 +99,7 @@ static int resume(core_job* job, int who, int64_t cell, const int* at, soter_rea
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   soter_hold ignored;
+  int in_c;
   const int n = w->witness[cell];
   if (n > 0 && w->slot[cell] >= 0) {
     SOTER_CHECK(w->slot[cell] < w->pool_size);
@@ -96,7 +109,7 @@ static int resume(core_job* job, int who, int64_t cell, const int* at, soter_rea
   soter_reach_start_at(g, at, at, x);
   (void)soter_reach_box(g, at, at, image);
   for (int k = 0; k < n; k++) {
-    if (hold(job, who, job->looks_around ? image : 0, x, &ignored) == STOPPED) {
+    if (hold(job, who, job->looks_around ? image : 0, x, &ignored, &in_c) == STOPPED) {
       return 0;
     }
     (void)soter_reach_cover(g, x->lo, x->hi, image);

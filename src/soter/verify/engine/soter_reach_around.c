@@ -8,20 +8,20 @@
  * box within. Only of linear flows, without delay or jitter: else the law read another state, or an
  * earlier command may act. C is the same as long as a core is looked for, so that what is known of
  * a block stays true for that long. */
-#include "soter_reach_internal.h"
+#include "soter_reach_ball.h"
 
 enum { UNKNOWN, ASKED, NOTHING, ONE_COMMAND };
 
 /* Whether blocks are any use: of a law, where each hold is as any other. */
 int soter_reach_may_look_around(const soter_reach_group* g) {
+  const int as_any_other = g->delay <= 0 && g->jitter <= 0;
   int bounded = 1;
   SOTER_CHECK(!(g->delay < 0) && !(g->jitter < 0));
   for (int a = 0; a < g->axes; a++) {
-    bounded = bounded && g->kept_low[a] != SOTER_REACH_UNBOUNDED &&
-              g->kept_high[a] != SOTER_REACH_UNBOUNDED;
+    const int32_t low = g->kept_low[a], high = g->kept_high[a];
+    bounded &= low != SOTER_REACH_UNBOUNDED && high != SOTER_REACH_UNBOUNDED;
   }
-  return bounded && !g->is_map && !g->is_local && g->held_low == 0 && g->delay <= 0 &&
-         g->jitter <= 0;
+  return bounded && as_any_other && !g->is_map && !g->is_local && g->held_low == 0;
 }
 
 /* The first and last cell of the block of cell `at`; gives its tile. */
@@ -48,6 +48,24 @@ static int holds_box(const soter_reach_group* g, const int* first, const int* la
   return 1;
 }
 
+/* Whether the law gives the same number for every state of x, whatever the other inputs are. */
+static int one_command(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                       double* command) {
+  static const double none[AXES] = {0, 0, 0, 0};
+  line u[COMMANDS];
+  SOTER_CHECK(g->held_low == 0 && g->delay <= 0 && g->jitter <= 0);
+  if (!read_law(g->axes, g->commands, g, s, x, none, none, u)) {
+    return 0;
+  }
+  for (int a = 0; a < g->commands; a++) {
+    if (u[a].lo != u[a].hi) {
+      return 0;
+    }
+    command[a] = u[a].lo;
+  }
+  return 1;
+}
+
 /* Whether all of the block has one command, under which no run leaves C. */
 static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratch* s,
                const int* first, const int* last, double* command) {
@@ -56,7 +74,7 @@ static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratc
   uint16_t tube[2 * AXES];
   soter_reach_start_at(g, first, last, &x);
   SOTER_CHECK(x.from_low == 0 && x.from_high == 0);
-  return soter_reach_one_command(g, s, &x, command) && soter_reach_hold(g, s, &x, &h) &&
+  return one_command(g, s, &x, command) && soter_reach_hold(g, s, &x, &h) &&
          soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) &&
          soter_reach_inside(g, allowed, tube, 0);
 }

@@ -440,24 +440,6 @@ int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_c
   return hold_flow(g->axes, g->commands, g, s, x, out);
 }
 
-/* Whether the law gives the same number for every state of x, whatever the other inputs are. */
-int soter_reach_one_command(const soter_reach_group* g, soter_scratch* s,
-                            const soter_reach_chain* x, double* command) {
-  static const double none[AXES] = {0, 0, 0, 0};
-  line u[COMMANDS];
-  SOTER_CHECK(g->held_low == 0 && g->delay <= 0 && g->jitter <= 0);
-  if (!read_law(g->axes, g->commands, g, s, x, none, none, u)) {
-    return 0;
-  }
-  for (int a = 0; a < g->commands; a++) {
-    if (u[a].lo != u[a].hi) {
-      return 0;
-    }
-    command[a] = u[a].lo;
-  }
-  return 1;
-}
-
 /* The end of a hold of one command alone: with `t` as `read_commands` gives it then. Rates over x
  * alone are no larger than those over all of the tube: where they are above the dust, no axis
  * stands. */
@@ -500,27 +482,4 @@ int soter_reach_move(const soter_reach_group* g, const double* command, soter_re
     return move_flow(3, 1, g, command, x);
   }
   return move_flow(g->axes, g->commands, g, command, x);
-}
-
-/* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
- * Returns how many could be bounded. */
-int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
-                    int32_t holds, double* images, double* tubes) {
-  soter_scratch s;
-  soter_reach_chain x;
-  soter_hold h;
-  soter_reach_inputs(g, &s);
-  soter_reach_start(g, low, high, &x);
-  for (int k = 0; k < holds; k++) {
-    if (!soter_reach_hold(g, &s, &x, &h)) {
-      return k;
-    }
-    for (int i = 0; i < g->axes; i++) {
-      images[2 * (k * g->axes + i)] = h.image_lo[i];
-      images[2 * (k * g->axes + i) + 1] = h.image_hi[i];
-      tubes[2 * (k * g->axes + i)] = h.tube_lo[i];
-      tubes[2 * (k * g->axes + i) + 1] = h.tube_hi[i];
-    }
-  }
-  return holds;
 }

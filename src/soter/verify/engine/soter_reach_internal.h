@@ -124,8 +124,6 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
                        soter_reach_chain* x);
 int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
                      soter_hold* out);
-int soter_reach_one_command(const soter_reach_group* g, soter_scratch* s,
-                            const soter_reach_chain* x, double* command);
 int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x);
 int soter_reach_may_look_around(const soter_reach_group* g);
 const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,

@@ -240,3 +240,26 @@ int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const d
   }
   return over_tiles(&job, first_tile, seconds, threads);
 }
+
+/* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
+ * Returns how many could be bounded. */
+int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
+                    int32_t holds, double* images, double* tubes) {
+  soter_scratch s;
+  soter_reach_chain x;
+  soter_hold h;
+  soter_reach_inputs(g, &s);
+  soter_reach_start(g, low, high, &x);
+  for (int k = 0; k < holds; k++) {
+    if (!soter_reach_hold(g, &s, &x, &h)) {
+      return k;
+    }
+    for (int i = 0; i < g->axes; i++) {
+      images[2 * (k * g->axes + i)] = h.image_lo[i];
+      images[2 * (k * g->axes + i) + 1] = h.image_hi[i];
+      tubes[2 * (k * g->axes + i)] = h.tube_lo[i];
+      tubes[2 * (k * g->axes + i) + 1] = h.tube_hi[i];
+    }
+  }
+  return holds;
+}
