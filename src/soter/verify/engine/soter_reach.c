@@ -39,8 +39,9 @@ static int hold(core_job* job, int who, const uint16_t* at, soter_reach_chain* x
                 int* in_c) {
   const soter_reach_group* g = job->g;
   soter_scratch* s = &job->scratch[who];
-  const double* command = at != 0 ? soter_reach_around(g, job->w, s, at, x) : 0;
-  SOTER_CHECK(at == 0 || job->looks_around);
+  const int looks = at != 0 && job->looks_around;
+  const double* command = looks ? soter_reach_around(g, job->w, s, at, x) : 0;
+  SOTER_CHECK(x->holds >= 0);
   job->steps[who]++;
   *in_c = command != 0 && soter_reach_move(g, command, x);
   if (*in_c) {
@@ -109,7 +110,7 @@ static int resume(core_job* job, int who, int64_t cell, const int* at, soter_rea
   soter_reach_start_at(g, at, at, x);
   (void)soter_reach_box(g, at, at, image);
   for (int k = 0; k < n; k++) {
-    if (hold(job, who, job->looks_around ? image : 0, x, &ignored, &in_c) == STOPPED) {
+    if (hold(job, who, image, x, &ignored, &in_c) == STOPPED) {
       return 0;
     }
     (void)soter_reach_cover(g, x->lo, x->hi, image);
@@ -144,7 +145,7 @@ static uint8_t witness(core_job* job, int who, int64_t cell, const int* at, uint
   }
   while (found == 1 && n < w->longest) {
     n++;
-    found = go_on(job, who, job->looks_around ? image : 0, &x, image, &lost);
+    found = go_on(job, who, image, &x, image, &lost);
   }
   if (found != 2) {
     return 0;
