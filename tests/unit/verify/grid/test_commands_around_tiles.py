@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Floats = npt.NDArray[np.float64]
     Box = tuple[slice, ...]
 
-LONGEST = 25
+LONGEST = 10
 CARS = [
     Car(4.0, 4.0, 5.0, 0.05),
     Car(9.0, 6.0, 3.0, 0.03),
@@ -78,6 +78,13 @@ def test_a_core_is_the_fixpoint_of_its_cells(c: Car) -> None:
     core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
     assert 0 < core.sum() < allowed.sum()
+
+
+def test_a_box_may_outgrow_what_is_known_around_it() -> None:
+    engine = group_of(Car(60.0, 40.0, 5.0, 0.05, wind=3.0), cells=101)
+    allowed = engine.constraint()
+    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    assert np.array_equal(core, greatest(engine, allowed))
 
 
 def test_what_was_known_under_another_constraint_is_forgotten() -> None:
