@@ -31,6 +31,7 @@ CARS = [
     Car(20.0, 20.0, 3.0, 0.05, wind=0.3, errors=(0.02, 0.05)),
     Car(20.0, 20.0, 3.0, 0.05, delay=0.06),
     Car(20.0, 20.0, 3.0, 0.05, delay=0.01, jitter=0.02),
+    Car(20.0, 20.0, 3.0, 0.05, jitter=0.02),
 ]
 """Strong gains: nearly everywhere these push as hard as they can."""
 
