@@ -37,11 +37,26 @@ static int64_t block_of(const soter_reach_group* g, const uint16_t* at, int* fir
   return tile;
 }
 
+/* Whether an end that runs keep cut more than dust from x along an axis. Its motion goes on from
+ * all of it: what is enclosed of this hold may stick out of what is enclosed of the block. */
+static int was_cut(const soter_reach_group* g, int axis, const soter_reach_chain* x) {
+  const double low = g->edges[axis][0], high = g->edges[axis][g->cells[axis]];
+  const double dust = (high - low) * 0x1p-40;
+  double rad = x->box[axis];
+  SOTER_CHECK(low < high);
+  for (int j = 0; j < g->axes; j++) {
+    rad += fabs(x->g[axis][j]);
+  }
+  return (g->kept_low[axis] == SOTER_REACH_KEPT && x->m[axis] - rad < low - dust) ||
+         (g->kept_high[axis] == SOTER_REACH_KEPT && x->m[axis] + rad > high + dust);
+}
+
 static int holds_box(const soter_reach_group* g, const int* first, const int* last,
                      const soter_reach_chain* x) {
   for (int a = 0; a < g->axes; a++) {
     SOTER_CHECK(first[a] <= last[a]);
-    if (!(g->edges[a][first[a]] <= x->lo[a] && x->hi[a] <= g->edges[a][last[a] + 1])) {
+    if (!(g->edges[a][first[a]] <= x->lo[a] && x->hi[a] <= g->edges[a][last[a] + 1]) ||
+        was_cut(g, a, x)) {
       return 0;
     }
   }
@@ -80,19 +95,27 @@ static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratc
 }
 
 /* The commands that the law gives all over a block that holds the box of x, from which no run
- * leaves C in one hold; null: there is none. `at`: cells around x. While another thread asks, there
- * is none: that costs time and nothing else. */
+ * leaves C in one hold; null: there is none. `at`: cells around x. While another thread asks, this
+ * one asks for itself: what a hold gives never depends on who came first. */
 const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
                                  soter_scratch* s, const uint16_t* at, const soter_reach_chain* x) {
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
   const int64_t tile = block_of(g, at, first, last);
   double* command = w->command + tile * g->commands;
-  uint8_t known = __atomic_load_n(&w->known[tile], __ATOMIC_ACQUIRE);
+  uint8_t known = __atomic_load_n(&w->known[tile], __ATOMIC_ACQUIRE), unknown = UNKNOWN;
   SOTER_CHECK(tile >= 0 && tile < soter_reach_tiles(g));
-  if (known == UNKNOWN && __atomic_compare_exchange_n(&w->known[tile], &known, ASKED, 0,
-                                                      __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE)) {
-    known = ask(g, w->allowed, s, first, last, command) ? ONE_COMMAND : NOTHING;
-    __atomic_store_n(&w->known[tile], known, __ATOMIC_RELEASE);
+  if (!holds_box(g, first, last, x)) {
+    return 0;
   }
-  return known == ONE_COMMAND && holds_box(g, first, last, x) ? command : 0;
+  if (known == UNKNOWN || known == ASKED) {
+    const int to_tell = __atomic_compare_exchange_n(&w->known[tile], &unknown, ASKED, 0,
+                                                    __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE);
+    known = ask(g, w->allowed, s, first, last, s->command) ? ONE_COMMAND : NOTHING;
+    if (to_tell) {
+      memcpy(command, s->command, sizeof(double) * (size_t)g->commands);
+      __atomic_store_n(&w->known[tile], known, __ATOMIC_RELEASE);
+    }
+    command = s->command;
+  }
+  return known == ONE_COMMAND ? command : 0;
 }

@@ -22,6 +22,7 @@ enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
 typedef struct {
   soter_form in[SOTER_INPUTS];
   soter_form out[SOTER_INPUTS];
+  double command[COMMANDS]; /* of soter_reach_around */
 } soter_scratch;
 
 /* At least one unit in the last place outward: beyond what x was rounded from, see

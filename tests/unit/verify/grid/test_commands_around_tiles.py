@@ -63,7 +63,8 @@ def chains(engine: GridGroup, allowed: Bools) -> dict[tuple[int, ...], list[Box]
 
 
 def greatest(engine: GridGroup, allowed: Bools) -> Bools:
-    kept, before = allowed.copy(), None
+    kept: Bools = allowed.copy()
+    before: Bools | None = None
     images = chains(engine, allowed)
     while before is None or (before != kept).any():
         before = kept.copy()
