@@ -13,7 +13,7 @@ import pytest
 
 from soter.verify.grid.sets import GridGroup, GridInputs
 from unit.verify.grid.grid_adversary import Car
-from unit.verify.grid.small_enclosure_units import car
+from unit.verify.grid.small_enclosure_units import END, HEAD, SIGNATURE, car, linear
 from unit.verify.grid.test_grid_enclosures import MS, group_of
 
 if TYPE_CHECKING:
@@ -34,6 +34,22 @@ CARS = [
     Car(20.0, 20.0, 3.0, 0.05, jitter=0.02),
 ]
 """Strong gains: nearly everywhere these push as hard as they can."""
+
+# in: x, y, u, q;  x' = u, y' = q;  u = clamp(-100 x, +-1), q = 0
+PUSHED = (
+    HEAD.format(n=4)
+    + SIGNATURE.format(name="law", type="soter_form")
+    + """  soter_form a, b;
+  soter_form_scale(&a, &in[0], -100.0, -100.0);
+  soter_form_at_most(&b, &a, 1.0);
+  soter_form_at_least(&out[0], &b, -1.0);
+  soter_form_range(&out[1], 0.0, 0.0);
+"""
+    + END.format()
+    + SIGNATURE.format(name="derivative", type="soter_form")
+    + "  out[0] = in[2];\n  out[1] = in[3];\n"
+    + END.format()
+)
 
 
 def cover(engine: GridGroup, box: Floats) -> Box | None:
@@ -121,6 +137,28 @@ def test_a_speed_that_nothing_changes_stays_in_its_cell(wind: float) -> None:
     core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
     assert np.array_equal(core, greatest(engine, allowed))
     assert core.any() == (wind == 0.0)
+
+
+def test_beside_a_row_that_falls_one_that_stands_is_kept() -> None:
+    """x pushed to 0 as hard as can be, y' = 0: only rows of y with a wall in the way fall."""
+    inputs = GridInputs(
+        states=((-2.0, 2.0), (-1.0, 1.0)),
+        controls=((-1.0, 1.0), (-1.0, 1.0)),
+        disturbances=(),
+        errors=(),
+        period_ns=100 * MS,
+        delay_ns=0,
+        jitter_ns=0,
+        parameters=(),
+    )
+    edges = [np.linspace(-2, 2, 129), np.linspace(-1, 1, 17)]
+    engine = GridGroup(linear(PUSHED), inputs, list(enumerate(edges)))
+    allowed = np.ones(engine.shape, dtype=bool)
+    allowed[72:74, 10:13] = False
+    core = engine.core(allowed, longest=LONGEST, patience=LONGEST + 1).cells
+    assert np.array_equal(core, greatest(engine, allowed))
+    assert core[74:127][:, [9, 13]].all()
+    assert not core[72:, 10:13].any()
 
 
 def test_every_piece_of_a_tube_is_looked_at() -> None:
