@@ -3,16 +3,19 @@
 Purpose: the first three rows and the speed row of issue 2's "Must reach", from one command:
 `python bench/drone/laps.py` flies 1,000 laps of each arm with wind and measurement errors
 drawn within their declared bounds; `--adversaries` flies hostile ACs under the module instead, and
-`--shield` two ACs under the module and under one with a shield (laps_shield.soter).
+`--shield` two ACs under the module and under one with a shield (laps_shield.soter), which refuses
+commands or moves them toward SC's; `moved` is the share of AC's commands that it moves, in a lap.
 Non-goals: pictures (`make demo`).
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import multiprocessing
 import os
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +23,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+import soter
 from soter.campaign.batch_flights import Fleet
 from soter.language.front_end import check_file, system_of
 from soter.report.terminal_tables import table
@@ -29,7 +33,8 @@ from soter.verify.deploy.missing_predicates import complete
 if TYPE_CHECKING:
     from soter.language.model.types import Value
 
-DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
+ROOT = Path(__file__).resolve().parents[2]
+DRONE = ROOT / "examples" / "drone"
 SHIELDED = Path(__file__).with_name("laps_shield.soter")
 ARMS = ("AdvancedOnly", "Protected", "SafeOnly")
 HOSTILE = ("Twitching", "Jerking", "Pushing", "Ramming", "Failing")
@@ -241,13 +246,20 @@ def adversaries(pool: multiprocessing.pool.Pool, count: int) -> int:
 
 def shields(pool: multiprocessing.pool.Pool, count: int) -> int:
     """Print what a shield is worth to an eager AC and to a gentle one; the number of violations."""
-    rows = []
-    violations = 0
-    for who, eager in (("eager", True), ("gentle", False)):
-        for arm, file, name, prefix in (
+    with tempfile.TemporaryDirectory() as folder:
+        text = SHIELDED.read_text("utf-8").replace('"../../examples/', f'"{ROOT}/examples/')
+        toward = Path(folder) / "laps_toward.soter"
+        toward.write_text(text.replace("  shield 8;\n", "  shield 8 toward sc;\n"), "utf-8")
+        arms = (
             ("AC alone", "motion_primitive.soter", "AdvancedOnly", ""),
             ("state alone", "motion_primitive.soter", "Protected", ""),
             ("shield", str(SHIELDED), "Laps", "lap."),
+            ("toward sc", str(toward), "Laps", "lap."),
+        )
+        rows = []
+        violations = 0
+        for (who, eager), (arm, file, name, prefix) in itertools.product(
+            (("eager", True), ("gentle", False)), arms
         ):
             params: dict[str, Value] = {f"{prefix}AGGRESSIVE": eager}
             laps = campaign(pool, file, name, count, whole=False, params=params)
@@ -255,10 +267,23 @@ def shields(pool: multiprocessing.pool.Pool, count: int) -> int:
             violations += broken if arm != "AC alone" else 0
             share = float(np.mean([lap.ac_share for lap in laps]))
             switches = float(np.mean([lap.switches for lap in laps]))
+            moved = f"{moved_share(toward, params):.1%}" if arm == "toward sc" else "-"
             lap_s = f"{mean_lap_s(laps):.2f} s"
-            rows.append((who, arm, str(broken), lap_s, f"{share:.2%}", f"{switches:.2f}"))
-    print(table(("AC", "arm", "with violation", "mean clean lap", "AC share", "takeovers"), rows))
+            rows.append((who, arm, str(broken), lap_s, f"{share:.2%}", moved, f"{switches:.2f}"))
+    head = ("AC", "arm", "with violation", "mean clean lap", "AC share", "moved", "takeovers")
+    print(table(head, rows))
     return violations
+
+
+def moved_share(path: Path, params: dict[str, Value]) -> float:
+    """What share of AC's commands a shield moves, in the first ten seconds of five laps."""
+    program = soter.load(path)
+    runs = [
+        program.simulate(system="Laps", seed=seed, until="10s", params=params, trace=False)
+        for seed in range(5)
+    ]
+    published, moved = np.sum([run.moved_commands[0] for run in runs], axis=0)
+    return float(moved / published)
 
 
 def main() -> int:
