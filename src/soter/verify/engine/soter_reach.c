@@ -17,6 +17,7 @@ typedef struct {
   soter_reach_work* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
   int64_t steps[SOTER_REACH_THREADS];
+  int looks_around;
 } core_job;
 
 /* More than a cell away from every cell of K. */
@@ -30,13 +31,46 @@ static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16
   return !soter_reach_inside(g, kept, box, 1);
 }
 
-/* One hold; 2: the image lies in K, 1: not (yet), 0: never. */
-static int go_on(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
-                 soter_reach_chain* x, uint16_t* image, int* lost) {
-  soter_hold h;
+enum { STOPPED, HELD };
+
+/* One hold from x, within the cells `at` (null: not told). `in_c`: the tube is known to lie in C,
+ * and is not told. */
+static int hold(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, soter_hold* h,
+                int* in_c) {
+  const soter_reach_group* g = job->g;
+  soter_scratch* s = &job->scratch[who];
+  const int looks = at != 0 && job->looks_around;
+  const double* command = looks ? soter_reach_around(g, job->w, s, at, x) : 0;
+  SOTER_CHECK(x->holds >= 0);
+  job->steps[who]++;
+  *in_c = command != 0 && soter_reach_move(g, command, x);
+  if (*in_c) {
+    memcpy(h->image_lo, x->lo, sizeof x->lo);
+    memcpy(h->image_hi, x->hi, sizeof x->hi);
+    return HELD;
+  }
+  return soter_reach_hold(g, s, x, h) ? HELD : STOPPED;
+}
+
+/* One hold all of which is in C; 0: it may leave C, or nothing can be bounded. */
+static int hold_in_c(core_job* job, int who, const uint16_t* at, soter_reach_chain* x,
+                     soter_hold* h) {
   uint16_t tube[2 * AXES];
-  if (!soter_reach_hold(g, s, x, &h) || !soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) ||
-      !soter_reach_inside(g, w->allowed, tube, 0)) {
+  int in_c;
+  if (hold(job, who, at, x, h, &in_c) == STOPPED) {
+    return 0;
+  }
+  return in_c || (soter_reach_cover(job->g, h->tube_lo, h->tube_hi, tube) &&
+                  soter_reach_inside(job->g, job->w->allowed, tube, 0));
+}
+
+/* One hold; 2: the image lies in K, 1: not (yet), 0: never. `image` may be `at`. */
+static int go_on(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, uint16_t* image,
+                 int* lost) {
+  const soter_reach_group* g = job->g;
+  const soter_reach_work* w = job->w;
+  soter_hold h;
+  if (!hold_in_c(job, who, at, x, &h)) {
     return 0;
   }
   if (!soter_reach_cover(g, h.image_lo, h.image_hi, image)) {
@@ -49,35 +83,51 @@ static int go_on(const soter_reach_group* g, const soter_reach_work* w, soter_sc
   return *lost >= w->patience ? 0 : 1;
 }
 
-/* The chain of a cell as it stood after its witness's holds: as it was kept, or made again. */
-static int resume(core_job* job, int who, int64_t cell, const int* at, soter_reach_chain* x) {
+/* Copies what a chain goes on from. */
+static void copy_chain(const soter_reach_group* g, soter_reach_chain* to,
+                       const soter_reach_chain* from) {
+  if (g->delay > 0 || g->jitter > 0) {
+    *to = *from;
+  } else { /* it remembers no commands */
+    soter_copy_state(to, from);
+  }
+}
+
+/* The chain of a cell as it stood after its witness's holds: as it was kept, or made again.
+ * `image`: cells around it. */
+static int resume(core_job* job, int who, int64_t cell, const int* at, soter_reach_chain* x,
+                  uint16_t* image) {
+  const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   soter_hold ignored;
+  int in_c;
   const int n = w->witness[cell];
   if (n > 0 && w->slot[cell] >= 0) {
     SOTER_CHECK(w->slot[cell] < w->pool_size);
-    *x = w->pool[w->slot[cell]];
+    copy_chain(g, x, &w->pool[w->slot[cell]]);
     return 1;
   }
-  soter_reach_start_at(job->g, at, at, x);
+  soter_reach_start_at(g, at, at, x);
+  (void)soter_reach_box(g, at, at, image);
   for (int k = 0; k < n; k++) {
-    job->steps[who]++;
-    if (!soter_reach_hold(job->g, &job->scratch[who], x, &ignored)) {
+    if (hold(job, who, image, x, &ignored, &in_c) == STOPPED) {
       return 0;
     }
+    (void)soter_reach_cover(g, x->lo, x->hi, image);
   }
   return 1;
 }
 
 /* Keeps the chain of a cell, while there is room: each thread has a half of it. */
-static void put_away(soter_reach_work* w, int who, int64_t cell, const soter_reach_chain* x) {
+static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, int64_t cell,
+                     const soter_reach_chain* x) {
   const int half = w->pool_size / SOTER_REACH_THREADS;
   if (w->slot[cell] < 0 && w->pool_used[who] < half) {
     w->slot[cell] = who * half + w->pool_used[who]++;
   }
   if (w->slot[cell] >= 0) {
     SOTER_CHECK(w->slot[cell] < w->pool_size);
-    w->pool[w->slot[cell]] = *x;
+    copy_chain(g, &w->pool[w->slot[cell]], x);
   }
 }
 
@@ -90,19 +140,18 @@ static uint8_t witness(core_job* job, int who, int64_t cell, const int* at, uint
   if (n > 0 && w->patience <= 1 && remote(g, w->r.kept, image)) {
     return 0;
   }
-  if (!resume(job, who, cell, at, &x)) {
+  if (!resume(job, who, cell, at, &x, image)) {
     return 0;
   }
   while (found == 1 && n < w->longest) {
     n++;
-    job->steps[who]++;
-    found = go_on(g, w, &job->scratch[who], &x, image, &lost);
+    found = go_on(job, who, image, &x, image, &lost);
   }
   if (found != 2) {
     return 0;
   }
   if (n > 1 && n < w->longest) {
-    put_away(w, who, cell, &x);
+    put_away(g, w, who, cell, &x);
   }
   SOTER_CHECK(n >= 1 && n <= UINT8_MAX);
   return (uint8_t)n;
@@ -143,8 +192,7 @@ static void by_halves(core_job* job, int who, int64_t tile, const int* first, co
   }
   if (size > 1 && soter_reach_inside(g, w->r.kept, box, 0)) {
     soter_reach_start_at(g, first, last, &x);
-    job->steps[who]++;
-    if (go_on(g, w, &job->scratch[who], &x, image, &lost) == 2) {
+    if (go_on(job, who, 0, &x, image, &lost) == 2) {
       int at[AXES];
       memcpy(at, first, sizeof at);
       soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);
@@ -187,6 +235,7 @@ void soter_reach_core_begin(const soter_reach_group* g, soter_reach_work* w) {
   memcpy(w->r.kept, w->allowed, sizeof(uint64_t) * (size_t)soter_reach_words(g));
   memset(w->witness, 0, (size_t)cells);
   memset(w->slot, 0xff, sizeof(int32_t) * (size_t)cells);
+  memset(w->known, 0, (size_t)soter_reach_tiles(g));
   w->pool_used[0] = w->pool_used[1] = 0;
   soter_reach_rounds_begin(g, &w->r);
 }
@@ -194,7 +243,7 @@ void soter_reach_core_begin(const soter_reach_group* g, soter_reach_work* w) {
 /* Goes on for about `seconds`; 1 when it is the fixpoint. */
 int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, double seconds,
                               int32_t threads) {
-  core_job job = {.g = g, .w = w};
+  core_job job = {.g = g, .w = w, .looks_around = soter_reach_may_look_around(g)};
   soter_crew crew;
   int done;
   soter_reach_inputs(g, &job.scratch[0]);

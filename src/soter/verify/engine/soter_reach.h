@@ -66,14 +66,15 @@ typedef struct {
   const double* edges[SOTER_REACH_AXES];
   const int32_t* guess[SOTER_REACH_AXES]; /* bucket -> a cell near it */
   int32_t guesses[SOTER_REACH_AXES];
-  double period, delay, jitter; /* seconds: delta, d, j */
-  int32_t past;                 /* how many commands back a read may lie under */
+  double per_unit[SOTER_REACH_AXES]; /* buckets in a unit of the axis */
+  double period, delay, jitter;      /* seconds: delta, d, j */
+  int32_t past;                      /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
   /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes; 2: what lies beyond belongs
    * to the last cell (soter_reach_invariant_ends.c). Other values are free, for axes that wrap
-   * around: soter_reach_cells is where boxes meet ends. */
+   * around: soter_reach_cover is where boxes meet ends. */
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */
@@ -89,12 +90,12 @@ typedef struct {
   double lo[SOTER_REACH_AXES];
   double hi[SOTER_REACH_AXES];
   uint32_t from_low, from_high; /* bit i: it began at an end of axis i that has no outer end */
+  int32_t holds;
   double uc[SOTER_REACH_COMMANDS];
   double ug[SOTER_REACH_COMMANDS][SOTER_REACH_AXES];
   double ur[SOTER_REACH_COMMANDS];
   double past_lo[SOTER_REACH_PAST][SOTER_REACH_COMMANDS]; /* 0 is the last command */
   double past_hi[SOTER_REACH_PAST][SOTER_REACH_COMMANDS];
-  int32_t holds;
 } soter_reach_chain;
 
 /* A fixpoint under way, by rounds. `dirty` lists tiles to look at; `cursor` how far a call came. */
@@ -116,6 +117,8 @@ typedef struct {
   uint8_t* witness;        /* per cell */
   uint16_t* image;         /* per cell: first and last cell of the witness's image, per axis */
   int32_t* slot;           /* per cell: where its chain is kept, -1: nowhere */
+  uint8_t* known;          /* per tile: what soter_reach_around.c knows of its block */
+  double* command;         /* per tile: the commands that act all over its block */
   soter_reach_chain* pool;
   int32_t pool_size;
   int32_t pool_used[2];

@@ -28,9 +28,6 @@
 
 #include "soter_reach_internal.h"
 
-#include <stddef.h>
-#include <string.h>
-
 /* Written for any number of axes and commands, and compiled for the usual ones. */
 #if defined(__GNUC__)
 #define ALWAYS static inline __attribute__((always_inline))
@@ -223,11 +220,6 @@ ALWAYS int advance(int n, soter_reach_chain* x, const motion* t) {
     }
   }
   return hull(n, x);
-}
-
-/* `from` without its commands. */
-static inline void copy_state(soter_reach_chain* to, const soter_reach_chain* from) {
-  memcpy(to, from, offsetof(soter_reach_chain, uc));
 }
 
 /* A command that is held in place of the law. */

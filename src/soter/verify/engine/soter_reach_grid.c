@@ -4,16 +4,15 @@
 #include <string.h>
 
 /* A cell near x, for x in the grid; the edges say which one it is. */
-static int near(const soter_reach_group* g, int axis, double x) {
+static inline int near(const soter_reach_group* g, int axis, double x) {
   const double* e = g->edges[axis];
-  const int n = g->cells[axis], buckets = g->guesses[axis];
-  const double scale = buckets / (e[n] - e[0]);
-  const int b = (int)((x - e[0]) * scale);
+  const int buckets = g->guesses[axis];
+  const int b = (int)((x - e[0]) * g->per_unit[axis]);
   return g->guess[axis][b < 0 ? 0 : b >= buckets ? buckets - 1 : b];
 }
 
 /* The last cell that begins at lo or before. */
-static int first_of(const soter_reach_group* g, int axis, double lo) {
+static inline int first_of(const soter_reach_group* g, int axis, double lo) {
   const double* e = g->edges[axis];
   int i = near(g, axis, lo);
   while (e[i] > lo) {
@@ -26,7 +25,7 @@ static int first_of(const soter_reach_group* g, int axis, double lo) {
 }
 
 /* The first cell that ends at hi or after. */
-static int last_of(const soter_reach_group* g, int axis, double hi) {
+static inline int last_of(const soter_reach_group* g, int axis, double hi) {
   const double* e = g->edges[axis];
   int j = near(g, axis, hi);
   while (e[j + 1] < hi) {
@@ -53,16 +52,24 @@ static void into_outer_cells(const soter_reach_group* g, int axis, double* lo, d
   }
 }
 
-/* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
-int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
-                      int* last) {
+/* Brings what sticks out of the grid into it, where that may be; 0 where it may not. */
+static int brought_in(const soter_reach_group* g, int axis, double* lo, double* hi) {
   const double* e = g->edges[axis];
   const int n = g->cells[axis];
-  soter_reach_keep_axis(g, axis, &lo, &hi);
-  if (lo <= hi) {
-    into_outer_cells(g, axis, &lo, &hi);
+  soter_reach_keep_axis(g, axis, lo, hi);
+  if (*lo <= *hi) {
+    into_outer_cells(g, axis, lo, hi);
   }
-  if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
+  SOTER_CHECK(n >= 1);
+  return *lo >= e[0] && *hi <= e[n] && *lo <= *hi;
+}
+
+/* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
+static inline int cells_along(const soter_reach_group* g, int axis, double lo, double hi,
+                              int* first, int* last) {
+  const double* e = g->edges[axis];
+  const int n = g->cells[axis];
+  if (!(lo >= e[0] && hi <= e[n] && lo <= hi) && !brought_in(g, axis, &lo, &hi)) {
     return 0;
   }
   *first = first_of(g, axis, lo);
@@ -79,7 +86,7 @@ int soter_reach_cover(const soter_reach_group* g, const double* lo, const double
                       uint16_t* image) {
   for (int a = 0; a < g->axes; a++) {
     int first, last;
-    if (!soter_reach_cells(g, a, lo[a], hi[a], &first, &last)) {
+    if (!cells_along(g, a, lo[a], hi[a], &first, &last)) {
       return 0;
     }
     image[2 * a] = (uint16_t)first;

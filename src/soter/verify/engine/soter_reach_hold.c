@@ -378,7 +378,7 @@ ALWAYS int moved(int n, int m, const soter_reach_group* g, const soter_reach_ste
                  const soter_reach_chain* x, const acting* t, motion* to, soter_reach_chain* y) {
   motion_of(n, m, x, step, t->u, to);
   handover(g, step, x, t, to);
-  copy_state(y, x);
+  soter_copy_state(y, x);
   for (int i = 0; i < n; i++) {
     y->lo[i] = -HUGE_VAL;
     y->hi[i] = HUGE_VAL;
@@ -416,7 +416,7 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   standing(n, g, s, x, flo, fhi, t.lo, t.hi, may, &y, out);
   soter_reach_to_ends(g, x->from_low, x->from_high, out->tube_lo, out->tube_hi);
   soter_reach_to_ends(g, x->from_low, x->from_high, out->image_lo, out->image_hi);
-  copy_state(x, &y);
+  soter_copy_state(x, &y);
   x->holds++;
   if (g->delay > 0 || g->jitter > 0) {
     remember(g, x, &t);
@@ -434,28 +434,52 @@ int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_c
   if (g->commands == 1 && g->axes == 2) {
     return hold_flow(2, 1, g, s, x, out);
   }
+  if (g->commands == 1 && g->axes == 3) {
+    return hold_flow(3, 1, g, s, x, out);
+  }
   return hold_flow(g->axes, g->commands, g, s, x, out);
 }
 
-/* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
- * Returns how many could be bounded. */
-int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
-                    int32_t holds, double* images, double* tubes) {
-  soter_scratch s;
-  soter_reach_chain x;
-  soter_hold h;
-  soter_reach_inputs(g, &s);
-  soter_reach_start(g, low, high, &x);
-  for (int k = 0; k < holds; k++) {
-    if (!soter_reach_hold(g, &s, &x, &h)) {
-      return k;
+/* The end of a hold of one command alone: with `t` as `read_commands` gives it then. Rates over x
+ * alone are no larger than those over all of the tube: where they are above the dust, no axis
+ * stands. */
+ALWAYS int move_flow(int n, int m, const soter_reach_group* g, const double* command,
+                     soter_reach_chain* x) {
+  static const double none[AXES] = {0, 0, 0, 0};
+  double flo[AXES], fhi[AXES], ignored;
+  acting t;
+  motion to;
+  soter_reach_chain y;
+  rates(n, m, &g->model, x->lo, x->hi, command, command, flo, fhi);
+  for (int i = 0; i < n; i++) {
+    if (!(size_of(flo[i], fhi[i]) > g->dust[i])) {
+      return 0;
     }
-    for (int i = 0; i < g->axes; i++) {
-      images[2 * (k * g->axes + i)] = h.image_lo[i];
-      images[2 * (k * g->axes + i) + 1] = h.image_hi[i];
-      tubes[2 * (k * g->axes + i)] = h.tube_lo[i];
-      tubes[2 * (k * g->axes + i) + 1] = h.tube_hi[i];
-    }
+    soter_centre(x->lo[i], x->hi[i], &to.from[i], &ignored);
   }
-  return holds;
+  for (int a = 0; a < m; a++) {
+    memset(&t.u[a], 0, sizeof t.u[a]);
+    t.u[a].c = t.u[a].lo = t.u[a].hi = command[a];
+    (void)with_drift(n, none, none, &t.u[a]);
+  }
+  if (!moved(n, m, g, &g->first, x, &t, &to, &y)) {
+    return 0;
+  }
+  soter_copy_state(x, &y);
+  x->holds++;
+  return 1;
+}
+
+/* Runs a hold of a linear flow to its end, under a command that is one number: what
+ * `soter_reach_hold` makes of x, and of the image. 0: x is as it was, and that one is to be asked.
+ */
+int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x) {
+  SOTER_CHECK(!g->is_map && !g->is_local && g->delay <= 0 && g->jitter <= 0);
+  if (g->commands == 1 && g->axes == 2) {
+    return move_flow(2, 1, g, command, x);
+  }
+  if (g->commands == 1 && g->axes == 3) {
+    return move_flow(3, 1, g, command, x);
+  }
+  return move_flow(g->axes, g->commands, g, command, x);
 }

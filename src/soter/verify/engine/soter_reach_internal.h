@@ -8,6 +8,8 @@
 
 #include <float.h>
 #include <math.h>
+#include <stddef.h>
+#include <string.h>
 
 enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
 
@@ -20,6 +22,7 @@ enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
 typedef struct {
   soter_form in[SOTER_INPUTS];
   soter_form out[SOTER_INPUTS];
+  double command[COMMANDS]; /* of soter_reach_around */
 } soter_scratch;
 
 /* At least one unit in the last place outward: beyond what x was rounded from, see
@@ -74,13 +77,16 @@ static inline void soter_reach_keep_axis(const soter_reach_group* g, int axis, d
   }
 }
 
+/* `from` without its commands. */
+static inline void soter_copy_state(soter_reach_chain* to, const soter_reach_chain* from) {
+  memcpy(to, from, offsetof(soter_reach_chain, uc));
+}
+
 typedef struct {
   double tube_lo[AXES], tube_hi[AXES];   /* every instant of the hold */
   double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
 } soter_hold;
 
-int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
-                      int* last);
 int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
                       uint16_t* image);
 int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
@@ -119,5 +125,9 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
                        soter_reach_chain* x);
 int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
                      soter_hold* out);
+int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x);
+int soter_reach_may_look_around(const soter_reach_group* g);
+const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
+                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x);
 
 #endif

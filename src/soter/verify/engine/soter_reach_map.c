@@ -70,7 +70,7 @@ ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
   line u[COMMANDS];
   soter_reach_chain y;
   SOTER_CHECK(g->hold_steps >= 1);
-  copy_state(&y, x);
+  soter_copy_state(&y, x);
   for (int i = 0; i < n; i++) {
     soter_range(&s->in[g->axis[i]], g->axis[i], x->lo[i], x->hi[i]);
     out->tube_lo[i] = x->lo[i];
@@ -83,7 +83,7 @@ ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
   if (!map_step(n, g, s, &y) || !later_steps(n, m, g, s, u, &y, out)) {
     return 0;
   }
-  copy_state(x, &y);
+  soter_copy_state(x, &y);
   x->holds++;
   memcpy(out->image_lo, x->lo, sizeof x->lo);
   memcpy(out->image_hi, x->hi, sizeof x->hi);

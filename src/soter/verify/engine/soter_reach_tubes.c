@@ -92,12 +92,13 @@ static void divide(cell_job* job, int who, box_test test, const int* first, cons
   divide(job, who, test, mid_first, last);
 }
 
-/* Every instant of every run from the box lies in the target (linear flows). */
+/* Every instant of every run from the box lies in the target (linear flows). What leaves it has
+ * mostly left it at the end: that is looked at first. */
 static int tube_inside(const cell_job* job, const double* lo, const double* hi) {
   const soter_reach_group* g = job->g;
   const int n = g->axes;
   uint16_t box[2 * AXES];
-  for (int k = 0; k < job->tube->segments; k++) {
+  for (int k = job->tube->segments - 1; k >= 0; k--) {
     const soter_reach_segment* s = &job->tube->at[k];
     double low[AXES], high[AXES];
     for (int i = 0; i < n; i++) {
@@ -238,4 +239,27 @@ int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const d
     }
   }
   return over_tiles(&job, first_tile, seconds, threads);
+}
+
+/* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
+ * Returns how many could be bounded. */
+int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
+                    int32_t holds, double* images, double* tubes) {
+  soter_scratch s;
+  soter_reach_chain x;
+  soter_hold h;
+  soter_reach_inputs(g, &s);
+  soter_reach_start(g, low, high, &x);
+  for (int k = 0; k < holds; k++) {
+    if (!soter_reach_hold(g, &s, &x, &h)) {
+      return k;
+    }
+    for (int i = 0; i < g->axes; i++) {
+      images[2 * (k * g->axes + i)] = h.image_lo[i];
+      images[2 * (k * g->axes + i) + 1] = h.image_hi[i];
+      tubes[2 * (k * g->axes + i)] = h.tube_lo[i];
+      tubes[2 * (k * g->axes + i) + 1] = h.tube_hi[i];
+    }
+  }
+  return holds;
 }

@@ -140,7 +140,7 @@ class GridModel:
             g.tiles[a] = -(-(len(edges) - 1) // tile[a])
             g.edges[a] = self._array(edges, "f8", "double *")
             g.guess[a] = self._array(guess, "i4", "int32_t *")
-            g.guesses[a] = len(guess)
+            g.guesses[a], g.per_unit[a] = len(guess), len(guess) / (edges[-1] - edges[0])
         g.words = -(-self.shape[-1] // 64)
         g.period = x.period_ns * NS
         g.delay, g.jitter = (

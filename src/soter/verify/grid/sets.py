@@ -222,6 +222,9 @@ class GridGroup(GridModel):
         image, slot, chains = self._scratch
         w.image, w.slot = self.pointer(image, "uint16_t *"), self.pointer(slot, "int32_t *")
         w.pool = self.pointer(chains, "soter_reach_chain *")
+        known = np.empty(self.tiles, dtype=np.uint8)
+        commands = np.empty(self.tiles * max(1, int(self.c.commands)), dtype=np.float64)
+        w.known, w.command = self.pointer(known, "uint8_t *"), self.pointer(commands, "double *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
