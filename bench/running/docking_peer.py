@@ -7,7 +7,8 @@ Purpose: the same craft, the same ACs, the same period: how much of the time all
 AC's, and for how long a flight is outside of the constraint of their zoo, seen ten times a period.
 Disturbances and errors are drawn within the bounds of the proofs; ours read what is measured,
 theirs that and the truth. Exit code 1 where one of ours leaves the constraint, or where an AC that
-respects it has a smaller share than theirs.
+respects it has a smaller share than theirs: on a line with a shield, else with one limit for all
+directions (docking_together.soter). A limit for each direction (docking_orbit.soter) is told, too.
 Non-goals: time (`simplex_peer.py`).
 """
 
@@ -40,6 +41,12 @@ PERIOD, LOOKS = 0.1, 10
 N, MASS, V0 = 0.001027, 12.0, 0.2
 LINE = "bench/adversary/docking.soter"
 ORBIT = "bench/running/docking_orbit.soter"
+TOGETHER = "bench/running/docking_together.soter"
+ORDERS: dict[int, Callable[[Array], dict[str, Any]]] = {
+    2: lambda u: {"asked": {"x": u[0], "y": u[1], "brake": 0.0}},
+    3: lambda u: {"wished": {"x": u[0], "y": u[1], "z": u[2], "brake": 0.0}},
+}
+"""AC's outputs in TOGETHER: it never asks for `brake`, which is SC's."""
 WAYPOINT_S = {1: 15.0, 2: 150.0, 3: 150.0}
 PEER = """
 import json, sys
@@ -187,6 +194,7 @@ def together(task: Task, goal: Array, r: Array) -> Array:
     return np.asarray(speed * way / max(float(np.linalg.norm(way)), 1e-9))
 
 
+EACH, ALL = "ours, each direction, shield 8", "ours, all directions, speed"
 AGENTS = ("near-optimal", "on a straight line", "pushes", "anything")
 """Below the limit of each direction, below that of all together; the last two know none."""
 
@@ -253,17 +261,31 @@ class Theirs:
 
 
 class Ours:
-    """A module with a shield or without, in front of the craft; it reads what is measured."""
+    """A module in front of the craft; it reads what is measured."""
 
-    def __init__(self, task: Task, folder: Path, *, shield: bool) -> None:
+    def __init__(self, craft: Craft, env: Protected) -> None:
+        self.craft, self.env = craft, env
+
+    @classmethod
+    def of_each(cls, task: Task, folder: Path, *, shield: bool) -> Ours:
+        """A limit for each direction, with a shield or without."""
         text = (ROOT / task.program).read_text("utf-8").replace("  shield 8;\n", "")
         if shield:
             text = text.replace("  verify {", "  shield 8;\n  verify {")
         text = text.replace("plant Line period 50ms", "plant Line period 100ms")
         path = folder / f"{task.system}_{shield}.soter"
         path.write_text(text, "utf-8")
-        self.craft = Craft(task)
-        self.env = Protected(path, self.craft, system=task.system, measured=True)
+        craft = Craft(task)
+        return cls(craft, Protected(path, craft, system=task.system, measured=True))
+
+    @classmethod
+    def of_all(cls, task: Task, *, grid: bool = False) -> Ours:
+        """One limit for all directions: of the speed, or of the velocity on a grid."""
+        craft = Craft(task)
+        how: dict[str, Any] = {"system": "InPlaneOnGrid" if grid else task.system}
+        if not grid:
+            how |= {"act": ORDERS[task.directions], "action_space": craft.action_space}
+        return cls(craft, Protected(ROOT / TOGETHER, craft, measured=True, **how))
 
     def fly(self, seed: int) -> tuple[Array, Callable[[Array], tuple[Array, bool]]]:
         """As `Theirs.fly`."""
@@ -339,9 +361,14 @@ def _directions(
         for m in (False, True)
     }
     ours = {
-        "ours, state alone": Ours(task, folder, shield=False),
-        "ours, shield 8": Ours(task, folder, shield=True),
+        "ours, each direction, state alone": Ours.of_each(task, folder, shield=False),
+        EACH: Ours.of_each(task, folder, shield=True),
     }
+    if task.directions > 1:
+        ours[ALL] = Ours.of_all(task)
+    if task.directions == 2:
+        ours["ours, all directions, grid"] = Ours.of_all(task, grid=True)
+    kept = {ALL, "ours, all directions, grid"} if task.directions > 1 else {EACH}
     missed = 0
     for name in (a for a in AGENTS if task.directions > 1 or a != AGENTS[1]):
         best = 0.0
@@ -355,8 +382,7 @@ def _directions(
             if isinstance(who, Theirs):
                 best = max(best, share)
             else:
-                late = filtered == "ours, shield 8" and name == "near-optimal" and share < best
-                missed += bool(gone) or late
+                missed += bool(gone) or (filtered in kept and name in AGENTS[:2] and share < best)
     return missed
 
 

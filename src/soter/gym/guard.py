@@ -19,6 +19,7 @@ from gymnasium.utils import seeding
 import soter.api
 from soter.gym import array_mapping
 from soter.gym.disturbance_explanation import SessionPlant, modelled, tolerances, why_not
+from soter.gym.info_keys import known_keys
 from soter.gym.outside_roles import chosen_plant, wrong_choice
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
@@ -56,13 +57,6 @@ AS_TOLD = -2
 NO_STATES = -1
 """`SOTER_NO_STATES`: what was given is no state of the plant."""
 ndarray = np.ndarray
-
-INFO_KEYS = (
-    *("mode", "ttf", "safer", "margin", "stale", "switched", "violations", "taken_by"),
-    *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),
-    *("off_model", "action_mask", "not_finite"),
-)
-"""All that `info` may say of the module."""
 
 NOT_COPIED = (
     "session",
@@ -107,7 +101,7 @@ class EnvironmentGuard:
             )
         self.program = loaded
         self.choice = (system, module, plant, params, measured)
-        self._info_keys = None if info_keys is None else _known_keys(info_keys)
+        self._info_keys = None if info_keys is None else known_keys(info_keys)
         self._observe, self._act, self._command = observe, act, command
         self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
         self._observed = env.observation_space.dtype
@@ -494,15 +488,6 @@ class EnvironmentGuard:
         made = EnvironmentGuard.__new__(EnvironmentGuard)
         made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
         return made
-
-
-def _known_keys(keys: Collection[str]) -> tuple[str, ...]:
-    """`keys` in the order of `INFO_KEYS`; SoterError U001 for others."""
-    wanted = {keys} if isinstance(keys, str) else set(keys)
-    if unknown := sorted(map(str, wanted.difference(INFO_KEYS))):
-        names = ", ".join(f"`{name}`" for name in unknown)
-        raise wrong_choice(f"`info` says nothing of {names}", f"it has {', '.join(INFO_KEYS)}")
-    return tuple(key for key in INFO_KEYS if key in wanted)
 
 
 def is_single(bound: Bound) -> bool:

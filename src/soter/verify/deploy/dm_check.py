@@ -23,17 +23,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.core.layout import encode_into, state_dtype
+from soter.core.layout import state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.shield_topics import NEVER_HELD
-from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.statements import Evaluator
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.native.build import library
 from soter.native.cffi_interface import interface, opened
+from soter.verify.deploy.dm_expected_facts import NOW_NS, ExpectedFacts
 from soter.verify.deploy.dm_latch_oracle import LatchBytes
 from soter.verify.deploy.dm_test_inputs import AC, SC, WRAPPER, gates, leaf_offset, values
 from soter.verify.deploy.missing_predicates import put
@@ -50,7 +48,6 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Value
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_test_inputs import Points
     from soter.verify.problem.problem import Problem
@@ -61,7 +58,6 @@ if TYPE_CHECKING:
 
 
 NEVER = -(2**62)
-NOW_NS = 10**15
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
@@ -270,7 +266,7 @@ class _Inputs:
         predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
         scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
         read = [scope[t] for t in topic_reads(*predicates)]
-        expected = _Expected(system, self.module)
+        expected = ExpectedFacts(system, self.module)
         every = list(itertools.product(self._ages(), gates(self.module)))
         for k, chosen_values in enumerate(values(system, read, points, self.chance)):
             topics = [t.default for t in system.topics]
@@ -294,7 +290,7 @@ class _Inputs:
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
         """A state with all fresh, other groups where they allow everything; where `own` lies."""
         layout, topics = self.c.unit.layout, self.system.topics
-        state = _Expected(self.system, self.module).state(
+        state = ExpectedFacts(self.system, self.module).state(
             self.c.unit, tuple(t.default for t in topics)
         )
         struct.pack_into("<q", state, 0, NOW_NS)
@@ -451,45 +447,3 @@ class _Inputs:
 def fields_size(system: System, layout: StateLayout) -> int:
     """Bytes of one module's record in a state."""
     return int(state_dtype(system, layout)["modules"].base.itemsize)
-
-
-class _Expected:
-    """What the reference interpreter says about a module's predicates."""
-
-    def __init__(self, system: System, module: Module) -> None:
-        self.system = system
-        evaluator = Evaluator.of(module.scope, {})
-        symbol = module.symbol
-        self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
-        self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
-        self.period_ns = module.period_ns
-        self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
-
-    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
-        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
-        env = Environment(
-            topics=topics,
-            stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
-            time_ns=NOW_NS,
-            period_ns=self.period_ns,
-            in_control=True,
-            mode=lambda _: SC,
-            truth=lambda _: (),
-        )
-        truths = []
-        for predicate, unknown in ((self._ttf, True), (self._safer, False)):
-            try:
-                truths.append(unknown if predicate is None else bool(predicate(env)))
-            except StepFault:
-                truths.append(unknown)
-        return truths[0], truths[1]
-
-    def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
-        """A state that holds these values."""
-        out = bytearray(unit.layout.size)
-        for group in unit.layout.groups:
-            if group.owner < 0:
-                for member in group.struct.members:
-                    at = group.offset + member.offset
-                    encode_into(out, at, member.type, topics[member.index])
-        return out

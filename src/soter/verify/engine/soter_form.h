@@ -35,6 +35,14 @@
 #error "define SOTER_INPUTS, the number of inputs, before including soter_form.h"
 #endif
 
+/* An operation on whole forms: one copy for all its calls. Inlined, the hundreds of calls of a unit
+ * took four times as long to compile, and none ran faster. */
+#ifdef __GNUC__
+#define SOTER_OPERATION static __attribute__((noinline, unused))
+#else
+#define SOTER_OPERATION SOTER_INLINE
+#endif
+
 typedef struct {
   double lo, hi, c, r;
   double g[SOTER_INPUTS];
@@ -139,7 +147,7 @@ SOTER_INLINE void soter_n_top(int n, soter_form* out) {
 }
 
 /* Some number in [lo, hi], independent of the inputs; lo = hi: exactly that one. */
-SOTER_INLINE void soter_n_range(int n, soter_form* out, double lo, double hi) {
+SOTER_OPERATION void soter_n_range(int n, soter_form* out, double lo, double hi) {
   SOTER_CHECK(soter_holds(lo, hi));
   out->lo = lo;
   out->hi = hi;
@@ -156,7 +164,7 @@ SOTER_INLINE void soter_n_range(int n, soter_form* out, double lo, double hi) {
 /* Completes a form whose lo, hi, c, g are set, and r but for rounding: c and each g[i] computed
  * with relative error u; the program rounds its result where `rounds` is 1. Intersects both parts.
  */
-SOTER_INLINE void soter_n_settle(int n, soter_form* out, double rounds) {
+SOTER_OPERATION void soter_n_settle(int n, soter_form* out, double rounds) {
   const double sum = soter_slopes(n, out->g);
   const double size = soter_size(out);
   const double r =
@@ -190,7 +198,8 @@ SOTER_INLINE bool soter_form_wild(const soter_form* a) {
 }
 
 /* The symbols that the inputs `read` depend on; gives how many. */
-SOTER_INLINE int soter_symbols(const soter_form in[], const int read[], int count, int symbols[]) {
+SOTER_OPERATION int soter_symbols(const soter_form in[], const int read[], int count,
+                                  int symbols[]) {
   bool used[SOTER_INPUTS] = {false};
   int n = 0;
   for (int k = 0; k < count; k++) {
@@ -207,7 +216,8 @@ SOTER_INLINE int soter_symbols(const soter_form in[], const int read[], int coun
   return n;
 }
 
-SOTER_INLINE void soter_n_take(int n, soter_form* out, const soter_form* a, const int symbols[]) {
+SOTER_OPERATION void soter_n_take(int n, soter_form* out, const soter_form* a,
+                                  const int symbols[]) {
   out->lo = a->lo;
   out->hi = a->hi;
   out->c = a->c;
@@ -218,7 +228,8 @@ SOTER_INLINE void soter_n_take(int n, soter_form* out, const soter_form* a, cons
   }
 }
 
-SOTER_INLINE void soter_n_give(int n, soter_form* out, const soter_form* a, const int symbols[]) {
+SOTER_OPERATION void soter_n_give(int n, soter_form* out, const soter_form* a,
+                                  const int symbols[]) {
   out->lo = a->lo;
   out->hi = a->hi;
   out->c = a->c;
@@ -234,7 +245,7 @@ SOTER_INLINE void soter_n_give(int n, soter_form* out, const soter_form* a, cons
 
 /* ------------------------------------------------------------------ + - * / */
 
-SOTER_INLINE void soter_n_add(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_add(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   if (!soter_n_ends(n, out, soter_below(a->lo + b->lo), soter_above(a->hi + b->hi))) {
     return;
   }
@@ -246,7 +257,7 @@ SOTER_INLINE void soter_n_add(int n, soter_form* out, const soter_form* a, const
   soter_n_settle(n, out, 1.0);
 }
 
-SOTER_INLINE void soter_n_sub(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_sub(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   if (!soter_n_ends(n, out, soter_below(a->lo - b->hi), soter_above(a->hi - b->lo))) {
     return;
   }
@@ -259,7 +270,8 @@ SOTER_INLINE void soter_n_sub(int n, soter_form* out, const soter_form* a, const
 }
 
 /* a + k for some k in [lo, hi]. */
-SOTER_INLINE void soter_n_shift(int n, soter_form* out, const soter_form* a, double lo, double hi) {
+SOTER_OPERATION void soter_n_shift(int n, soter_form* out, const soter_form* a, double lo,
+                                   double hi) {
   const double k = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
   SOTER_CHECK(soter_holds(lo, hi));
   if (!soter_n_ends(n, out, soter_below(a->lo + lo), soter_above(a->hi + hi))) {
@@ -274,7 +286,7 @@ SOTER_INLINE void soter_n_shift(int n, soter_form* out, const soter_form* a, dou
 }
 
 /* -a; exact. */
-SOTER_INLINE void soter_n_neg(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_neg(int n, soter_form* out, const soter_form* a) {
   out->lo = -a->hi;
   out->hi = -a->lo;
   out->c = -a->c;
@@ -328,7 +340,7 @@ SOTER_INLINE double soter_spread(const soter_form* a, double slopes) {
 
 /* x y = cx cy + cx dy + cy dx + dx dy, where dx = x - cx. Each g[i] has two products and a sum:
  * within 4 u (|cx gy| + |cy gx|) together, u |g| of it again in settle. */
-SOTER_INLINE void soter_n_mul(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_mul(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   double lo = 0.0, hi = 0.0;
   if (!soter_product(a->lo, a->hi, b->lo, b->hi, &lo, &hi) || !soter_n_ends(n, out, lo, hi)) {
     soter_n_top(n, out);
@@ -346,7 +358,7 @@ SOTER_INLINE void soter_n_mul(int n, soter_form* out, const soter_form* a, const
 }
 
 /* a a = c^2 + 2 c d + d^2 with 0 <= d^2 <= s^2: half of s^2 goes to the centre. */
-SOTER_INLINE void soter_n_square(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_square(int n, soter_form* out, const soter_form* a) {
   const double p = a->lo * a->lo, q = a->hi * a->hi;
   const bool across = a->lo <= 0.0 && a->hi >= 0.0;
   const double lo = across ? 0.0 : soter_most(soter_below_product(soter_least(p, q)), 0.0);
@@ -367,8 +379,8 @@ SOTER_INLINE void soter_n_square(int n, soter_form* out, const soter_form* a) {
 /* A form with the given ends that is alpha a + [lo, hi] at every eps; what `mul`, `div` and all
  * functions of one argument come to. The products are off by u each, which settle counts for g;
  * for c it is counted here. */
-SOTER_INLINE void soter_n_line(int n, soter_form* out, const soter_form* a, double alpha, double lo,
-                               double hi, double rounds) {
+SOTER_OPERATION void soter_n_line(int n, soter_form* out, const soter_form* a, double alpha,
+                                  double lo, double hi, double rounds) {
   const double middle = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
   const double p = alpha * a->c;
   const double beside = lo == hi ? 0.0 : soter_above_product(soter_most(hi - middle, middle - lo));
@@ -386,7 +398,8 @@ SOTER_INLINE void soter_n_line(int n, soter_form* out, const soter_form* a, doub
 }
 
 /* a k for some k in [lo, hi]. */
-SOTER_INLINE void soter_n_scale(int n, soter_form* out, const soter_form* a, double lo, double hi) {
+SOTER_OPERATION void soter_n_scale(int n, soter_form* out, const soter_form* a, double lo,
+                                   double hi) {
   double below = 0.0, above = 0.0, beside = 0.0;
   const double k = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
   if (!soter_product(a->lo, a->hi, lo, hi, &below, &above) || !soter_n_ends(n, out, below, above)) {
@@ -409,7 +422,8 @@ SOTER_INLINE bool soter_quotient(double a, double b, double c, double d, double*
 }
 
 /* a / k for some k in [lo, hi], which does not contain 0. */
-SOTER_INLINE void soter_n_over(int n, soter_form* out, const soter_form* a, double lo, double hi) {
+SOTER_OPERATION void soter_n_over(int n, soter_form* out, const soter_form* a, double lo,
+                                  double hi) {
   double below = 0.0, above = 0.0, k_lo = 0.0, k_hi = 0.0, beside = 0.0;
   if (!soter_quotient(a->lo, a->hi, lo, hi, &below, &above) ||
       !soter_quotient(1.0, 1.0, lo, hi, &k_lo, &k_hi) || !soter_n_ends(n, out, below, above)) {
@@ -423,7 +437,7 @@ SOTER_INLINE void soter_n_over(int n, soter_form* out, const soter_form* a, doub
 
 /* 1 / a as a real number, 0 < |a|: with A > 0, 1/x + A x is convex for x > 0, so at most its larger
  * end and at least 2 sqrt(A). For x < 0 the same of -x. */
-SOTER_INLINE void soter_n_inverse(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_inverse(int n, soter_form* out, const soter_form* a) {
   const bool negative = a->hi < 0.0;
   const double l = negative ? -a->hi : a->lo, h = negative ? -a->lo : a->hi;
   double lo = 0.0, hi = 0.0;
@@ -439,7 +453,7 @@ SOTER_INLINE void soter_n_inverse(int n, soter_form* out, const soter_form* a) {
 }
 
 /* a / b; anything where b may be 0 (which the program guards before). */
-SOTER_INLINE void soter_n_div(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_div(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   double lo = 0.0, hi = 0.0;
   soter_form inverse;
   if (!soter_quotient(a->lo, a->hi, b->lo, b->hi, &lo, &hi)) {
@@ -471,7 +485,7 @@ SOTER_INLINE double soter_rest_above(double v, double alpha, double x) {
 }
 
 /* |a|: for any slope in [-1, 1], |x| - slope x is convex with its minimum 0 at 0. */
-SOTER_INLINE void soter_n_abs(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_abs(int n, soter_form* out, const soter_form* a) {
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
   } else if (a->lo >= 0.0) {
@@ -490,7 +504,7 @@ SOTER_INLINE void soter_n_abs(int n, soter_form* out, const soter_form* a) {
 }
 
 /* max(a, k): for any slope in [0, 1], max(x, k) - slope x is convex with its minimum at k. */
-SOTER_INLINE void soter_n_at_least(int n, soter_form* out, const soter_form* a, double k) {
+SOTER_OPERATION void soter_n_at_least(int n, soter_form* out, const soter_form* a, double k) {
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
   } else if (a->lo >= k) {
@@ -509,7 +523,7 @@ SOTER_INLINE void soter_n_at_least(int n, soter_form* out, const soter_form* a, 
 }
 
 /* min(a, k). */
-SOTER_INLINE void soter_n_at_most(int n, soter_form* out, const soter_form* a, double k) {
+SOTER_OPERATION void soter_n_at_most(int n, soter_form* out, const soter_form* a, double k) {
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
   } else if (a->hi <= k) {
@@ -528,7 +542,7 @@ SOTER_INLINE void soter_n_at_most(int n, soter_form* out, const soter_form* a, d
 }
 
 /* max(a, b) = b > a ? b : a = b + max(a - b, 0) as reals. NaN in b gives a, NaN in a stays. */
-SOTER_INLINE void soter_n_max(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_max(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   soter_form d, excess;
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
@@ -553,7 +567,7 @@ SOTER_INLINE void soter_n_max(int n, soter_form* out, const soter_form* a, const
 }
 
 /* min(a, b) = b < a ? b : a = b + min(a - b, 0) as reals. */
-SOTER_INLINE void soter_n_min(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_min(int n, soter_form* out, const soter_form* a, const soter_form* b) {
   soter_form d, excess;
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
@@ -578,7 +592,7 @@ SOTER_INLINE void soter_n_min(int n, soter_form* out, const soter_form* a, const
 }
 
 /* The largest whole number not above: within 1 of a. */
-SOTER_INLINE void soter_n_floor(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_floor(int n, soter_form* out, const soter_form* a) {
   const double lo = floor(a->lo), hi = floor(a->hi);
   if (lo == hi) {
     soter_n_range(n, out, lo, hi);
@@ -590,7 +604,7 @@ SOTER_INLINE void soter_n_floor(int n, soter_form* out, const soter_form* a) {
 }
 
 /* sqrt(x) - A x is concave: at least its smaller end, at most 1 / (4 A). */
-SOTER_INLINE void soter_n_sqrt(int n, soter_form* out, const soter_form* a) {
+SOTER_OPERATION void soter_n_sqrt(int n, soter_form* out, const soter_form* a) {
   if (!(a->lo >= 0.0)) {
     soter_n_top(n, out); /* NaN below zero */
     return;
@@ -613,7 +627,8 @@ SOTER_INLINE void soter_n_sqrt(int n, soter_form* out, const soter_form* a) {
 /* ------------------------------------------------------------------ undecided */
 
 /* One of the two, at the same eps. */
-SOTER_INLINE void soter_n_join(int n, soter_form* out, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION void soter_n_join(int n, soter_form* out, const soter_form* a,
+                                  const soter_form* b) {
   double apart = fabs(a->c - b->c);
   out->lo = soter_least(a->lo, b->lo);
   out->hi = soter_most(a->hi, b->hi);
@@ -635,8 +650,8 @@ SOTER_INLINE void soter_n_join(int n, soter_form* out, const soter_form* a, cons
 }
 
 /* `then` where t may only be true, `otherwise` where it may only be false, else their join. */
-SOTER_INLINE void soter_n_select(int n, soter_form* out, soter_truth t, const soter_form* then,
-                                 const soter_form* otherwise) {
+SOTER_OPERATION void soter_n_select(int n, soter_form* out, soter_truth t, const soter_form* then,
+                                    const soter_form* otherwise) {
   SOTER_CHECK(t >= 1U && t <= 3U);
   if (t == 2U) {
     soter_n_copy(n, out, then);
@@ -648,7 +663,7 @@ SOTER_INLINE void soter_n_select(int n, soter_form* out, soter_truth t, const so
 }
 
 /* The same into what a branch before may have left in `out`: with t undecided it is joined. */
-SOTER_INLINE void soter_n_merge(int n, soter_form* out, soter_truth t, const soter_form* a) {
+SOTER_OPERATION void soter_n_merge(int n, soter_form* out, soter_truth t, const soter_form* a) {
   SOTER_CHECK(t >= 1U && t <= 3U);
   if (t == 3U) {
     soter_form before;
@@ -660,8 +675,8 @@ SOTER_INLINE void soter_n_merge(int n, soter_form* out, soter_truth t, const sot
 }
 
 /* One of the items whose number is in `at`, which lies in [0, n - 1]. */
-SOTER_INLINE void soter_n_gather(int n, soter_form* out, const soter_form* const items[],
-                                 soter_ints at) {
+SOTER_OPERATION void soter_n_gather(int n, soter_form* out, const soter_form* const items[],
+                                    soter_ints at) {
   SOTER_CHECK(at.lo >= 0 && at.lo <= at.hi);
   soter_n_copy(n, out, items[at.lo]);
   for (int64_t k = at.lo + 1; k <= at.hi; k++) {
@@ -670,7 +685,7 @@ SOTER_INLINE void soter_n_gather(int n, soter_form* out, const soter_form* const
 }
 
 /* The same for constants. */
-SOTER_INLINE void soter_n_table(int n, soter_form* out, const double items[], soter_ints at) {
+SOTER_OPERATION void soter_n_table(int n, soter_form* out, const double items[], soter_ints at) {
   double lo = items[at.lo], hi = items[at.lo];
   bool nan = lo != lo;
   SOTER_CHECK(at.lo >= 0 && at.lo <= at.hi);
@@ -721,7 +736,7 @@ SOTER_INLINE void soter_truth_merge(soter_truth* out, soter_truth t, soter_truth
 
 /* a < b; every comparison with NaN is false. Where the ends do not decide, a - b may, in which what
  * both have in common cancels. */
-SOTER_INLINE soter_truth soter_n_less(int n, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION soter_truth soter_n_less(int n, const soter_form* a, const soter_form* b) {
   soter_form d;
   if (a->hi < b->lo) {
     return 2U;
@@ -736,7 +751,7 @@ SOTER_INLINE soter_truth soter_n_less(int n, const soter_form* a, const soter_fo
   return soter_truth_of(d.lo < 0.0, d.hi >= 0.0);
 }
 
-SOTER_INLINE soter_truth soter_n_no_more(int n, const soter_form* a, const soter_form* b) {
+SOTER_OPERATION soter_truth soter_n_no_more(int n, const soter_form* a, const soter_form* b) {
   soter_form d;
   if (soter_form_wild(a) || soter_form_wild(b)) {
     return soter_truth_of(a->lo <= b->hi, true);
@@ -766,8 +781,8 @@ SOTER_INLINE void soter_possible(soter_truth holds, unsigned* fault) {
 }
 
 /* What passes is finite and in [lo, hi]. */
-SOTER_INLINE void soter_n_gate(int n, soter_form* out, const soter_form* a, double lo, double hi,
-                               unsigned* fault) {
+SOTER_OPERATION void soter_n_gate(int n, soter_form* out, const soter_form* a, double lo, double hi,
+                                  unsigned* fault) {
   soter_n_copy(n, out, a);
   if (!(a->lo >= lo && a->hi <= hi && soter_size(a) <= DBL_MAX)) {
     *fault |= 1U;

@@ -188,13 +188,13 @@ SOTER_INLINE soter_truth soter_truth_input(const soter_form* a) {
   return soter_truth_of(a->hi > 0.0, a->lo < 1.0);
 }
 
-SOTER_INLINE void soter_n_to_float(int n, soter_form* out, soter_ints a) {
+SOTER_OPERATION void soter_n_to_float(int n, soter_form* out, soter_ints a) {
   const double lo = (double)a.lo, hi = (double)a.hi;
   const bool exact = a.lo >= -(INT64_C(1) << 53) && a.hi <= (INT64_C(1) << 53);
   soter_n_range(n, out, exact ? lo : soter_below(lo), exact ? hi : soter_above(hi));
 }
 
-SOTER_INLINE void soter_n_truth_to_float(int n, soter_form* out, soter_truth t) {
+SOTER_OPERATION void soter_n_truth_to_float(int n, soter_form* out, soter_truth t) {
   soter_n_range(n, out, (t & 1U) != 0U ? 0.0 : 1.0, (t & 2U) != 0U ? 1.0 : 0.0);
 }
 

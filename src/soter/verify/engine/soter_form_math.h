@@ -30,8 +30,8 @@ SOTER_INLINE double soter_upper(double v, double off) {
 }
 
 /* Completes `out`, whose ends are set: f(m) = v within `off`, f' in [least, most] over a. */
-SOTER_INLINE void soter_n_mean(int n, soter_form* out, const soter_form* a, double m, double v,
-                               double least, double most, double off) {
+SOTER_OPERATION void soter_n_mean(int n, soter_form* out, const soter_form* a, double m, double v,
+                                  double least, double most, double off) {
   const double slope = 0.5 * least + 0.5 * most;
   const double beside = soter_most(most - slope, slope - least);
   SOTER_CHECK(soter_holds(least, most) && m >= a->lo && m <= a->hi && off > 0.0);
@@ -48,7 +48,7 @@ SOTER_INLINE double soter_middle(const soter_form* a) {
 }
 
 /* A form that encloses an exact value, widened by a relative deviation. */
-SOTER_INLINE void soter_n_widen(int n, soter_form* out, double off) {
+SOTER_OPERATION void soter_n_widen(int n, soter_form* out, double off) {
   const double apart = soter_size(out) * off + SOTER_TINY;
   SOTER_CHECK(apart > 0.0);
   if (soter_n_ends(n, out, soter_below(out->lo - apart), soter_above(out->hi + apart))) {
@@ -77,8 +77,8 @@ SOTER_INLINE void soter_wave(double lo, double hi, bool quarter, double off, dou
   SOTER_CHECK(-1.0 <= *least && *least <= *most && *most <= 1.0);
 }
 
-SOTER_INLINE void soter_n_wave(int n, soter_form* out, const soter_form* a, bool quarter,
-                               double ulps) {
+SOTER_OPERATION void soter_n_wave(int n, soter_form* out, const soter_form* a, bool quarter,
+                                  double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   double least = 0.0, most = 0.0;
   if (!(a->lo >= -1.0e5 && a->hi <= 1.0e5)) {
@@ -94,16 +94,16 @@ SOTER_INLINE void soter_n_wave(int n, soter_form* out, const soter_form* a, bool
   }
 }
 
-SOTER_INLINE void soter_n_sin(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_sin(int n, soter_form* out, const soter_form* a, double ulps) {
   soter_n_wave(n, out, a, false, ulps);
 }
 
-SOTER_INLINE void soter_n_cos(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_cos(int n, soter_form* out, const soter_form* a, double ulps) {
   soter_n_wave(n, out, a, true, ulps);
 }
 
 /* Rises between its poles; tan' = 1 + tan^2. */
-SOTER_INLINE void soter_n_tan(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_tan(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a), half = 0.5 * SOTER_MATH_PI;
   if (!(a->lo >= -1.0e5 && a->hi <= 1.0e5) || soter_meets(a->lo, a->hi, half) ||
       soter_meets(a->lo, a->hi, -half)) {
@@ -121,7 +121,7 @@ SOTER_INLINE void soter_n_tan(int n, soter_form* out, const soter_form* a, doubl
 
 /* ------------------------------------------------------------------ functions that rise */
 
-SOTER_INLINE void soter_n_exp(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_exp(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
@@ -133,7 +133,7 @@ SOTER_INLINE void soter_n_exp(int n, soter_form* out, const soter_form* a, doubl
   soter_n_mean(n, out, a, m, exp(m), out->lo, out->hi, off);
 }
 
-SOTER_INLINE void soter_n_log(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_log(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (!(a->lo >= 0.0)) {
     soter_n_top(n, out); /* NaN below zero */
@@ -157,7 +157,7 @@ SOTER_INLINE double soter_nearest(const soter_form* a) {
 }
 
 /* tanh' = 1 - tanh^2, which falls with |x|. */
-SOTER_INLINE void soter_n_tanh(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_tanh(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
@@ -172,7 +172,7 @@ SOTER_INLINE void soter_n_tanh(int n, soter_form* out, const soter_form* a, doub
 }
 
 /* atan' = 1 / (1 + x^2), which falls with |x|. */
-SOTER_INLINE void soter_n_atan(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_atan(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (soter_form_wild(a)) {
     soter_n_top(n, out);
@@ -187,7 +187,7 @@ SOTER_INLINE void soter_n_atan(int n, soter_form* out, const soter_form* a, doub
 }
 
 /* asin' = 1 / sqrt(1 - x^2), which rises with |x|. */
-SOTER_INLINE void soter_n_asin(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_asin(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (!(a->lo >= -1.0 && a->hi <= 1.0)) {
     soter_n_top(n, out);
@@ -201,7 +201,7 @@ SOTER_INLINE void soter_n_asin(int n, soter_form* out, const soter_form* a, doub
                1.0 / sqrt((1.0 - far) * (1.0 + far)) * (1.0 + 0x1p-49), off);
 }
 
-SOTER_INLINE void soter_n_acos(int n, soter_form* out, const soter_form* a, double ulps) {
+SOTER_OPERATION void soter_n_acos(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a);
   if (!(a->lo >= -1.0 && a->hi <= 1.0)) {
     soter_n_top(n, out);
@@ -218,8 +218,8 @@ SOTER_INLINE void soter_n_acos(int n, soter_form* out, const soter_form* a, doub
 /* ------------------------------------------------------------------ of two arguments */
 
 /* Where the signs decide, atan of a quotient beside a quarter turn; elsewhere any angle. */
-SOTER_INLINE void soter_n_atan2(int n, soter_form* out, const soter_form* y, const soter_form* x,
-                                double ulps) {
+SOTER_OPERATION void soter_n_atan2(int n, soter_form* out, const soter_form* y, const soter_form* x,
+                                   double ulps) {
   const double half = 0.5 * SOTER_MATH_PI;
   soter_form ratio, angle, turned;
   if (soter_form_wild(x) || soter_form_wild(y)) {
@@ -246,8 +246,8 @@ SOTER_INLINE void soter_n_atan2(int n, soter_form* out, const soter_form* y, con
   soter_n_widen(n, out, soter_off(ulps));
 }
 
-SOTER_INLINE void soter_n_hypot(int n, soter_form* out, const soter_form* a, const soter_form* b,
-                                double ulps) {
+SOTER_OPERATION void soter_n_hypot(int n, soter_form* out, const soter_form* a, const soter_form* b,
+                                   double ulps) {
   const double off = soter_off(ulps);
   soter_form p, q, sum;
   if (soter_form_wild(a) || soter_form_wild(b)) {
@@ -269,8 +269,8 @@ SOTER_INLINE void soter_n_hypot(int n, soter_form* out, const soter_form* a, con
 }
 
 /* x^y for x > 0 is exp(y log x), and y log x takes its ends in corners. */
-SOTER_INLINE void soter_n_pow(int n, soter_form* out, const soter_form* x, const soter_form* y,
-                              double ulps) {
+SOTER_OPERATION void soter_n_pow(int n, soter_form* out, const soter_form* x, const soter_form* y,
+                                 double ulps) {
   const double off = soter_off(ulps);
   soter_form logarithm, exponent;
   if (!(x->lo > 0.0 && x->hi <= DBL_MAX && soter_size(y) <= DBL_MAX)) {
