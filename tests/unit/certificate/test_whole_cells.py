@@ -12,15 +12,16 @@ from soter.certificate.inclusions import group_claims
 from soter.certificate.inclusions.group_claims import ChainCheck
 
 CELLS = 40
+MANY = group_claims.WHOLE_OF
 OUT_OF_IT = 9.0
 """Where a box ends that is not of a lower order."""
 
 
-def _walk() -> Any:
+def _walk(cells: int = CELLS) -> Any:
     return SimpleNamespace(
         within=None,
-        holds=np.full(CELLS, 3, dtype=np.uint8),
-        order=np.ones(CELLS, dtype=np.int64),
+        holds=np.full(cells, 3, dtype=np.uint8),
+        order=np.ones(cells, dtype=np.int64),
         highest=lambda box: (box[0] >= OUT_OF_IT).astype(np.int64),
     )
 
@@ -46,6 +47,13 @@ def test_few_cells_are_looked_at_and_only_those_that_are_left() -> None:
     assert check._whole_by_arb(_walk(), left)
     assert 1 < len(asked) <= group_claims.WHOLE
     assert all(left[k] for k in asked)
+
+
+@pytest.mark.parametrize(("cells", "few"), [(MANY, True), (MANY + 1, False)])
+def test_of_many_cells_parts_are_looked_at_whatever_arb_shows(cells: int, *, few: bool) -> None:
+    check, asked = _check(lambda _: [(0.0, 1.0)])
+    assert check._whole_by_arb(_walk(cells), np.ones(cells, dtype=np.bool_)) == few
+    assert bool(asked) == few
 
 
 @pytest.mark.parametrize("bad", [None, [(OUT_OF_IT, 10.0)], [(0.0, 1.0), (OUT_OF_IT, 10.0)]])

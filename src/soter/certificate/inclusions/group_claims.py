@@ -61,6 +61,9 @@ LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
 WHOLE = 8
 """At most so many cells are looked at with Arb before arrays look at parts of cells."""
+WHOLE_OF = 256
+"""Of more cells arrays look at parts in any case: of as many, cells that Arb shows in parts alone
+and that no look met, one in `WHOLE`, are as many as those on which a try of parts is begun."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -153,12 +156,14 @@ class ChainCheck:
     def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
         """Whether Arb leads some of the cells that are left where they should be, as they are.
 
-        Arrays then failed by their rounding alone, and parts of cells, which cost far more, would
-        fail as well. Nothing is confirmed here: all cells that are left stay so.
+        It likely leads the others as well, for less than their parts cost arrays. That is a guess:
+        it only says who looks next. Nothing is confirmed here: all cells that are left stay so.
         """
         cells = np.argwhere(left)
         if not cells.size:
             return True
+        if len(cells) > WHOLE_OF:
+            return False
         seen = np.zeros(left.shape, dtype=np.uint16)
         for cell in cells[:: -(-len(cells) // WHOLE)]:
             at = tuple((int(i), int(i) + 1) for i in cell)
