@@ -59,6 +59,11 @@ MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
+WHOLE = 8
+"""At most so many cells are looked at with Arb before arrays look at parts of cells."""
+WHOLE_OF = 256
+"""Of more cells arrays look at parts in any case: of as many, cells that Arb shows in parts alone
+and that no look met, one in `WHOLE`, are as many as those on which a try of parts is begun."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -144,9 +149,30 @@ class ChainCheck:
         left, largest = unled(walk, todo, block, CELLS_AT_ONCE)
         if 2 * int(np.count_nonzero(left)) > asked:  # Arb shows blocks where arrays show no cell
             return left, CELLS_AT_ONCE
-        if largest == 1:
+        if largest == 1 and not self._whole_by_arb(walk, left):
             left = unled_in_parts(walk, left, self._tries())
         return left, largest
+
+    def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
+        """Whether Arb leads some of the cells that are left where they should be, as they are.
+
+        It likely leads the others as well, for less than their parts cost arrays. That is a guess:
+        it only says who looks next. Nothing is confirmed here: all cells that are left stay so.
+        """
+        cells = np.argwhere(left)
+        if not cells.size:
+            return True
+        if len(cells) > WHOLE_OF:
+            return False
+        seen = np.zeros(left.shape, dtype=np.uint16)
+        for cell in cells[:: -(-len(cells) // WHOLE)]:
+            at = tuple((int(i), int(i) + 1) for i in cell)
+            order, holds = walk.order[tuple(cell)], int(walk.holds[tuple(cell)])
+            ends = [end for _, e in self.reached(at, [holds], walk.within, seen) for end in e]
+            tops = (walk.highest([np.array([x]) for x in end])[0] for end in ends)
+            if not ends or not all(top < order for top in tops):
+                return False
+        return True
 
     def _tries(self) -> Iterator[Try]:
         """What `leads_in_parts` does, of many cells."""
