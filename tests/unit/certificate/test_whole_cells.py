@@ -37,7 +37,7 @@ def _check(ends_of: Any) -> tuple[ChainCheck, list[int]]:
         ends = ends_of(at[0][0])
         return iter([] if ends is None else [(3, ends)])
 
-    check.reached = reached  # type: ignore[method-assign]
+    check.reached = reached  # type: ignore[method-assign, assignment]
     return check, asked
 
 

@@ -62,7 +62,7 @@ LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[
 WHOLE = 8
 """At most so many cells are looked at with Arb before arrays look at parts of cells."""
 WHOLE_OF = 256
-"""Of more cells arrays look at parts in any case: if one in `WHOLE` needed parts and no look met it,
+"""Of more cells arrays look at parts in any case: if one in `WHOLE` needed them and no look met it,
 there would be as many of them as a try of parts begins with. That parts of a cell cost Arb about
 as much as arrays is assumed."""
 WINDOWS = 4
