@@ -67,7 +67,7 @@ print("undecided")
 
 
 SAID = re.compile(r"soter has a defect, sorry: (soter_form\w*\.h):(\d+): not ")
-BEGIN = re.compile(r"^SOTER_INLINE [\w ]+?\**(\w+)\(", re.MULTILINE)
+BEGIN = re.compile(r"^SOTER_(?:INLINE|OPERATION) [\w ]+?\**(\w+)\(", re.MULTILINE)
 
 
 def _function(said: str) -> str:
