@@ -157,15 +157,16 @@ class CaseCheck:
         grid: Grid,
         show: Callable[[Block], Iterator[Block]],
         holds: NDArray[Any] | None = None,
-        check: ChainCheck | None = None,
+        *,
+        many: bool = False,
     ) -> None:
-        """A claim about the cells of a grid, in blocks; in few where many are looked at at once.
+        """A claim about the cells of a grid, in blocks; in few where `many` are looked at at once.
 
-        `holds`, of the grid's shape: for how many holds of SC each cell is followed by `check`;
-        None: for less than one.
+        `holds`, of the grid's shape: for how many holds of SC each cell is followed; None: for less
+        than one.
         """
         cells = int(np.prod(grid.shape))
-        count = BLOCKS if check is None or not check.many else min(self.workers, BLOCKS)
+        count = min(self.workers, BLOCKS) if many else BLOCKS
         for block in parts(grid.whole, count if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
             work = CELL * volume(block)
@@ -200,7 +201,7 @@ class CaseCheck:
             check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core)
             what = "SC does not certainly lead back to K from"
-            self._add(what, group.grid, show, group.core, check)
+            self._add(what, group.grid, show, group.core, many=check.many)
 
     def _published(self, allowed: list[Cells]) -> list[Cells]:
         """The cells, of those given, of whose states all that is published lies in declared sets.
@@ -267,7 +268,8 @@ class CaseCheck:
                 if group.free.all():
                     continue
                 show: Any = partial(admitted, AdmitCheck(self.model, group, expr, admits=admits))
-                self._add(f"`{name}` may leave AC in control outside R(H) in", group.grid, show)
+                what = f"`{name}` may leave AC in control outside R(H) in"
+                self._add(what, group.grid, show, many=True)
 
     def _return(self) -> None:
         """P2b: Q is kept within `safer`, and W leads there from all of K."""
@@ -288,9 +290,9 @@ class CaseCheck:
             check = self._chains(k)
             kept = partial(witnessed, check, group.home, within, home)
             what = "SC does not certainly stay where `safer` holds from"
-            self._add(what, group.grid, kept, group.home, check)
+            self._add(what, group.grid, kept, group.home, many=check.many)
             show, what = partial(ranked, check, home), "SC does not certainly come nearer to Q from"
-            self._add(what, group.grid, show, group.rank_holds, check)
+            self._add(what, group.grid, show, group.rank_holds, many=check.many)
 
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 EPS = 2.0**-52
 """Twice the most that an operation is off, relative to its result."""
+FAR = 2.0**900
 GROWN = 1.0 + 2.0**-50
 """More than (1 + 2^-53)^6: radii are computed in fewer roundings."""
 
@@ -148,7 +149,16 @@ class BallArray:
         return self * other
 
     def inverse(self) -> BallArray:
-        """1 / x: |1/x - 1/c| = |x - c| / |x c|; nothing is known where 0 may be in the ball."""
+        """1 / x: |1/x - 1/c| = |x - c| / |x c|; nothing is known where 0 may be in the ball.
+
+        Of what is farther than `FAR` from 0 only that it is small: the quotient may underflow.
+        """
+        far = np.abs(self.centre) > FAR
+        if far.any():
+            near = BallArray(np.where(far, 1.0, self.centre), self.radius).inverse()
+            surely = (self.lower() > FAR) | (self.upper() < -FAR)
+            small = np.where(surely, 1.0 / FAR, np.inf)
+            return chosen(far, BallArray(np.zeros_like(small), small), near)
         centre = 1.0 / self.centre
         radius = np.abs(centre) * EPS
         if self.radius is not None:

@@ -1,7 +1,8 @@
 """Sets of cells, and many boxes at once: whether each lies in the set.
 
-Purpose: what `Grid.cells` and `Cells.contains` say of one box, of arrays of boxes.
-Non-goals: axes without ends, of which runs beyond have to be followed.
+Purpose: what `Grid.cells`, `Cells.contains` and `Grid.followed_beyond` say of one box, of arrays of
+boxes.
+Non-goals: why that is so (`inclusions/cell_sets.py`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from soter.certificate.batches.ball_arrays import EPS, BallArray
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,9 +34,12 @@ def cells_of(grid: Grid, box: Sequence[Floats]) -> tuple[Truths, list[tuple[Indi
     inside: Truths = np.ones(1, dtype=np.bool_)
     ranges = []
     for k, edges in enumerate(grid.edges):
-        assert not grid.has_no_ends(k)
         low, high = box[2 * k], box[2 * k + 1]
         at = np.array(edges)
+        if grid.has_no_ends(k):
+            width = at[-1] - at[0]
+            inside = inside & (low >= at[0] - width) & (high <= at[-1] + width) & (low <= high)
+            low, high = np.clip(low, at[0], at[-1]), np.clip(high, at[0], at[-1])
         inside = inside & (low >= at[0]) & (high <= at[-1]) & (low <= high)
         count = len(edges) - 1
         first = np.clip(np.searchsorted(at, low, side="right") - 1, 0, count - 1)
@@ -62,6 +68,31 @@ def contained(cells: Cells, boxes: Sequence[Floats]) -> Truths:
             volume = volume * (last - first)
         within = within & inside & (count_of(cells, ranges) == volume)
     return within
+
+
+def followed_beyond(
+    grid: Grid, start: Sequence[tuple[Floats, Floats]], boxes: Sequence[Floats]
+) -> Truths:
+    """Whether what is enclosed from each box of `start` holds of runs beyond ends that it touches.
+
+    `boxes`: where runs from there are, several, one after the other (`Grid.followed_beyond`).
+    """
+    fine: Truths = np.ones(1, dtype=np.bool_)
+    width = 2 * len(grid.edges)
+    for k in (k for k in range(len(grid.edges)) if boxes and grid.has_no_ends(k)):
+        at = np.array(grid.edges[k])
+        low, high = start[k]
+        least = np.minimum.reduce(np.broadcast_arrays(*boxes[2 * k :: width]))
+        most = np.maximum.reduce(np.broadcast_arrays(*boxes[2 * k + 1 :: width]))
+        last, first = at[-1:] - at[-2:-1], at[1:2] - at[:1]
+        fine = fine & ((high < at[-1]) | (BallArray(low) - BallArray(least) <= _ball(last)))
+        fine = fine & ((low > at[0]) | (BallArray(most) - BallArray(high) <= _ball(first)))
+    return fine
+
+
+def _ball(difference: Floats) -> BallArray:
+    """Around a rounded difference."""
+    return BallArray(difference, np.abs(difference) * EPS)
 
 
 def boxes_of(grid: Grid, blocks: Sequence[Block]) -> list[tuple[Floats, Floats]]:

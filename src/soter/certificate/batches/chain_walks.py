@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import numpy as np
 
 from soter.certificate.batches.ball_arrays import no_underflow
-from soter.certificate.batches.cell_arrays import boxes_of, contained
+from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.form_arrays import box_of, of_boxes, taken
 from soter.certificate.inclusions.cell_sets import around, block_index, halves, volume
 
@@ -141,12 +141,12 @@ class _Attempt:
                 self.asked.setdefault(int(k), []).append(b)
             self.until[b] = wanted[-1]
         self.known = np.array([int(seen[at].min()) for at in self.at])
+        self.start = boxes_of(walk.within.grid, blocks)
 
     def make(self) -> None:
         """Follow all of them as far as they are asked for, while they are within."""
-        grid = self.walk.within.grid
         alive = np.arange(len(self.blocks))
-        form = of_boxes(boxes_of(grid, self.blocks))
+        form = of_boxes(self.start)
         reached = np.zeros(len(self.blocks), dtype=np.int64)
         k = 0
         while alive.size:
@@ -166,9 +166,14 @@ class _Attempt:
         known = k <= self.known[alive]
         steps = chain.bare if known.all() else (chain.first, chain.later)
         (after, boxes), sure = steps[k > 1].of_many(form)
-        fine = sure & contained(self.walk.within, boxes) | known
+        fine = sure & contained(self.walk.within, boxes) & self._followed(alive, boxes) | known
         stay = np.flatnonzero(fine)
         return alive[stay], taken(after, stay)
+
+    def _followed(self, index: NDArray[np.intp], boxes: Sequence[Floats]) -> Truths:
+        """Whether boxes of some runs hold of those from beyond, too."""
+        grid = self.walk.within.grid
+        return followed_beyond(grid, [(low[index], high[index]) for low, high in self.start], boxes)
 
     def _judge(self, k: int, alive: NDArray[np.intp], form: Forms) -> None:
         """Which cells are shown where the blocks are after k holds."""
@@ -182,6 +187,7 @@ class _Attempt:
         if walk.chain.last is not None:
             (_, ends), sure = walk.chain.last.of_many(part)
             fine = fine & sure & contained(walk.within, ends)
+        fine = fine & self._followed(alive[index], ends)
         width = 2 * walk.chain.dimension
         tops = np.full(index.size, np.iinfo(np.int64).min)
         for n in range(0, len(ends), width):
@@ -232,7 +238,8 @@ def _full(claimed: Cells, waiting: Sequence[Block], largest: int) -> Iterator[Bl
 
 def _stay(step: ArrayStep, repeats: int, within: Cells, blocks: Sequence[Block]) -> Members:
     """From which blocks all steps are within, the beginning included."""
-    form = of_boxes(boxes_of(within.grid, blocks))
+    start = boxes_of(within.grid, blocks)
+    form = of_boxes(start)
     fine = np.zeros(len(blocks), dtype=np.bool_)
     alive = np.flatnonzero(contained(within, box_of(form, len(within.grid.edges))))
     form = taken(form, alive)
@@ -240,7 +247,11 @@ def _stay(step: ArrayStep, repeats: int, within: Cells, blocks: Sequence[Block])
         if not alive.size:
             return fine
         (form, boxes), sure = step.of_many(form)
-        stay = np.flatnonzero(np.broadcast_to(sure & contained(within, boxes), alive.shape))
+        kept = sure & contained(within, boxes)
+        kept = kept & followed_beyond(
+            within.grid, [(low[alive], high[alive]) for low, high in start], boxes
+        )
+        stay = np.flatnonzero(np.broadcast_to(kept, alive.shape))
         alive, form = alive[stay], taken(form, stay)
     fine[alive] = True
     return fine

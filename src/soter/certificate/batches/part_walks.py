@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from soter.certificate.batches.ball_arrays import BallArray, larger, no_underflow, smaller
-from soter.certificate.batches.cell_arrays import boxes_of, contained
+from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.form_arrays import behind, box_of, of_boxes, taken
 
 if TYPE_CHECKING:
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 FORMS = 4096
 """At once, those that are halved on the way among them."""
-SAMPLE = 32
-"""Fewer cells are left to Arb. A try that shows fewer than half of so many is made of no others."""
+SAMPLE = 64
+"""A try that shows fewer than half of so many cells is made of no others."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,13 @@ def unled_in_parts(walk: Walk, left: NDArray[np.bool_], tries: Iterable[Try]) ->
     try:
         with no_underflow():
             for one in tries:
-                sample = waiting[:: -(-waiting.size // SAMPLE)]
+                first = np.arange(waiting.size) % -(-waiting.size // SAMPLE) == 0
+                sample, others = waiting[first], waiting[~first]
                 fine = shown(one, sample)
-                if 2 * fine.sum() >= sample.size:
-                    if sample.size < waiting.size:
-                        fine = shown(one, waiting)
-                    waiting = waiting[~fine]
-                if waiting.size < SAMPLE:  # what the next one needs is not even made
+                if 2 * fine.sum() >= sample.size and others.size:
+                    others = others[~shown(one, others)]
+                waiting = np.concatenate([sample[~fine], others])
+                if not waiting.size:  # what the next one needs is not even made
                     break
     except FloatingPointError:
         pass
@@ -132,24 +132,34 @@ class _Parts:
                 form, of = self._halved(form, of, due)
             step = chain.later if k else chain.first
             (form, ways), sure = step.of_many(form)
-            stay = np.broadcast_to(sure & contained(self.walk.within, ways), of.shape)
+            fine_now = sure & contained(self.walk.within, ways) & self._followed(boxes, of, ways)
+            stay = np.broadcast_to(fine_now, of.shape)
             fine[of[~stay]] = False
             k += 1
             done = np.flatnonzero(fine[of] & (holds[of] == k))
             if done.size:
-                there = self._there(chain, taken(form, done), self.order[owner[of[done]]])
+                there = self._there(chain, taken(form, done), boxes, of[done], owner)
                 fine[of[done[~there]]] = False
             on = np.flatnonzero(fine[of] & (holds[of] > k))
             form, of = taken(form, on), of[on]
         return fine
 
-    def _there(self, chain: ArrayChain, form: Forms, order: NDArray[np.int64]) -> Truths:
+    def _followed(self, boxes: Boxes, of: Indices, ways: Sequence[Floats]) -> Truths:
+        """Whether what is said of runs from some boxes holds of those from beyond."""
+        start = [(low[of], high[of]) for low, high in boxes]
+        return followed_beyond(self.walk.within.grid, start, ways)
+
+    def _there(
+        self, chain: ArrayChain, form: Forms, boxes: Boxes, of: Indices, owner: Indices
+    ) -> Truths:
         """Which forms are where they should be when the last command ends."""
         ends: Sequence[Floats] = box_of(form, chain.dimension)
+        order = self.order[owner[of]]
         fine: Truths = np.ones(order.shape, dtype=np.bool_)
         if chain.last is not None:
             (_, ends), sure = chain.last.of_many(form)
             fine = fine & sure & contained(self.walk.within, ends)
+        fine = fine & self._followed(boxes, of, ends)
         width = 2 * chain.dimension
         for n in range(0, len(ends), width):
             box = [np.broadcast_to(x, order.shape) for x in ends[n : n + width]]

@@ -97,18 +97,19 @@ class Grid:
                 return False
         return True
 
-    def whole_boxes(self, block: Block) -> list[list[tuple[arb, arb]]]:
+    def whole_boxes(self, block: Block, reads: Sequence[bool]) -> list[list[tuple[arb, arb]]]:
         """Boxes that cover a block together with all that lies beyond, up to `FARTHEST`.
 
         The first one is that of the block. Those beyond are far wider each than the one before: in
-        each the numbers are of a size, so that rounding is small.
+        each the numbers are of a size, so that rounding is small. `reads`: of each axis whether
+        what is asked depends on its state; along others nothing lies beyond that would matter.
         """
         sides = []
         for k, (inside, edges) in enumerate(zip(self.box(block), self.edges, strict=True)):
             parts = [inside]
-            if self.has_no_ends(k) and block[k][0] == 0:
+            if self.has_no_ends(k) and reads[k] and block[k][0] == 0:
                 parts += [(-b, -a) for a, b in _outwards(-edges[0], edges[-1] - edges[0])]
-            if self.has_no_ends(k) and block[k][1] == len(edges) - 1:
+            if self.has_no_ends(k) and reads[k] and block[k][1] == len(edges) - 1:
                 parts += _outwards(edges[-1], edges[-1] - edges[0])
             sides.append(parts)
         return [list(box) for box in product(*sides)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,6 +60,9 @@ MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
+LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
+"""The same of many cells at once: what shows most comes first, a failure of parts of many forms
+costs no more than one of few."""
 WHOLE = 8
 """At most so many cells are looked at with Arb before arrays look at parts of cells."""
 WHOLE_OF = 256
@@ -127,25 +131,25 @@ class ChainCheck:
     @property
     def many(self) -> bool:
         """Whether steps of many forms at once are known."""
-        return self.chain(PIECES[0]).arrays is not None and not any(self.group.grid.unbounded)
+        return self.chain(PIECES[0]).arrays is not None
 
-    def left_of(
+    def walk(
         self,
-        todo: NDArray[np.bool_],
-        holds: NDArray[np.uint8],
-        block: Block,
         within: Cells,
+        holds: NDArray[np.uint8],
         order: NDArray[np.int64],
         highest: Callable[[Sequence[Floats]], NDArray[np.int64]],
-    ) -> tuple[NDArray[np.bool_], int]:
-        """What arrays of balls leave of the cells of a block, and how large blocks to try on are.
-
-        The other arguments are those of a `Walk`.
-        """
+    ) -> Walk | None:
+        """What is asked of the cells of a table, of arrays of balls; None where there are none."""
         arrays = self.chain(PIECES[0]).arrays
-        if arrays is None or not self.many:
+        return Walk(arrays, within, holds, order, highest) if arrays is not None else None
+
+    def left_of(
+        self, walk: Walk | None, todo: NDArray[np.bool_], block: Block
+    ) -> tuple[NDArray[np.bool_], int]:
+        """What arrays of balls leave of the cells of a block, and how large blocks to try on are."""
+        if walk is None:
             return todo, CELLS_AT_ONCE
-        walk = Walk(arrays, within, holds, order, highest)
         asked = int(np.count_nonzero(todo[block_index(block)]))
         left, largest = unled(walk, todo, block, CELLS_AT_ONCE)
         if 2 * int(np.count_nonzero(left)) > asked:  # Arb shows blocks where arrays show no cell
@@ -153,6 +157,21 @@ class ChainCheck:
         if largest == 1 and not self._whole_by_arb(walk, left):
             left = unled_in_parts(walk, left, self._tries())
         return left, largest
+
+    def failed(
+        self, walk: Walk | None, unshown_cells: Iterator[Block], leads: Callable[[Block], bool]
+    ) -> Iterator[Block]:
+        """Of single cells that were not shown as they are those that are not shown in parts.
+
+        `leads` asks Arb; arrays are asked first, of many cells at once.
+        """
+        while some := list(islice(unshown_cells, WHOLE_OF)):
+            left = np.zeros(self.group.grid.shape, dtype=np.bool_)
+            for cell in some:
+                left[block_index(cell)] = True
+            if walk is not None:
+                left = unled_in_parts(walk, left, self._tries())
+            yield from (at for at in some if left[block_index(at)].any() and not leads(at))
 
     def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
         """Whether Arb leads some of the cells that are left where they should be, as they are.
@@ -181,7 +200,7 @@ class ChainCheck:
             chains = [self.chain(PIECES[1], w).arrays for w in some]
             known = tuple(c for c in chains if c is not None)
             if len(known) == len(chains):
-                for splits, cuts in LED_IN:
+                for splits, cuts in LED_IN_MANY:
                     yield Try(known, splits, cuts)
 
     def _tried(self) -> list[tuple[Window, ...]]:
@@ -367,7 +386,8 @@ def witnessed(
         return (~contained(target, boxes)).astype(np.int64)
 
     every = np.ones(grid.shape, dtype=np.int64)
-    todo, largest = check.left_of(witnesses > 0, witnesses, block, within, every, outside)
+    walk = check.walk(within, witnesses, every, outside)
+    todo, largest = check.left_of(walk, witnesses > 0, block)
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -376,12 +396,13 @@ def witnessed(
         for holds, ends in check.reached(at, holds_of(own, wanted), within, seen):
             if all(target.contains(end) for end in ends):
                 shown |= wanted & (own == holds)
-        if shown.size == 1 and not shown.any():
-            holds = int(own.flat[0])
-            shown[...] = check.leads_in_parts(grid.box(at), holds, within, target.contains)
         return shown
 
-    return unshown(todo, block, attempt, largest)
+    def leads(cell: Block) -> bool:
+        holds = int(witnesses[block_index(cell)].flat[0])
+        return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
+
+    return check.failed(walk, unshown(todo, block, attempt, largest), leads)
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -412,9 +433,8 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
         tops = [order[tuple(map(slice, c[::2], c[1::2]))].max() for c in at]
         return np.where(inside, np.array(tops, dtype=np.int64), UNRANKED)
 
-    todo, largest = check.left_of(
-        (group.rank > 0) & ~home.members, every_holds, block, everywhere, order, highest_of_each
-    )
+    walk = check.walk(everywhere, every_holds, order, highest_of_each)
+    todo, largest = check.left_of(walk, (group.rank > 0) & ~home.members, block)
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -423,14 +443,15 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
         for holds, ends in check.reached(at, holds_of(own, wanted), everywhere, seen):
             top = max(highest(end) for end in ends)
             shown |= wanted & (own == holds) & (ranks > top)
-        if shown.size == 1 and not shown.any() and own.flat[0]:
-            rank = int(ranks.flat[0])
-            shown[...] = check.leads_in_parts(
-                grid.box(at), int(own.flat[0]), everywhere, lambda end: highest(end) < rank
-            )
         return shown
 
-    return unshown(todo, block, attempt, largest)
+    def leads(cell: Block) -> bool:
+        holds, rank = (int(x[block_index(cell)].flat[0]) for x in (every_holds, order))
+        return holds > 0 and check.leads_in_parts(
+            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
+        )
+
+    return check.failed(walk, unshown(todo, block, attempt, largest), leads)
 
 
 # ---------------------------------------------------------------- free phases
@@ -481,7 +502,7 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
 
     largest = 4 * CELLS_AT_ONCE
     (step, *others) = check.phase(FREE_PIECES[0]).steps
-    if isinstance(step, ArrayStep) and not any(grid.unbounded):
+    if isinstance(step, ArrayStep):
         left = unkept(step, 1 + len(others), claimed, within, block, largest)
         claimed, largest = Cells(grid, left), 1
     return uncovered(claimed, block, attempt, largest)

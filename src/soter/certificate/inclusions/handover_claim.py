@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.inclusions.predicates import AdmitCheck, admitted, both_all, decision
+from soter.certificate.inclusions.predicates import AdmitCheck, Decision, admitted, both_all
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import driven_topics, followed
 from soter.certificate.terms.arb_balls import (
@@ -148,8 +148,9 @@ class _Part:
         sound: Proposition,
     ) -> None:
         fails = both(negation(part), sound)
-        self._decide, ranges = decision(model, range(len(atoms)), terms, atoms, fails)
-        self._box: Box = [*((exact(a), exact(b)) for a, b in model.extents), *ranges]
+        self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
+        own = ((exact(a), exact(b)) for a, b in model.extents)
+        self._box: Box = [*own, *self._decision.ranges]
         free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
         self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
 
@@ -166,7 +167,7 @@ class _Part:
         waiting, tries = [box], 0
         while waiting:
             box, tries = waiting.pop(), tries + 1
-            truth_bits = self._decide(box)
+            truth_bits = self._decision.of(box)
             if truth_bits == 2:
                 continue
             if truth_bits != 3 or tries > TRIES_BEYOND:

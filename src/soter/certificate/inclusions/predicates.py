@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import arb
 
+from soter.certificate.batches.decided_cells import HOLDS, NEITHER, ArrayDecision, decided
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     block_index,
@@ -41,7 +42,8 @@ from soter.certificate.terms.terms import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from soter.certificate.inclusions.cell_sets import Block
+    from soter.certificate.batches.decided_cells import Bits
+    from soter.certificate.inclusions.cell_sets import Block, Grid
     from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
@@ -53,6 +55,11 @@ SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
 """The same where it is only asked which cells to use: a failure costs cells, no proof."""
+
+SPLITS_TO_DECIDE = 8
+"""The same of arrays, which also find a part on which the predicate certainly fails."""
+FEW = 64
+"""Cells."""
 
 # ---------------------------------------------------------------- computed predicates
 
@@ -175,48 +182,79 @@ def both_all(parts: Sequence[Proposition]) -> Proposition:
     return conjunction
 
 
-def decision(
-    model: CaseModel, states: Sequence[int], terms: Terms, atoms: Sequence[int], truth: Proposition
-) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
-    """The truth of a proposition on a box of some states, other states on their grids.
+class Decision:
+    """The truth of a proposition on boxes of some states, other states on their grids.
 
     Errors and other topics count as states here, behind those that are asked for: they have much in
-    common in what is compared. Their ranges come with it.
+    common in what is compared. `ranges`: theirs; `reads`: of each state that is asked for whether
+    the proposition depends on it.
     """
-    places = [atoms[i] for i in states]
-    boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
-    free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
-    ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
-    decide = compile_truths(terms, [*places, *free], [truth], boxes)
 
-    def decided(box: list[tuple[arb, arb]]) -> int:
-        return decide(form_of_box(box, symbols=False))[0]
+    def __init__(
+        self,
+        model: CaseModel,
+        states: Sequence[int],
+        terms: Terms,
+        atoms: Sequence[int],
+        truth: Proposition,
+    ) -> None:
+        places = [atoms[i] for i in states]
+        boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+        read = inputs_of(terms, [truth])
+        free = sorted(i for i in read if terms.atoms[i].kind == "box")
+        self.ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
+        self.reads = tuple(a in read for a in places)
+        self._written = compile_truths(terms, [*places, *free], [truth], boxes)
 
-    return decided, ranges
+    def of(self, box: list[tuple[arb, arb]]) -> int:
+        """Its bits on a box: it may fail, it may hold."""
+        bits: int = self._written(form_of_box(box, symbols=False))[0]
+        return bits
+
+    def of_cell(self, grid: Grid, block: Block) -> int:
+        """The same on a block, with all that lies beyond."""
+        boxes = grid.whole_boxes(block, self.reads)
+        return reduce(or_, (self.of([*box, *self.ranges]) for box in boxes))
+
+    def holds(self, grid: Grid, block: Block, splits: int) -> bool:
+        """Whether it certainly does on a block, of which all is halved so often."""
+        return all(
+            finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
+            for box in grid.whole_boxes(block, self.reads)
+        )
+
+    def decided(self, todo: Cells, block: Block, splits: int) -> Bits:
+        """What arrays know of the cells of a block (`batches/decided_cells.decided`).
+
+        Nothing where there are few: Arb has looked at them before code for arrays is made.
+        """
+        if todo.count(block) < FEW:
+            return np.full(todo.grid.shape, NEITHER, dtype=np.uint8)
+        arrays = ArrayDecision(self._written.of_many, self.ranges, self.reads)
+        return decided(arrays, todo, block, splits)
 
 
 def _certain_cells(
     model: CaseModel, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Proposition
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
-    decide, ranges = decision(model, group.states, terms, atoms, truth)
-
-    def holds(box: list[tuple[arb, arb]]) -> bool:
-        return decide(box) == 2
-
-    members = np.zeros(group.grid.shape, dtype=np.bool_)
-    waiting = [group.grid.whole]
+    grid = group.grid
+    decision = Decision(model, group.states, terms, atoms, truth)
+    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    known = decision.decided(every, grid.whole, SPLITS_TO_DECIDE)
+    members, left = known == HOLDS, Cells(grid, known == NEITHER)
+    waiting = [grid.whole]
     while waiting:
         block = waiting.pop()
-        boxes = [[*box, *ranges] for box in group.grid.whole_boxes(block)]
-        truth_bits = reduce(or_, map(decide, boxes))
-        if truth_bits == 3 and volume(block) > 1:
+        wanted = left.count(block)
+        if not wanted:
+            continue
+        bits = decision.of_cell(grid, block) if wanted == volume(block) else NEITHER
+        if bits == NEITHER and volume(block) > 1:
             waiting.extend(halves(block))
-        elif truth_bits == 2 or (
-            truth_bits == 3 and all(finer(box, holds, SPLITS_OF_SETS) for box in boxes)
-        ):
+        elif bits == HOLDS or (bits == NEITHER and decision.holds(grid, block, SPLITS_OF_SETS)):
             members[block_index(block)] = True
-    return Cells(group.grid, members)
+    return Cells(grid, members)
 
 
 class AdmitCheck:
@@ -246,12 +284,7 @@ class AdmitCheck:
         refused = negation(told) if admits else told
         fine = either(fails, both(refused, sound_told))
         atoms = [next(iter(x.terms)) for x in states]
-        self._decide, self._ranges = decision(model, group.states, terms, atoms, fine)
-
-    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
-        """On a box of states; it and the errors are halved so often."""
-        whole = [*box, *self._ranges]
-        return finer(whole, lambda part: self._decide(part) == 2, splits)
+        self.decision = Decision(model, group.states, terms, atoms, fine)
 
 
 def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
@@ -261,7 +294,9 @@ def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
 
     def attempt(at: Block) -> bool:
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return all(check.holds(box, splits) for box in group.grid.whole_boxes(at))
+        return check.decision.holds(group.grid, at, splits)
 
     todo = Cells(group.grid, ~group.free)
-    return uncovered(todo, block, attempt, volume(group.grid.whole))
+    known = check.decision.decided(todo, block, SPLITS_OF_PREDICATES)
+    left = Cells(group.grid, todo.members & (known != HOLDS))
+    return uncovered(left, block, attempt, volume(group.grid.whole))

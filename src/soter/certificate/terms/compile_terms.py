@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from flint import arb
 
+    from soter.certificate.terms.python_source import WrittenFunction
     from soter.certificate.terms.terms import Linear, Proposition, Terms
 
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
@@ -91,7 +92,7 @@ def compile_truths(
     states: Sequence[int],
     truths: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
-) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
+) -> WrittenFunction:
     """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
     return _truths(AffineForms(terms, states, 0, boxes), truths)
 
@@ -144,14 +145,11 @@ def _step(
     return found_step
 
 
-def _truths(
-    forms: AffineForms, truths: Sequence[Proposition]
-) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
+def _truths(forms: AffineForms, truths: Sequence[Proposition]) -> WrittenFunction:
     write_atoms(forms, truths)
     names = [truth_of(forms, x) for x in truths]
     forms.text.lines.append(f"return {tuple_of(names)}")
-    compiled: Callable[[tuple[arb, ...]], tuple[int, ...]] = forms.text.function(forms.arguments())
-    return compiled
+    return forms.text.function(forms.arguments())
 
 
 def _swept(forms: AffineForms, x: Sweep) -> str:

@@ -1,0 +1,139 @@
+"""`soter recheck` of every example beside the `soter verify` that wrote its certificate.
+
+    .venv/bin/python bench/recheck/beside_verify.py [FILE ...] [--certificates DIR] [--json FILE]
+
+Every program of `examples` with a `verify` block is verified in a process of its own with an empty
+cache folder (engine, enclosures and decision module are compiled, too), and its certificate is
+checked in another one. Wall time, and processor time of all threads and children. With
+`--certificates` they are written there, and one that is there already is checked, not made anew.
+Purpose: that checking a proof takes no longer than finding it.
+Non-goals: whether changed certificates are noticed (`corruptions.py`, `time_to_recheck.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from soter.report.terminal_tables import table
+
+ROOT = Path(__file__).resolve().parents[2]
+MOST_S = 20.0
+LEFT_OUT = (3, 4)
+"""Exit codes of `recheck`: rejected; accepted without some claim that `verify` did not prove."""
+
+
+@dataclass(frozen=True)
+class Spent:
+    """One process: its times in s, its exit code, what it wrote."""
+
+    wall_s: float
+    cpu_s: float
+    code: int
+    output: str
+
+
+@dataclass(frozen=True)
+class Row:
+    """Both commands for one program; `verify` is None where the certificate was there already."""
+
+    program: str
+    verify: Spent | None
+    recheck: Spent
+
+    @property
+    def met(self) -> bool:
+        """Whether the re-check takes no longer than the proof, and at most `MOST_S`."""
+        within = self.verify is None or self.recheck.wall_s <= self.verify.wall_s
+        return within and self.recheck.wall_s <= MOST_S
+
+
+def spent(arguments: list[str], cache: Path) -> Spent:
+    """Runs soter once."""
+    environment = {**os.environ, "SOTER_CACHE": str(cache)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-m", "soter", *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    wall = time.perf_counter() - began
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    return Spent(wall, cpu, done.returncode, done.stdout or done.stderr)
+
+
+def measure(program: Path, certificates: Path) -> Row | None:
+    """Proves and checks a program; None where it has nothing that `verify` could write."""
+    folder = certificates / program.relative_to(ROOT / "examples").with_suffix("")
+    name, proof = str(program.relative_to(ROOT)), None
+    with tempfile.TemporaryDirectory(prefix="soter-bench-") as cache:
+        if not folder.exists():
+            proof = spent(["verify", name, "--cert", str(folder)], Path(cache))
+            if not folder.exists():
+                return None
+        return Row(name, proof, spent(["recheck", str(folder)], Path(cache)))
+
+
+def programs() -> list[Path]:
+    """Every example with a `verify` block."""
+    every = sorted((ROOT / "examples").glob("*/*.soter"))
+    return [p for p in every if any(x.split()[:1] == ["verify"] for x in p.open(encoding="utf-8"))]
+
+
+def line_of(row: Row) -> tuple[str, ...]:
+    """A row as it is shown."""
+    proof = row.verify
+    return (
+        row.program.removeprefix("examples/"),
+        f"{proof.wall_s:.1f} s" if proof else "",
+        f"{proof.cpu_s:.1f} s" if proof else "",
+        f"{row.recheck.wall_s:.1f} s",
+        f"{row.recheck.cpu_s:.1f} s",
+        f"{row.recheck.wall_s / proof.wall_s:.2f}" if proof else "",
+        "" if row.met else "missed",
+        (row.recheck.output.strip().splitlines() or [""])[0].split("  ")[-2].strip()
+        if row.recheck.code in LEFT_OUT
+        else "",
+    )
+
+
+def main() -> int:
+    """Measure and print; 1 where a re-check takes longer than it may."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("program", type=Path, nargs="*", help="by default every example")
+    parser.add_argument("--certificates", type=Path, help="where to keep them")
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory(prefix="soter-bench-") as temporary:
+        certificates = (given.certificates or Path(temporary)).resolve()
+        for program in [p.resolve() for p in given.program] or programs():
+            row = measure(program, certificates)
+            if row is not None:
+                rows.append(row)
+                print("  ".join(line_of(row)), file=sys.stderr, flush=True)
+    heads = ("program", "verify", "CPU", "recheck", "CPU", "ratio", "", "")
+    print(table(heads, [line_of(r) for r in rows], color=False))
+    load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
+    print(f"{sum(r.met for r in rows)} of {len(rows)} within verify and {MOST_S:.0f} s")
+    print(f"load of the machine at the end (1, 5, 15 minutes): {load}; {os.cpu_count()} cores")
+    if given.json:
+        given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
+    return 0 if all(r.met for r in rows) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
