@@ -232,7 +232,7 @@ def test_parts_of_many_cells_lead_where_those_of_one_do(
 ) -> None:
     """Cells that as a whole do not lead far enough: the same ones do in parts, and in windows."""
     monkeypatch.setattr(group_claims, "LED_IN", ((0, 0), (2, 2)))
-    monkeypatch.setattr(part_walks, "SAMPLE", 1)  # a single cell is tried, too
+    monkeypatch.setattr(group_claims, "LED_IN_MANY", ((0, 0), (2, 2)))
     path = tmp_path / "cart.soter"
     path.write_text(sealed.cart.text())
     facts = small_proofs.facts_of(path, "Track", "SafeCart")
@@ -286,9 +286,10 @@ def test_what_arrays_show_of_few_cells_only_is_left_to_arb(
 
     monkeypatch.setattr(part_walks._Parts, "shown", some)
     walk = _nothing_followed(grid)
-    assert np.array_equal(unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]), left)
+    rest = unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)])
     assert len(asked) == 2
     assert max(asked) <= SAMPLE
+    assert left.sum() - rest.sum() == sum(n // 10 * shown + min(n % 10, shown) for n in asked)
 
 
 def test_a_try_that_shows_most_cells_is_made_of_all(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,8 +299,9 @@ def test_a_try_that_shows_most_cells_is_made_of_all(monkeypatch: pytest.MonkeyPa
         part_walks._Parts, "shown", lambda self, _: np.arange(len(self.holds)) % 10 < 8
     )
     walk = _nothing_followed(grid)
-    assert unled_in_parts(walk, left, [Try((), 0, 0)]).sum() == 200
-    assert unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]).sum() == 40
+    once = unled_in_parts(walk, left, [Try((), 0, 0)]).sum()
+    assert 0.17 * left.sum() < once < 0.23 * left.sum()
+    assert unled_in_parts(walk, left, [Try((), 0, 0), Try((), 4, 4)]).sum() < 0.25 * once
 
 
 def _nothing_followed(grid: Grid) -> chain_walks.Walk:

@@ -12,7 +12,6 @@ from soter.certificate.inclusions import group_claims
 from soter.certificate.inclusions.group_claims import ChainCheck
 
 CELLS = 40
-MANY = group_claims.WHOLE_OF
 OUT_OF_IT = 9.0
 """Where a box ends that is not of a lower order."""
 
@@ -49,17 +48,13 @@ def test_few_cells_are_looked_at_and_only_those_that_are_left() -> None:
     assert all(left[k] for k in asked)
 
 
-@pytest.mark.parametrize(("cells", "few"), [(MANY, True), (MANY + 1, False)])
-def test_of_many_cells_parts_are_looked_at_whatever_arb_shows(cells: int, *, few: bool) -> None:
-    check, asked = _check(lambda _: [(0.0, 1.0)])
-    assert check._whole_by_arb(_walk(cells), np.ones(cells, dtype=np.bool_)) == few
-    assert bool(asked) == few
-
-
 @pytest.mark.parametrize("bad", [None, [(OUT_OF_IT, 10.0)], [(0.0, 1.0), (OUT_OF_IT, 10.0)]])
-def test_one_cell_that_arb_does_not_show_is_enough_for_parts(bad: Any) -> None:
-    check, _ = _check(lambda k: bad if k == CELLS - 5 else [(0.0, 1.0)])
-    assert not check._whole_by_arb(_walk(), np.ones(CELLS, dtype=np.bool_))
+@pytest.mark.parametrize(("share", "whole"), [(0.25, True), (0.5, False), (0.75, False)])
+def test_parts_are_looked_at_where_arb_does_not_lead_most_cells(
+    bad: Any, share: float, *, whole: bool
+) -> None:
+    check, _ = _check(lambda k: bad if k < share * CELLS else [(0.0, 1.0)])
+    assert check._whole_by_arb(_walk(), np.ones(CELLS, dtype=np.bool_)) == whole
 
 
 @pytest.mark.parametrize("whole", [True, False])
@@ -68,13 +63,34 @@ def test_what_arrays_leave_stays_left_where_arb_shows_it(
 ) -> None:
     check, _ = _check(lambda _: [(0.0, 1.0)] if whole else None)
     left, fewer = np.arange(CELLS) % 8 == 0, np.arange(CELLS) == 0
-    monkeypatch.setattr(ChainCheck, "many", True)
-    monkeypatch.setattr(check, "chain", lambda *_: SimpleNamespace(arrays=object()))
-    monkeypatch.setattr(group_claims, "Walk", lambda *_: _walk())
     monkeypatch.setattr(group_claims, "unled", lambda *_: (left, 1))
     monkeypatch.setattr(group_claims, "unled_in_parts", lambda *_: fewer)
     monkeypatch.setattr(check, "_tries", lambda: ())
-    todo = np.ones(CELLS, dtype=np.bool_)
-    holds, order = _walk().holds, _walk().order
-    given, _ = check.left_of(todo, holds, ((0, CELLS),), None, order, _walk().highest)  # type: ignore[arg-type]
+    given, _ = check.left_of(_walk(), np.ones(CELLS, dtype=np.bool_), ((0, CELLS),))
     assert (given == (left if whole else fewer)).all()
+
+
+@pytest.mark.parametrize("arrays", [True, False])
+def test_cells_that_fail_as_they_are_are_looked_at_in_parts_together(
+    monkeypatch: pytest.MonkeyPatch, *, arrays: bool
+) -> None:
+    """What arrays do not show of them, Arb is asked about; what neither shows has failed."""
+    check, asked_together, asked = ChainCheck.__new__(ChainCheck), [], []
+    check.group = SimpleNamespace(grid=SimpleNamespace(shape=(CELLS,)))  # type: ignore[assignment]
+
+    def in_parts(_walk: Any, left: Any, _tries: Any) -> Any:
+        asked_together.append(int(left.sum()))
+        return left & (np.arange(CELLS) % 3 == 0)
+
+    def leads(cell: Any) -> bool:
+        asked.append(cell[0][0])
+        return bool(cell[0][0] % 2)
+
+    monkeypatch.setattr(group_claims, "unled_in_parts", in_parts)
+    monkeypatch.setattr(group_claims, "TOGETHER", 16)
+    monkeypatch.setattr(check, "_tries", lambda: ())
+    cells = [((k, k + 1),) for k in range(20)]
+    failed = list(check.failed(_walk() if arrays else None, iter(cells), leads))
+    assert asked_together == ([16, 4] if arrays else [])
+    assert asked == [k for k in range(20) if k % 3 == 0 or not arrays]
+    assert failed == [((k, k + 1),) for k in asked if k % 2 == 0]

@@ -35,8 +35,10 @@ AT_ONCE = 4096
 """Blocks: so many that a call of numpy is worth it, and so few that they stay in the caches."""
 
 
-FEW = 40
+FEW = 24
 """A step of many forms takes as long as so many steps of one."""
+LITTLE, IDLE = 0.01, 2
+"""Who shows less than this share of what is left, so often in a row, is not asked again."""
 ENOUGH = 400
 """Blocks to begin with."""
 
@@ -85,6 +87,7 @@ def unled(walk: Walk, todo: Members, block: Block, largest: int) -> tuple[Member
     left = np.zeros_like(todo)
     left[block_index(block)] = todo[block_index(block)]
     seen = np.zeros(todo.shape, dtype=np.uint16)
+    idle = 0
     largest = min(largest, max(int(np.count_nonzero(left)) // ENOUGH, 1))
     waiting = [(block, largest)]
     try:
@@ -92,16 +95,26 @@ def unled(walk: Walk, todo: Members, block: Block, largest: int) -> tuple[Member
             tried = list(_to_try(left, waiting))
             largest = max(map(volume, tried), default=1)
             attempts = [_Attempt(walk, part, left, seen) for part in _dealt(tried)]
-            if sum(a.until.sum() - FEW * a.until.max() for a in attempts) < 0:
+            last = _worth_it(np.concatenate([a.until for a in attempts]))
+            if not last or idle == IDLE:
                 return left, largest
+            before = np.count_nonzero(left)
             for attempt in attempts:
+                attempt.until = np.minimum(attempt.until, last)
                 with no_underflow():
                     attempt.make()
+            idle = idle + 1 if np.count_nonzero(left) > (1.0 - LITTLE) * before else 0
             failed = [at for at in tried if left[block_index(at)].any()]
             waiting = [(at, max(volume(at) // 4, 1)) for at in failed if volume(at) > 1]
     except FloatingPointError:
         pass
     return left, largest
+
+
+def _worth_it(until: NDArray[np.int64]) -> int:
+    """How many holds at least `FEW` blocks are followed for."""
+    followed = np.bincount(until)[::-1].cumsum()[::-1]  # for k holds and more, by k
+    return int(np.flatnonzero(followed >= FEW).max(initial=0))
 
 
 def _to_try(left: Members, waiting: Sequence[tuple[Block, int]]) -> Iterator[Block]:

@@ -3,12 +3,13 @@
 Purpose: `decided`: of each cell whether a proposition certainly holds on it, certainly fails
 somewhere in it, or neither was shown.
 Non-goals: the proposition itself (`inclusions/predicates.py`), and what these arrays do not decide:
-that is left to Arb."""
+that is left to Arb.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from flint import arb
@@ -46,7 +47,7 @@ class ArrayDecision:
     state of the grid whether the proposition depends on it.
     """
 
-    truth: Callable[[Forms], tuple[tuple[object, ...], Truths]]
+    truth: Callable[[Forms], tuple[tuple[Any, ...], Truths]]
     ranges: Sequence[tuple[arb, arb]]
     reads: tuple[bool, ...]
 

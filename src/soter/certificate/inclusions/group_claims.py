@@ -63,12 +63,10 @@ LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[
 LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
 """The same of many cells at once: what shows most comes first, a failure of parts of many forms
 costs no more than one of few."""
-WHOLE = 8
-"""At most so many cells are looked at with Arb before arrays look at parts of cells."""
-WHOLE_OF = 256
-"""Of more cells arrays look at parts in any case: if one in `WHOLE` needed them and no look met it,
-there would be as many of them as a try of parts begins with. That parts of a cell cost Arb about
-as much as arrays is assumed."""
+WHOLE = 16
+"""So many cells are looked at with Arb before arrays look at parts of cells."""
+TOGETHER = 256
+"""Cells that were not shown as they are of which parts are looked at together."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -147,7 +145,7 @@ class ChainCheck:
     def left_of(
         self, walk: Walk | None, todo: NDArray[np.bool_], block: Block
     ) -> tuple[NDArray[np.bool_], int]:
-        """What arrays of balls leave of the cells of a block, and how large blocks to try on are."""
+        """What arrays leave of the cells of a block, and how large blocks are to try on."""
         if walk is None:
             return todo, CELLS_AT_ONCE
         asked = int(np.count_nonzero(todo[block_index(block)]))
@@ -165,7 +163,7 @@ class ChainCheck:
 
         `leads` asks Arb; arrays are asked first, of many cells at once.
         """
-        while some := list(islice(unshown_cells, WHOLE_OF)):
+        while some := list(islice(unshown_cells, TOGETHER)):
             left = np.zeros(self.group.grid.shape, dtype=np.bool_)
             for cell in some:
                 left[block_index(cell)] = True
@@ -174,25 +172,23 @@ class ChainCheck:
             yield from (at for at in some if left[block_index(at)].any() and not leads(at))
 
     def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
-        """Whether Arb leads some of the cells that are left where they should be, as they are.
+        """Whether Arb leads most of some cells that are left where they should be, as they are.
 
-        It likely leads the others as well, for less than their parts cost arrays. That is a guess:
-        it only says who looks next. Nothing is confirmed here: all cells that are left stay so.
+        It likely leads others as well, for less than their parts cost arrays. That is a guess: it
+        only says who looks next. Nothing is confirmed here: all cells that are left stay so.
         """
         cells = np.argwhere(left)
         if not cells.size:
             return True
-        if len(cells) > WHOLE_OF:
-            return False
         seen = np.zeros(left.shape, dtype=np.uint16)
-        for cell in cells[:: -(-len(cells) // WHOLE)]:
+        some, led = cells[:: -(-len(cells) // WHOLE)], 0
+        for cell in some:
             at = tuple((int(i), int(i) + 1) for i in cell)
             order, holds = walk.order[tuple(cell)], int(walk.holds[tuple(cell)])
             ends = [end for _, e in self.reached(at, [holds], walk.within, seen) for end in e]
             tops = (walk.highest([np.array([x]) for x in end])[0] for end in ends)
-            if not ends or not all(top < order for top in tops):
-                return False
-        return True
+            led += bool(ends) and all(top < order for top in tops)
+        return 2 * led > len(some)
 
     def _tries(self) -> Iterator[Try]:
         """What `leads_in_parts` does, of many cells."""

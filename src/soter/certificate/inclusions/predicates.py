@@ -40,7 +40,7 @@ from soter.certificate.terms.terms import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.certificate.batches.decided_cells import Bits
     from soter.certificate.inclusions.cell_sets import Block, Grid
@@ -216,12 +216,13 @@ class Decision:
         boxes = grid.whole_boxes(block, self.reads)
         return reduce(or_, (self.of([*box, *self.ranges]) for box in boxes))
 
-    def holds(self, grid: Grid, block: Block, splits: int) -> bool:
-        """Whether it certainly does on a block, of which all is halved so often."""
-        return all(
-            finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
-            for box in grid.whole_boxes(block, self.reads)
-        )
+    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+        """Whether it certainly does on a box of states; it and the errors are halved so often."""
+        return finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
+
+    def holds_in(self, grid: Grid, block: Block, splits: int) -> bool:
+        """The same of a block, with all that lies beyond."""
+        return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
 
     def decided(self, todo: Cells, block: Block, splits: int) -> Bits:
         """What arrays know of the cells of a block (`batches/decided_cells.decided`).
@@ -252,7 +253,7 @@ def _certain_cells(
         bits = decision.of_cell(grid, block) if wanted == volume(block) else NEITHER
         if bits == NEITHER and volume(block) > 1:
             waiting.extend(halves(block))
-        elif bits == HOLDS or (bits == NEITHER and decision.holds(grid, block, SPLITS_OF_SETS)):
+        elif bits == HOLDS or (bits == NEITHER and decision.holds_in(grid, block, SPLITS_OF_SETS)):
             members[block_index(block)] = True
     return Cells(grid, members)
 
@@ -294,7 +295,7 @@ def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
 
     def attempt(at: Block) -> bool:
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return check.decision.holds(group.grid, at, splits)
+        return check.decision.holds_in(group.grid, at, splits)
 
     todo = Cells(group.grid, ~group.free)
     known = check.decision.decided(todo, block, SPLITS_OF_PREDICATES)

@@ -101,7 +101,7 @@ def show_admitted(
         if (excess <= 0).all():
             continue
         ends = [(exact(a), exact(b)) for a, b in box.T.tolist()]
-        if check.holds(ends, 0):
+        if check.decision.holds(ends, 0):
             continue
         shares = (box[1] - box[0]) / width
         if looked > BOXES_MAX or shares.max() < SMALLEST:

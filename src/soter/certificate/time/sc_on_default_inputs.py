@@ -92,8 +92,9 @@ def _harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -
     fine = both_all(terms.obligations)
     places = sorted(inputs_of(terms, [fine]))
     box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
-    decided = compile_truths(terms, places, [fine], {})(form_of_box(box, symbols=False))
-    return decided[0] == CERTAIN
+    (bits,) = compile_truths(terms, places, [fine], {})(form_of_box(box, symbols=False))
+    certain: bool = bits == CERTAIN
+    return certain
 
 
 def _anything(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value

@@ -1,0 +1,224 @@
+"""Cells on which arrays decide a proposition: never otherwise than at points, or than Arb does."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from soter.certificate.batches import decided_cells
+from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
+from soter.certificate.batches.cell_arrays import followed_beyond
+from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER
+from soter.certificate.inclusions import predicates
+from soter.certificate.inclusions.cell_sets import Cells, Grid
+from soter.certificate.inclusions.predicates import Decision
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
+from unit.certificate.small_proofs import even_edges
+
+EXTENTS = ((-2.0, 2.0), (-3.0, 3.0))
+GRID = Grid((even_edges(-2.0, 2.0, 16), even_edges(-3.0, 3.0, 12)))
+OPEN = Grid(GRID.edges, (True, False))
+ERROR = 0.05
+
+
+def _stops(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """|x| + v^2/6 + e < 1.5 and |v| <= 2."""
+    far = terms.function("abs", x)
+    square = terms.multiply(v, v)
+    room = terms.combine(
+        [(exact(1.0), far), (exact(1.0) / 6, square), (exact(1.0), e)], exact(-1.5)
+    )
+    slow = terms.combine([(exact(1.0), terms.function("abs", v))], exact(-2.0))
+    return both(terms.below(room), terms.below(slow, strict=False))
+
+
+def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """x + e > 1, or not v < x v, or min(x, v) <= -1.25."""
+    gap = terms.combine([(exact(-1.0), x), (exact(-1.0), e)], exact(1.0))
+    product = terms.subtract(v, terms.multiply(x, v))
+    least = terms.combine([(exact(1.0), terms.minimum(x, v))], exact(1.25))
+    return either(
+        terms.below(gap), either(negation(terms.below(product)), terms.below(least, strict=False))
+    )
+
+
+def _edges(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """x <= 0.5, which is an edge, or v >= -1.5, another one."""
+    del e
+    right = terms.combine([(exact(1.0), x)], exact(-0.5))
+    low = terms.combine([(exact(-1.0), v)], exact(-1.5))
+    return either(terms.below(right, strict=False), terms.below(low, strict=False))
+
+
+def _root(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """sqrt(x + 3) sin(v) < 1 + e."""
+    root = terms.function("sqrt", terms.combine([(exact(1.0), x)], exact(3.0)))
+    wave = terms.multiply(root, terms.function("sin", v))
+    return terms.below(terms.combine([(exact(1.0), wave), (exact(-1.0), e)], exact(-1.0)))
+
+
+PROPOSITIONS = {"stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
+
+
+def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
+    """A proposition over x, v and an error e."""
+    terms = Terms()
+    x, v = (terms.input("state", n, *map(exact, e)) for n, e in zip("xv", ends, strict=True))
+    e = terms.input("box", "e", exact(-ERROR), exact(ERROR))
+    truth = PROPOSITIONS[name](terms, x, v, e)
+    model: Any = SimpleNamespace(extents=EXTENTS)
+    return Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, v)], truth)
+
+
+def every(grid: Grid) -> Cells:
+    return Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+
+
+def point(decision: Decision, *numbers: float) -> int:
+    """What Arb knows of a point of x, v and, where it is read, e."""
+    count = 2 + len(decision.ranges)
+    return decision.of([(exact(z), exact(z)) for z in numbers[:count]])
+
+
+@pytest.mark.parametrize("name", sorted(PROPOSITIONS))
+def test_what_arrays_decide_is_so_at_points_and_all_that_arb_decides(name: str) -> None:
+    decision, draw = decision_of(name), np.random.default_rng(1)
+    known = decision.decided(every(GRID), GRID.whole, 8)
+    assert {HOLDS, FAILS} <= set(known.reshape(-1))
+    for cell in np.ndindex(GRID.shape):
+        block = tuple((i, i + 1) for i in cell)
+        low, high = (
+            np.array([e[i + k] for e, i in zip(GRID.edges, cell, strict=True)]) for k in (0, 1)
+        )
+        states = draw.uniform(low, high, (20, 2)).tolist()
+        states += [[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]
+        errors = draw.choice([-ERROR, 0.0, ERROR], len(states))
+        bits = {point(decision, *s, e) for s, e in zip(states, errors, strict=True)}
+        if known[cell] == HOLDS:
+            assert FAILS not in bits, cell
+        elif known[cell] == FAILS:
+            assert not decision.holds_in(GRID, block, 4), cell
+        if decision.of_cell(GRID, block) == FAILS:
+            assert known[cell] == FAILS
+
+
+@pytest.mark.parametrize("name", sorted(PROPOSITIONS))
+def test_only_cells_that_are_asked_for_are_decided(name: str) -> None:
+    decision = decision_of(name)
+    draw = np.random.default_rng(2)
+    whole = decision.decided(every(GRID), GRID.whole, 8)
+    todo = Cells(GRID, draw.random(GRID.shape) < 0.7)
+    block = ((2, 13), (1, 12))
+    known = decision.decided(todo, block, 8)
+    inside = np.zeros(GRID.shape, dtype=np.bool_)
+    inside[2:13, 1:12] = True
+    assert (known[~(inside & todo.members)] == NEITHER).all()
+    assert np.array_equal(known[inside & todo.members], whole[inside & todo.members])
+
+
+@pytest.mark.parametrize(("name", "certain"), [("stops", False), ("beside", True), ("edges", True)])
+def test_outer_cells_of_an_axis_without_ends_hold_all_that_lies_beyond(
+    name: str, *, certain: bool
+) -> None:
+    """x <= 0.5 fails far to the right, where the last cell ends at 2, and holds far to the left."""
+    decision = decision_of(name, ((-np.inf, np.inf), EXTENTS[1]))
+    known, inner = (decision.decided(every(g), g.whole, 8) for g in (OPEN, GRID))
+    assert np.array_equal(known[1:-1], inner[1:-1])
+    assert not (known[[0, -1]] == HOLDS)[inner[[0, -1]] != HOLDS].any()
+    for cell in np.ndindex(OPEN.shape):
+        block = tuple((i, i + 1) for i in cell)
+        if known[cell] == HOLDS:
+            assert decision.holds_in(OPEN, block, 4)
+    assert (known[0] == HOLDS).any() == certain
+
+
+def test_a_proposition_that_does_not_read_a_state_knows_nothing_beyond_it() -> None:
+    decision = decision_of("root", EXTENTS)
+    assert decision.reads == (True, True)
+    terms = Terms()
+    v = terms.input("state", "v", exact(-3.0), exact(3.0))
+    x = terms.input("state", "x", exact(-np.inf), exact(np.inf))
+    atoms = [next(iter(s.terms)) for s in (x, v)]
+    model: Any = SimpleNamespace(extents=EXTENTS)
+    slow = terms.below(terms.combine([(exact(1.0), v)], exact(-1.0)))
+    decision = Decision(model, (0, 1), terms, atoms, slow)
+    assert decision.reads == (False, True)
+    assert len(OPEN.whole_boxes(((0, 1), (0, 1)), decision.reads)) == 1
+    assert len(OPEN.whole_boxes(((0, 1), (0, 1)), (True, True))) > 1
+    known = decision.decided(every(OPEN), OPEN.whole, 8)
+    assert (known[:, :7] == HOLDS).all()
+    assert (known[:, 8:] == FAILS).all()
+
+
+def test_what_underflows_is_left_to_arb(monkeypatch: pytest.MonkeyPatch) -> None:
+    def raises(*_: object) -> None:
+        raise FloatingPointError
+
+    monkeypatch.setattr(decided_cells, "_bits_of", raises)
+    assert (decision_of("stops").decided(every(GRID), GRID.whole, 8) == NEITHER).all()
+
+
+def test_of_few_cells_no_arrays_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(predicates, "decided", None)
+    block = ((0, 7), (0, 9))
+    assert (decision_of("stops").decided(every(GRID), block, 8) == NEITHER).all()
+
+
+def test_certain_cells_are_those_of_arb_alone_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With arrays and without; where arrays are asked Arb is asked about what they leave."""
+    group: Any = SimpleNamespace(grid=GRID, states=(0, 1))
+    model: Any = SimpleNamespace(extents=EXTENTS)
+    for name, proposition in PROPOSITIONS.items():
+        members = []
+        for few in (predicates.FEW, GRID.shape[0] * GRID.shape[1] + 1):
+            monkeypatch.setattr(predicates, "FEW", few)
+            terms = Terms()
+            states = [
+                terms.input("state", n, *map(exact, e)) for n, e in zip("xv", EXTENTS, strict=True)
+            ]
+            e = terms.input("box", "e", exact(-ERROR), exact(ERROR))
+            truth = proposition(terms, states[0], states[1], e)
+            atoms = [next(iter(s.terms)) for s in states]
+            members.append(predicates._certain_cells(model, group, terms, atoms, truth).members)
+        assert not (members[1] & ~members[0]).any(), name
+        assert members[0].sum() - members[1].sum() <= 0.1 * members[0].size, name
+
+
+def test_runs_from_beyond_are_followed_as_one_by_one() -> None:
+    draw = np.random.default_rng(6)
+    edges = np.array(OPEN.edges[0])
+    low = draw.choice(edges[:-1], 300)
+    start = [(low, low + 0.25), (np.full(300, -1.0), np.full(300, 1.0))]
+    boxes = []
+    for _ in range(2):
+        moved = low + draw.choice([-0.26, -0.25, -0.1, 0.0, 0.2, 0.25, 0.26], 300)
+        boxes += [moved, moved + 0.25, np.full(300, -1.0), np.full(300, 1.0)]
+    answers = np.broadcast_to(followed_beyond(OPEN, start, boxes), 300)
+    seen = set()
+    for k, answer in enumerate(answers):
+        own = [(exact(a[k]), exact(b[k])) for a, b in start]
+        one = OPEN.followed_beyond(own, [float(x[k]) for x in boxes])
+        assert one or not answer
+        seen.add((bool(answer), one))
+    assert {(True, True), (False, False)} <= seen
+    assert np.all(followed_beyond(OPEN, start, []))
+    assert np.all(followed_beyond(GRID, start, boxes))
+
+
+def test_the_inverse_of_what_is_far_is_small_and_does_not_underflow() -> None:
+    sizes = np.array([2.0**1000, -(2.0**1000), 2.0 * FAR, 1.5 * FAR, 2.0, 0.0])
+    radii = np.array([2.0**990, 0.0, 1.5 * FAR, 0.0, 0.5, 0.0])
+    with no_underflow():
+        image = BallArray(sizes, radii).inverse()
+    low, high = image.lower(), image.upper()
+    for k, (size, radius) in enumerate(zip(sizes, radii, strict=True)):
+        for end in (size - radius, size, size + radius):
+            if end:
+                assert not exact(1.0) / exact(end) < exact(low[k])
+                assert not exact(1.0) / exact(end) > exact(high[k])
+    assert np.abs(high[:2]).max() <= 1.001 / FAR
+    assert np.isinf(image.radius[[2, 5]]).all()  # type: ignore[index]
