@@ -49,12 +49,15 @@ class BallArray:
     `radius` has the shape of `centre`, and is None where all are exact.
     """
 
-    __slots__ = ("centre", "radius")
+    __slots__ = ("_farthest", "_grown", "_size", "centre", "radius")
 
     def __init__(self, centre: Floats, radius: Floats | None = None) -> None:
         if radius is not None and radius.shape != centre.shape:
             radius = np.broadcast_to(radius, centre.shape)
         self.centre, self.radius = centre, radius
+        self._size: Floats | None = None
+        self._grown: Floats | None = None
+        self._farthest: Floats | None = None
 
     # ------------------------------------------------------------ made of others
 
@@ -138,12 +141,31 @@ class BallArray:
         radius = np.abs(centre)
         radius *= EPS
         if x.radius is not None:  # (|y| + its radius) times the radius of x
-            size = np.abs(y.centre)
-            size = size if y.radius is None else size + y.radius
-            radius += x.radius * (size * GROWN)
+            radius += x.radius * y._at_most()
         if y.radius is not None:
-            radius += np.abs(x.centre) * (y.radius * GROWN)
+            radius += x._sizes() * y._radius_grown()
         return BallArray(centre, radius)
+
+    # what a factor of many products is asked for: computed once
+
+    def _sizes(self) -> Floats:
+        """|centre|."""
+        if self._size is None:
+            self._size = np.abs(self.centre)
+        return self._size
+
+    def _radius_grown(self) -> Floats:
+        if self._grown is None:
+            assert self.radius is not None
+            self._grown = self.radius * GROWN
+        return self._grown
+
+    def _at_most(self) -> Floats:
+        """The largest |x| in the ball, grown."""
+        if self._farthest is None:
+            size = self._sizes()
+            self._farthest = (size if self.radius is None else size + self.radius) * GROWN
+        return self._farthest
 
     def __rmul__(self, other: int) -> BallArray:
         return self * other

@@ -10,12 +10,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, key_of, magnitude
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -171,11 +172,32 @@ def exponential(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
 
     NotRecheckedError where the span is too long for the series.
     """
-    middle, half = exact((start + end) / 2), exact((end - start) / 2)
-    n = len(a)
+    middle = exact((start + end) / 2)
     at_middle = (arb_mat(a) * middle).exp().tolist()
     if start == end:
         return _cleaned(a, at_middle)
+    return _cleaned(a, _times(at_middle, _around(_MatrixKey(a), (end - start) / 2)))
+
+
+class _MatrixKey:
+    """A matrix that is equal to one whose balls are equal, bit by bit."""
+
+    def __init__(self, a: Matrix) -> None:
+        self.a = a
+        self._key = tuple(tuple(map(key_of, row)) for row in a)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _MatrixKey) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+@lru_cache(maxsize=256)
+def _around(matrix: _MatrixKey, width: Fraction) -> Matrix:
+    """e^{At} for all t in [-width, width]; of equal spans of one flow computed once."""
+    a, half = matrix.a, exact(width)
+    n = len(a)
     around = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
     power, absolute = a, [[magnitude(x) for x in row] for row in a]
     reached = absolute
@@ -199,7 +221,7 @@ def exponential(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
             # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
             bound = arb(sum(reached[i], ZERO).upper())
             around[i][j] += bound * tail * arb(0, 1)
-    return _cleaned(a, _times(at_middle, around))
+    return around
 
 
 def integral(a: Matrix, time: Fraction) -> Matrix:
