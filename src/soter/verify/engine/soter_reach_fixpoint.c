@@ -61,6 +61,18 @@ int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int*
   return (int)(bits[row * g->words + (last >> 6)] >> (last & 63) & 1U);
 }
 
+/* `wide` cells from `at` on along the last axis, which lie in one word. */
+uint64_t soter_reach_part(const soter_reach_group* g, const uint64_t* bits, const int* at,
+                          int wide) {
+  int64_t row = 0;
+  const int begin = at[g->axes - 1], from = begin & 63;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
+  }
+  SOTER_CHECK(wide >= 1 && from + wide <= 64);
+  return bits[row * g->words + (begin >> 6)] >> from & ~UINT64_C(0) >> (64 - wide);
+}
+
 void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
                           soter_reach_chain* x) {
   double lo[AXES], hi[AXES];

@@ -1,0 +1,249 @@
+/* Several boxes move at once, each under one command: a box a lane.
+ * Purpose: the end of a hold of a linear flow, as `soter_reach_hold` makes it.
+ * Non-goals: tubes, laws, delays, jitter: who asks knows what a hold needs of them
+ * (soter_reach_around.c).
+ *
+ * Every operation on a lane is the one of soter_reach_ball.h and soter_reach_hold.c, in their
+ * order, rounded once: the bits are the same. What is left out are sums with products of a gain
+ * that is 0, of drifts that are 0 and of an earlier command: they add nothing. */
+#include "soter_reach_ball.h"
+
+#if defined(__AVX__)
+#include <immintrin.h>
+#endif
+
+typedef double lanes __attribute__((vector_size(sizeof(double) * LANES)));
+typedef int64_t truths __attribute__((vector_size(sizeof(int64_t) * LANES))); /* 0, or -1 */
+
+typedef struct {
+  lanes m[AXES], g[AXES][AXES], box[AXES], lo[AXES], hi[AXES];
+} chains;
+
+/* Commands as c + [-r, r], and what was asked for. */
+typedef struct {
+  lanes asked[COMMANDS], c[COMMANDS], r[COMMANDS];
+} commands;
+
+ALWAYS lanes all(double x) {
+  return x - (lanes){0};
+}
+
+ALWAYS lanes either(truths on, lanes a, lanes b) {
+  return (lanes)((on & (truths)a) | (~on & (truths)b));
+}
+
+/* As soter_least and soter_most: so do these instructions, NaN and zeros included. */
+ALWAYS lanes least(lanes a, lanes b) {
+#if defined(__AVX512F__)
+  return (lanes)_mm512_min_pd((__m512d)b, (__m512d)a);
+#elif defined(__AVX__)
+  return (lanes)_mm256_min_pd((__m256d)b, (__m256d)a);
+#else
+  return either(b < a, b, a);
+#endif
+}
+
+ALWAYS lanes most(lanes a, lanes b) {
+#if defined(__AVX512F__)
+  return (lanes)_mm512_max_pd((__m512d)b, (__m512d)a);
+#elif defined(__AVX__)
+  return (lanes)_mm256_max_pd((__m256d)b, (__m256d)a);
+#else
+  return either(b > a, b, a);
+#endif
+}
+
+ALWAYS lanes size(lanes x) {
+  return (lanes)((truths)x & INT64_MAX);
+}
+
+ALWAYS lanes up(lanes x) {
+  return x + (size(x) * EPS + TINY);
+}
+
+ALWAYS lanes down(lanes x) {
+  return x - (size(x) * EPS + TINY);
+}
+
+/* Lanes beyond `count` repeat the last one. */
+ALWAYS void take(int n, int m, int count, const soter_reach_mover* from, chains* x, commands* u) {
+  SOTER_CHECK(count >= 1 && count <= LANES);
+  for (int l = 0; l < LANES; l++) {
+    const soter_reach_mover* one = &from[l < count ? l : count - 1];
+    for (int i = 0; i < n; i++) {
+      x->m[i][l] = one->x->m[i];
+      x->box[i][l] = one->x->box[i];
+      x->lo[i][l] = one->x->lo[i];
+      x->hi[i][l] = one->x->hi[i];
+      for (int j = 0; j < n; j++) {
+        x->g[i][j][l] = one->x->g[i][j];
+      }
+    }
+    for (int a = 0; a < m; a++) {
+      u->asked[a][l] = one->command[a];
+    }
+  }
+}
+
+ALWAYS void give(int n, int l, const chains* from, soter_reach_chain* x) {
+  for (int i = 0; i < n; i++) {
+    x->m[i] = from->m[i][l];
+    x->box[i] = from->box[i][l];
+    x->lo[i] = from->lo[i][l];
+    x->hi[i] = from->hi[i][l];
+    SOTER_CHECK(x->lo[i] <= x->hi[i]);
+    for (int j = 0; j < n; j++) {
+      x->g[i][j] = from->g[i][j][l];
+    }
+  }
+  x->holds++;
+}
+
+/* Where all rates over x alone are above the dust: they are no larger than those over all of the
+ * tube, so that no axis stands. */
+ALWAYS truths moving(int n, int m, const soter_reach_group* g, const chains* x, const commands* u) {
+  const soter_reach_model* model = &g->model;
+  truths found = (truths){0} == 0;
+  for (int i = 0; i < n; i++) {
+    lanes low = all(model->c[i]), high = low, sum = size(low);
+    for (int j = 0; j < n; j++) {
+      const lanes p = model->a[i][j] * x->lo[j], q = model->a[i][j] * x->hi[j];
+      low += least(p, q);
+      high += most(p, q);
+      sum += most(size(p), size(q));
+    }
+    for (int a = 0; a < m; a++) {
+      const lanes p = model->b[i][a] * u->asked[a];
+      low += p;
+      high += p;
+      sum += size(p);
+    }
+    sum = 16 * EPS * sum + TINY;
+    low = down(low - model->w[i]) - sum;
+    high = up(high + model->w[i]) + sum;
+    SOTER_CHECK(!(g->dust[i] < 0));
+    found &= most(size(low), size(high)) > g->dust[i];
+  }
+  return found;
+}
+
+/* As `with_drift` leaves a number where nothing drifts. */
+ALWAYS void number(commands* u, int a) {
+  const lanes r = 8 * EPS * size(u->asked[a]);
+  u->c[a] = u->asked[a];
+  u->r[a] = either(r == 0, all(0), r + TINY);
+  SOTER_CHECK(a >= 0 && a < COMMANDS);
+}
+
+/* Row i of the motion: `motion_of`. */
+ALWAYS void drive(int n, int m, const soter_reach_step* step, int i, const chains* x,
+                  const lanes* from, const commands* u, lanes* to, lanes* noise) {
+  lanes c = all(step->c[i]), r = all(step->w[i] + step->c_r[i]), sum = size(c);
+  for (int j = 0; j < n; j++) {
+    const lanes p = step->phi[i][j] * from[j];
+    c += p;
+    sum += size(p);
+    r += step->phi_r[i][j] * most(size(x->lo[j]), size(x->hi[j]));
+  }
+  for (int a = 0; a < m; a++) {
+    const lanes p = step->gamma[i][a] * u->c[a];
+    c += p;
+    sum += size(p);
+    r += fabs(step->gamma[i][a]) * u->r[a] + step->gamma_r[i][a] * size(u->asked[a]);
+  }
+  SOTER_CHECK(!(step->w[i] < 0));
+  *to = c;
+  *noise = r + 32 * EPS * sum;
+}
+
+/* Row i of what is there after the motion: `advance`. */
+ALWAYS void arrive(int n, const double* phi, int i, const chains* x, const lanes* from,
+                   const lanes* rows, lanes to, lanes noise, chains* y) {
+  lanes s = to, slack = size(to), b = all(0);
+  for (int j = 0; j < n; j++) {
+    s += phi[j] * (x->m[j] - from[j]);
+    b += fabs(phi[j]) * x->box[j];
+    slack += (fabs(phi[j]) + TINY) * (size(x->m[j]) + size(from[j]) + rows[j]);
+  }
+  for (int k = 0; k < n; k++) {
+    lanes e = all(0);
+    for (int j = 0; j < n; j++) {
+      e += phi[j] * x->g[j][k];
+    }
+    y->g[i][k] = e;
+  }
+  SOTER_CHECK(i >= 0 && i < n);
+  y->m[i] = s;
+  y->box[i] = (b + noise) * (1 + 16 * EPS) + 32 * EPS * slack + TINY;
+}
+
+/* The ends of axis i: `hull`, of which it says where they are numbers, and soter_reach_keep. */
+ALWAYS truths ends(int n, const soter_reach_group* g, int i, chains* y) {
+  const double low = g->edges[i][0], high = g->edges[i][g->cells[i]];
+  lanes rad = y->box[i];
+  truths found;
+  for (int j = 0; j < n; j++) {
+    rad += size(y->g[i][j]);
+  }
+  rad = rad * (1 + 8 * EPS) + EPS * size(y->m[i]);
+  y->lo[i] = most(all(-HUGE_VAL), down(y->m[i] - rad));
+  y->hi[i] = least(all(HUGE_VAL), up(y->m[i] + rad));
+  found = (y->lo[i] <= y->hi[i]) & (most(size(y->lo[i]), size(y->hi[i])) < 1e200);
+  SOTER_CHECK(low < high);
+  if (g->kept_low[i] == SOTER_REACH_KEPT) {
+    y->lo[i] = either((y->lo[i] < low) & (y->hi[i] >= low), all(low), y->lo[i]);
+  }
+  if (g->kept_high[i] == SOTER_REACH_KEPT) {
+    y->hi[i] = either((y->hi[i] > high) & (y->lo[i] <= high), all(high), y->hi[i]);
+  }
+  return found;
+}
+
+ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
+                     const soter_reach_mover* movers) {
+  chains x, y;
+  commands u;
+  lanes from[AXES], rows[AXES];
+  truths found;
+  unsigned moved = 0;
+  take(n, m, count, movers, &x, &u);
+  found = moving(n, m, g, &x, &u);
+  for (int a = 0; a < m; a++) {
+    number(&u, a);
+  }
+  for (int i = 0; i < n; i++) {
+    from[i] = either(x.lo[i] == x.hi[i], x.lo[i], x.lo[i] / 2 + x.hi[i] / 2);
+    rows[i] = x.box[i];
+    for (int k = 0; k < n; k++) {
+      rows[i] += size(x.g[i][k]);
+    }
+  }
+  for (int i = 0; i < n; i++) {
+    lanes to, noise;
+    drive(n, m, &g->first, i, &x, from, &u, &to, &noise);
+    arrive(n, g->first.phi[i], i, &x, from, rows, to, noise, &y);
+    found &= ends(n, g, i, &y);
+  }
+  for (int l = 0; l < count; l++) {
+    if (found[l] != 0) {
+      give(n, l, &y, movers[l].x);
+      moved |= 1U << l;
+    }
+  }
+  SOTER_CHECK(moved >> count == 0);
+  return moved;
+}
+
+/* Runs a hold of a linear flow to its end for up to LANES boxes, each under commands that are
+ * numbers: what `soter_reach_hold` makes of them, and of their images. Bit k: the k-th moved;
+ * others are as they were, and that one is to be asked. */
+unsigned soter_reach_move(const soter_reach_group* g, int count, const soter_reach_mover* movers) {
+  SOTER_CHECK(!g->is_map && !g->is_local && g->delay <= 0 && g->jitter <= 0);
+  if (g->commands == 1 && g->axes == 2) {
+    return move(2, 1, g, count, movers);
+  }
+  if (g->commands == 1 && g->axes == 3) {
+    return move(3, 1, g, count, movers);
+  }
+  return move(g->axes, g->commands, g, count, movers);
+}
