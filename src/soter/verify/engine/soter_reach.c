@@ -38,7 +38,9 @@ typedef struct {
   int64_t cell;
   int bit;      /* of the cell in its tile */
   int n, again; /* holds that were looked at, and those of them that are to be made again */
-  int lost, moved;
+  int lost;
+  int moved, in_c; /* its hold is made; its tube is known to lie in C, and `h` is not told */
+  soter_hold h;
 } walker;
 
 /* Walkers of a tile: the first `count` of `going`. */
@@ -61,11 +63,12 @@ static void gather(crowd* c, int64_t tile) {
 enum { NEVER, NOT_YET, FOUND };
 
 /* What an image says that was reached with all before it in C. */
-static int arrived(const core_job* job, const soter_hold* h, uint16_t* image, int* lost) {
+static int arrived(const core_job* job, const double* lo, const double* hi, uint16_t* image,
+                   int* lost) {
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   SOTER_CHECK(*lost >= 0);
-  if (!soter_reach_cover(g, h->image_lo, h->image_hi, image)) {
+  if (!soter_reach_cover(g, lo, hi, image)) {
     return NOT_YET;
   }
   if (soter_reach_inside(g, w->r.kept, image, 0)) {
@@ -158,15 +161,11 @@ static int sets_out(const core_job* job, int64_t cell, const int* at, walker* k)
   return 1;
 }
 
-/* What comes of a hold of a walker. One that moved kept its tube in C. What is made again was looked
- * at before. */
+/* What comes of a hold of a walker, which it made or is to make. What is made again was looked at
+ * before. */
 static int goes_on(core_job* job, int who, walker* k) {
-  soter_hold h;
   int found;
-  if (k->moved) {
-    memcpy(h.image_lo, k->x.lo, sizeof h.image_lo);
-    memcpy(h.image_hi, k->x.hi, sizeof h.image_hi);
-  } else if (!soter_reach_hold(job->g, &job->scratch[who], &k->x, &h)) {
+  if (!k->moved && !soter_reach_hold(job->g, &job->scratch[who], &k->x, &k->h)) {
     return NEVER;
   }
   SOTER_CHECK(k->again >= 0 && k->n < job->w->longest);
@@ -176,7 +175,13 @@ static int goes_on(core_job* job, int who, walker* k) {
     return NOT_YET;
   }
   k->n++;
-  found = k->moved || in_c(job, &h) ? arrived(job, &h, k->image, &k->lost) : NEVER;
+  if (k->in_c) {
+    found = arrived(job, k->x.lo, k->x.hi, k->image, &k->lost);
+  } else if (in_c(job, &k->h)) {
+    found = arrived(job, k->h.image_lo, k->h.image_hi, k->image, &k->lost);
+  } else {
+    return NEVER;
+  }
   return found == NOT_YET && k->n == job->w->longest ? NEVER : found;
 }
 
@@ -189,10 +194,15 @@ static void move_together(core_job* job, int who, crowd* c) {
   SOTER_CHECK(job->looks_around && c->count <= LANES);
   for (int k = 0; k < c->count; k++) {
     walker* one = c->going[k];
-    const double* u = soter_reach_around(job->g, job->w, &job->scratch[who], one->image, &one->x);
-    if (u != 0) { /* it may be told in scratch */
+    const double* u = 0;
+    const int known =
+        soter_reach_around(job->g, job->w, &job->scratch[who], one->image, &one->x, &u);
+    one->in_c = known == SOTER_REACH_IN_C;
+    if (known != SOTER_REACH_NOTHING) { /* it may be told in scratch */
       memcpy(command[count], u, sizeof(double) * (size_t)job->g->commands);
-      movers[count] = (soter_reach_mover){.x = &one->x, .command = command[count]};
+      movers[count].x = &one->x;
+      movers[count].command = command[count];
+      movers[count].out = one->in_c ? 0 : &one->h;
       of[count++] = one;
     }
   }
@@ -200,6 +210,7 @@ static void move_together(core_job* job, int who, crowd* c) {
     const unsigned moved = soter_reach_move(job->g, count, movers);
     for (int k = 0; k < count; k++) {
       of[k]->moved = (int)(moved >> k & 1U);
+      of[k]->in_c = of[k]->in_c && of[k]->moved;
     }
   }
 }
@@ -207,7 +218,7 @@ static void move_together(core_job* job, int who, crowd* c) {
 /* One hold of every walker. */
 static void walk(core_job* job, int who, crowd* c) {
   for (int k = 0; k < c->count; k++) {
-    c->going[k]->moved = 0;
+    c->going[k]->moved = c->going[k]->in_c = 0;
   }
   if (job->looks_around) {
     move_together(job, who, c);

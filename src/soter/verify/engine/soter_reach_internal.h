@@ -96,11 +96,15 @@ enum { LANES = 4 };
 enum { LANES = 2 };
 #endif
 
-/* A chain, and what is held while it moves on. */
+/* A chain, what is held while it moves on, and where its tube and image go (null: nowhere). */
 typedef struct {
   soter_reach_chain* x;
   const double* command;
+  soter_hold* out;
 } soter_reach_mover;
+
+/* What is known around a box: nothing, its command, and that it stays in C under it. */
+enum { SOTER_REACH_NOTHING, SOTER_REACH_COMMAND, SOTER_REACH_IN_C };
 
 int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
                       uint16_t* image);
@@ -144,7 +148,7 @@ int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_c
                      soter_hold* out);
 unsigned soter_reach_move(const soter_reach_group* g, int count, const soter_reach_mover* movers);
 int soter_reach_may_look_around(const soter_reach_group* g);
-const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
-                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x);
+int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
+                       const uint16_t* at, const soter_reach_chain* x, const double** command);
 
 #endif

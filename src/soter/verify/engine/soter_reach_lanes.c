@@ -1,6 +1,6 @@
 /* Several boxes move at once, each under one command: a box a lane.
- * Purpose: the end of a hold of a linear flow, as `soter_reach_hold` makes it.
- * Non-goals: tubes, laws, delays, jitter: who asks knows what a hold needs of them
+ * Purpose: a hold of a linear flow, as `soter_reach_hold` makes it.
+ * Non-goals: laws, delays, jitter, axes that stand or have no end: who asks knows what a hold needs of them
  * (soter_reach_around.c).
  *
  * Every operation on a lane is the one of soter_reach_ball.h and soter_reach_hold.c, in their
@@ -99,15 +99,13 @@ ALWAYS void give(int n, int l, const chains* from, soter_reach_chain* x) {
   x->holds++;
 }
 
-/* Where all rates over x alone are above the dust: they are no larger than those over all of the
- * tube, so that no axis stands. */
-ALWAYS truths moving(int n, int m, const soter_reach_group* g, const chains* x, const commands* u) {
-  const soter_reach_model* model = &g->model;
-  truths found = (truths){0} == 0;
+/* Ranges of x' over boxes: `rates`. */
+ALWAYS void ranges(int n, int m, const soter_reach_model* model, const lanes* lo, const lanes* hi,
+                   const commands* u, lanes* flo, lanes* fhi) {
   for (int i = 0; i < n; i++) {
     lanes low = all(model->c[i]), high = low, sum = size(low);
     for (int j = 0; j < n; j++) {
-      const lanes p = model->a[i][j] * x->lo[j], q = model->a[i][j] * x->hi[j];
+      const lanes p = model->a[i][j] * lo[j], q = model->a[i][j] * hi[j];
       low += least(p, q);
       high += most(p, q);
       sum += most(size(p), size(q));
@@ -119,10 +117,53 @@ ALWAYS truths moving(int n, int m, const soter_reach_group* g, const chains* x, 
       sum += size(p);
     }
     sum = 16 * EPS * sum + TINY;
-    low = down(low - model->w[i]) - sum;
-    high = up(high + model->w[i]) + sum;
+    SOTER_CHECK(!(model->w[i] < 0));
+    flo[i] = down(low - model->w[i]) - sum;
+    fhi[i] = up(high + model->w[i]) + sum;
+  }
+}
+
+/* Where all rates over x alone are above the dust: they are no larger than those over all of the
+ * tube, so that no axis stands. */
+ALWAYS truths moving(int n, const soter_reach_group* g, const lanes* flo, const lanes* fhi) {
+  truths found = ~(truths){0};
+  for (int i = 0; i < n; i++) {
     SOTER_CHECK(!(g->dust[i] < 0));
-    found &= most(size(low), size(high)) > g->dust[i];
+    found &= most(size(flo[i]), size(fhi[i])) > g->dust[i];
+  }
+  return found;
+}
+
+typedef struct {
+  lanes lo[AXES], hi[AXES];
+} boxes;
+
+/* The tube from x, whose rates are [flo, fhi], to y: `rates_around`, of which it says where they
+ * are numbers, and `between`. */
+ALWAYS truths tube_of(int n, int m, const soter_reach_group* g, const chains* x, const chains* y,
+                      const commands* u, const lanes* flo, const lanes* fhi, boxes* out) {
+  const soter_reach_step* step = &g->first;
+  lanes lo[AXES], hi[AXES], least_rate[AXES], most_rate[AXES];
+  truths found = ~(truths){0};
+  for (int i = 0; i < n; i++) {
+    lanes d = all(0);
+    for (int j = 0; j < n; j++) {
+      d += step->dev[i][j] * most(size(flo[j]), size(fhi[j]));
+    }
+    d = d * (1 + 8 * EPS) + TINY;
+    lo[i] = down(x->lo[i] - d);
+    hi[i] = up(x->hi[i] + d);
+  }
+  ranges(n, m, &g->model, lo, hi, u, least_rate, most_rate);
+  SOTER_CHECK(step->h > 0);
+  for (int i = 0; i < n; i++) {
+    const lanes rise = up(step->h * most(most_rate[i], all(0)));
+    const lanes fall = up(step->h * most(-least_rate[i], all(0)));
+    const lanes high = least(up(x->hi[i] + rise), up(y->hi[i] + fall));
+    const lanes low = most(down(x->lo[i] - fall), down(y->lo[i] - rise));
+    out->hi[i] = most(high, most(x->hi[i], y->hi[i]));
+    out->lo[i] = least(low, least(x->lo[i], y->lo[i]));
+    found &= (least_rate[i] > -1e300) & (most_rate[i] < 1e300);
   }
   return found;
 }
@@ -199,15 +240,41 @@ ALWAYS truths ends(int n, const soter_reach_group* g, int i, chains* y) {
   return found;
 }
 
+static int tells_tubes(int count, const soter_reach_mover* movers) {
+  int any = 0;
+  SOTER_CHECK(count <= LANES);
+  for (int l = 0; l < count; l++) {
+    any |= movers[l].out != 0;
+  }
+  return any;
+}
+
+/* The tube and image of a lane, where they are wanted. */
+ALWAYS void tell(int n, int l, const boxes* tubes, const soter_reach_mover* one) {
+  soter_hold* out = one->out;
+  if (out == 0) {
+    return;
+  }
+  for (int i = 0; i < n; i++) {
+    out->image_lo[i] = one->x->lo[i];
+    out->image_hi[i] = one->x->hi[i];
+    out->tube_lo[i] = tubes->lo[i][l];
+    out->tube_hi[i] = tubes->hi[i][l];
+    SOTER_CHECK(out->tube_lo[i] <= out->image_lo[i] && out->tube_hi[i] >= out->image_hi[i]);
+  }
+}
+
 ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
                      const soter_reach_mover* movers) {
   chains x, y;
   commands u;
-  lanes from[AXES], rows[AXES];
+  boxes tubes = {0};
+  lanes from[AXES], rows[AXES], flo[AXES], fhi[AXES];
   truths found;
   unsigned moved = 0;
   take(n, m, count, movers, &x, &u);
-  found = moving(n, m, g, &x, &u);
+  ranges(n, m, &g->model, x.lo, x.hi, &u, flo, fhi);
+  found = moving(n, g, flo, fhi);
   for (int a = 0; a < m; a++) {
     number(&u, a);
   }
@@ -224,9 +291,13 @@ ALWAYS unsigned move(int n, int m, const soter_reach_group* g, int count,
     arrive(n, g->first.phi[i], i, &x, from, rows, to, noise, &y);
     found &= ends(n, g, i, &y);
   }
+  if (tells_tubes(count, movers)) {
+    found &= tube_of(n, m, g, &x, &y, &u, flo, fhi, &tubes);
+  }
   for (int l = 0; l < count; l++) {
     if (found[l] != 0) {
       give(n, l, &y, movers[l].x);
+      tell(n, l, &tubes, &movers[l]);
       moved |= 1U << l;
     }
   }
