@@ -242,18 +242,25 @@ typedef struct {
   int inside, far; /* -1: not asked */
 } said;
 
+static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
+  int same = 1;
+  for (int k = 0; k < n; k++) {
+    uint32_t p, q; /* first and last of an axis */
+    memcpy(&p, a + 2 * k, sizeof p);
+    memcpy(&q, b + 2 * k, sizeof q);
+    same &= p == q;
+  }
+  return same;
+}
+
 static void ask_of(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
                    said* s) {
-  int same = s->inside >= 0;
-  for (int a = 0; a < 2 * g->axes; a++) {
-    same &= s->image[a] == image[a];
-    s->image[a] = image[a];
-  }
-  if (!same) {
+  SOTER_CHECK(image[0] <= image[1]);
+  if (s->inside < 0 || !same_image(g->axes, s->image, image)) {
+    memcpy(s->image, image, sizeof(uint16_t) * 2 * (size_t)g->axes);
     s->inside = soter_reach_inside(g, kept, image, 0);
     s->far = -1;
   }
-  SOTER_CHECK(s->inside >= 0);
 }
 
 /* A cell of K is looked at: its witness serves still, it falls, or a walker sets out for it. */
@@ -310,8 +317,7 @@ static void by_cells(core_job* job, int who, int64_t tile, const int* first, con
 }
 
 /* Whether a box as a whole is back in K after one hold. */
-static int in_one_hold(core_job* job, int who, const int* first, const int* last,
-                       uint16_t* image) {
+static int in_one_hold(core_job* job, int who, const int* first, const int* last, uint16_t* image) {
   soter_reach_chain x;
   soter_hold h;
   soter_reach_start_at(job->g, first, last, &x);

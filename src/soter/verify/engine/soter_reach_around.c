@@ -103,8 +103,8 @@ static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratc
 }
 
 /* What is known around x: that the law gives one `command` all over a block that holds its box, and
- * that no run leaves C from there in one hold. `at`: cells around x. While another thread asks, this
- * one asks for itself: what a hold gives never depends on who came first. */
+ * that no run leaves C from there in one hold. `at`: cells around x. While another thread asks,
+ * this one asks for itself: what a hold gives never depends on who came first. */
 int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
                        const uint16_t* at, const soter_reach_chain* x, const double** command) {
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, answer;

@@ -147,10 +147,10 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
 int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
                      soter_hold* out);
 unsigned soter_reach_move(const soter_reach_group* g, int count, const soter_reach_mover* movers);
-int soter_reach_has_rows(const soter_reach_group* g);
-int soter_reach_rows(const soter_reach_group* g, const soter_reach_tube* tube,
-                     const uint64_t* target, const uint64_t* known, const int* first,
-                     const int* last, uint8_t* out);
+int soter_reach_cells_may_stay(const soter_reach_group* g);
+int soter_reach_cells_stay(const soter_reach_group* g, const soter_reach_tube* tube,
+                           const uint64_t* target, const uint64_t* known, const int* first,
+                           const int* last, uint8_t* out);
 int soter_reach_may_look_around(const soter_reach_group* g);
 int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
                        const uint16_t* at, const soter_reach_chain* x, const double** command);

@@ -1,13 +1,13 @@
 /* Several boxes move at once, each under one command: a box a lane.
  * Purpose: a hold of a linear flow, as `soter_reach_hold` makes it.
- * Non-goals: laws, delays, jitter, axes that stand or have no end: who asks knows what a hold needs of them
- * (soter_reach_around.c).
+ * Non-goals: laws, delays, jitter, axes that stand or have no end: who asks knows what a hold needs
+ * of them (soter_reach_around.c).
  *
  * Every operation on a lane is the one of soter_reach_ball.h and soter_reach_hold.c, in their
  * order, rounded once: the bits are the same. What is left out are sums with products of a gain
  * that is 0, of drifts that are 0 and of an earlier command: they add nothing. */
-#include "soter_reach_ball.h"
 #include "soter_reach_lanes.h"
+#include "soter_reach_ball.h"
 
 typedef struct {
   lanes m[AXES], g[AXES][AXES], box[AXES], lo[AXES], hi[AXES];

@@ -1,7 +1,7 @@
-/* Which cells of a tile stay in a set under all of U, by rows.
+/* Which cells of a tile stay in a set under all of U.
  * Purpose: tubes of linear flows from as many cells at once as there are lanes.
- * Non-goals: tiles that stay as a whole, axes with kept ends or none (soter_reach_tubes.c, which
- * halves boxes there).
+ * Non-goals: tiles that stay as a whole, axes without an end (soter_reach_tubes.c, which halves
+ * boxes there).
  *
  * It tells of each cell what halving the tile tells. What an ancestor of a cell shows, the cell
  * shows, but for what is added for rounding: the sums of the cell's tube lie within the ancestor's,
@@ -14,20 +14,20 @@ typedef struct {
   const soter_reach_group* g;
   const soter_reach_tube* tube;
   const uint64_t* target;
-} row_job;
+} cell_tubes;
 
 typedef struct {
   lanes lo[AXES], hi[AXES];
 } boxes;
 
-/* Whether a tile may be told of by rows: beyond no end of its axes anything is allowed. */
-int soter_reach_has_rows(const soter_reach_group* g) {
-  int plain = 1;
+/* Whether cells may be told of together: no axis goes on beyond an end. */
+int soter_reach_cells_may_stay(const soter_reach_group* g) {
+  int ends = 1;
   SOTER_CHECK(g->axes >= 1 && g->axes <= AXES);
   for (int a = 0; a < g->axes; a++) {
-    plain &= g->kept_low[a] == 0 && g->kept_high[a] == 0;
+    ends &= g->kept_low[a] != SOTER_REACH_UNBOUNDED && g->kept_high[a] != SOTER_REACH_UNBOUNDED;
   }
-  return plain;
+  return ends;
 }
 
 /* The states of a segment of the tube from `from`: the sums, and what is enclosed. As `tube_inside`
@@ -52,7 +52,7 @@ ALWAYS void segment_of(int n, const soter_reach_segment* s, const boxes* from, b
   }
 }
 
-static void segment(const row_job* job, int k, const boxes* from, boxes* sums, boxes* all_of) {
+static void segment(const cell_tubes* job, int k, const boxes* from, boxes* sums, boxes* all_of) {
   const soter_reach_segment* s = &job->tube->at[k];
   SOTER_CHECK(k >= 0 && k < job->tube->segments);
   if (job->g->axes == 2) {
@@ -72,23 +72,35 @@ static void lane_of(int n, int l, const boxes* from, double* lo, double* hi) {
   }
 }
 
-/* Whether [lo, hi] touches all cells of `box`, or, where `box` is null, leaves the grid. */
+/* Whether [lo, hi], and so all that holds it, touches all cells of `box`. What is cut at an end
+ * that runs keep touches the cell there still. */
 static int touches(const soter_reach_group* g, const double* lo, const double* hi,
                    const uint16_t* box) {
-  int all_of = 1, out = 0;
+  int each = 1;
   for (int a = 0; a < g->axes; a++) {
     const double* e = g->edges[a];
     SOTER_CHECK(lo[a] <= hi[a]);
-    out |= lo[a] < e[0] || hi[a] > e[g->cells[a]];
-    all_of &= box == 0 || (lo[a] < e[box[2 * a] + 1] && hi[a] > e[box[2 * a + 1]]);
+    each &= lo[a] < e[box[2 * a] + 1] && hi[a] > e[box[2 * a + 1]];
   }
-  return box == 0 ? out : all_of;
+  return each;
+}
+
+/* Whether it goes beyond an end of the grid that runs do not keep. */
+static int goes_out(const soter_reach_group* g, const double* lo, const double* hi) {
+  int out = 0;
+  for (int a = 0; a < g->axes; a++) {
+    const double* e = g->edges[a];
+    SOTER_CHECK(lo[a] <= hi[a]);
+    out |= g->kept_low[a] == 0 && lo[a] < e[0];
+    out |= g->kept_high[a] == 0 && hi[a] > e[g->cells[a]];
+  }
+  return out;
 }
 
 enum { LEAVES, STAYS, TIE };
 
 /* What a lane of a segment says of its cell. */
-static int verdict(const row_job* job, int l, const boxes* sums, const boxes* all_of) {
+static int verdict(const cell_tubes* job, int l, const boxes* sums, const boxes* all_of) {
   const soter_reach_group* g = job->g;
   double lo[AXES], hi[AXES];
   uint16_t box[2 * AXES];
@@ -99,81 +111,73 @@ static int verdict(const row_job* job, int l, const boxes* sums, const boxes* al
     return STAYS;
   }
   lane_of(g->axes, l, sums, lo, hi);
-  return touches(g, lo, hi, covered ? box : 0) ? LEAVES : TIE;
+  return (covered ? touches(g, lo, hi, box) : goes_out(g, lo, hi)) ? LEAVES : TIE;
 }
 
-/* Which of the cells of `lane` stay, bit l for lane l; -1: there was a tie. What leaves has mostly
- * left at the end: that is looked at first. */
-static int stay(const row_job* job, int count, const boxes* from) {
-  unsigned left = (1U << count) - 1U;
-  SOTER_CHECK(count >= 1 && count <= LANES);
+/* Cells that are asked about together, and where it is told of them. */
+typedef struct {
+  boxes from;
+  uint8_t* out[LANES];
+  int count;
+} asked;
+
+/* Tells of the cells of `c`, and empties it; 0: there was a tie. What leaves has mostly left at the
+ * end: that is looked at first. */
+static int tell(const cell_tubes* job, asked* c) {
+  unsigned left = (1U << c->count) - 1U;
+  SOTER_CHECK(c->count >= 0 && c->count <= LANES);
   for (int k = job->tube->segments - 1; k >= 0 && left != 0; k--) {
     boxes sums, all_of;
-    segment(job, k, from, &sums, &all_of);
-    for (int l = 0; l < count; l++) {
+    segment(job, k, &c->from, &sums, &all_of);
+    for (int l = 0; l < c->count; l++) {
       const int said = left >> l & 1U ? verdict(job, l, &sums, &all_of) : STAYS;
       if (said == TIE) {
-        return -1;
+        return 0;
       }
       left &= said == LEAVES ? ~(1U << l) : ~0U;
     }
   }
-  return (int)left;
+  for (int l = 0; l < c->count; l++) {
+    *c->out[l] = (uint8_t)(left >> l & 1U);
+  }
+  c->count = 0;
+  return 1;
 }
 
-/* The cells of `todo`, bits along the last axis from `at` on: those that stay are set in `out`. 0:
- * there was a tie. */
-static int row(const row_job* job, const int* at, uint64_t todo, uint8_t* out) {
-  const soter_reach_group* g = job->g;
-  const int end = g->axes - 1;
-  const double* e = g->edges[end] + at[end];
-  boxes from;
-  for (int a = 0; a < end; a++) {
-    from.lo[a] = all(g->edges[a][at[a]]);
-    from.hi[a] = all(g->edges[a][at[a] + 1]);
+static void add(const soter_reach_group* g, const int* at, uint8_t* out, asked* c) {
+  SOTER_CHECK(c->count < LANES);
+  for (int a = 0; a < g->axes; a++) {
+    c->from.lo[a][c->count] = g->edges[a][at[a]];
+    c->from.hi[a][c->count] = g->edges[a][at[a] + 1];
   }
-  SOTER_CHECK(at[end] >= 0 && at[end] < g->cells[end]);
-  while (todo != 0) {
-    int cell[LANES], count = 0, left;
-    for (; todo != 0 && count < LANES; todo &= todo - 1) {
-      cell[count++] = __builtin_ctzll(todo);
-    }
-    for (int l = 0; l < LANES; l++) {
-      const int k = cell[l < count ? l : count - 1];
-      from.lo[end][l] = e[k];
-      from.hi[end][l] = e[k + 1];
-    }
-    left = stay(job, count, &from);
-    if (left < 0) {
-      return 0;
-    }
-    for (int l = 0; l < count; l++) {
-      out[cell[l]] = (uint8_t)(left >> l & 1);
-    }
-  }
-  return 1;
+  c->out[c->count++] = out;
 }
 
 /* Tells of every cell of a tile whether each run from it stays in the target; cells of `known` are
  * not looked at. 0: a tie of rounding, and nothing is told. */
-int soter_reach_rows(const soter_reach_group* g, const soter_reach_tube* tube,
-                     const uint64_t* target, const uint64_t* known, const int* first,
-                     const int* last, uint8_t* out) {
-  const row_job job = {.g = g, .tube = tube, .target = target};
+int soter_reach_cells_stay(const soter_reach_group* g, const soter_reach_tube* tube,
+                           const uint64_t* target, const uint64_t* known, const int* first,
+                           const int* last, uint8_t* out) {
+  const cell_tubes job = {.g = g, .tube = tube, .target = target};
   const int end = g->axes - 1, wide = last[end] - first[end] + 1;
+  asked c = {.count = 0};
   int at[AXES];
   memcpy(at, first, sizeof at);
-  SOTER_CHECK(soter_reach_has_rows(g));
+  SOTER_CHECK(soter_reach_cells_may_stay(g));
   do {
     const uint64_t in = soter_reach_part(g, target, at, wide);
     const uint64_t done = in & soter_reach_part(g, known, at, wide);
     uint8_t* cells = out + soter_reach_cell(g, at);
-    for (int k = 0; k < wide; k++) {
+    for (int k = 0; k < wide; k++, at[end]++) {
       cells[k] = (uint8_t)(done >> k & 1U);
+      if ((in & ~done) >> k & 1U) {
+        add(g, at, &cells[k], &c);
+        if (c.count == LANES && !tell(&job, &c)) {
+          return 0;
+        }
+      }
     }
-    if (!row(&job, at, in & ~done, cells)) {
-      return 0;
-    }
+    at[end] = first[end];
   } while (soter_reach_next_cell(end, first, last, at));
-  return 1;
+  return tell(&job, &c);
 }
