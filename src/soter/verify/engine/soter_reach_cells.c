@@ -36,7 +36,7 @@ ALWAYS void segment_of(int n, const soter_reach_segment* s, const boxes* from, b
                        boxes* all_of) {
   for (int i = 0; i < n; i++) {
     lanes low = all(s->lo[i]), high = all(s->hi[i]), sum = all(fabs(s->lo[i]) + fabs(s->hi[i]));
-    SOTER_CHECK(s->lo[i] <= s->hi[i]);
+    SOTER_CHECK(!(s->lo[i] > s->hi[i]));
     for (int j = 0; j < n; j++) {
       const lanes a = s->phi_lo[i][j] * from->lo[j], b = s->phi_lo[i][j] * from->hi[j];
       const lanes c = s->phi_hi[i][j] * from->lo[j], d = s->phi_hi[i][j] * from->hi[j];
@@ -79,7 +79,7 @@ static int touches(const soter_reach_group* g, const double* lo, const double* h
   int each = 1;
   for (int a = 0; a < g->axes; a++) {
     const double* e = g->edges[a];
-    SOTER_CHECK(lo[a] <= hi[a]);
+    SOTER_CHECK(!(lo[a] > hi[a]));
     each &= lo[a] < e[box[2 * a] + 1] && hi[a] > e[box[2 * a + 1]];
   }
   return each;
@@ -90,7 +90,7 @@ static int goes_out(const soter_reach_group* g, const double* lo, const double* 
   int out = 0;
   for (int a = 0; a < g->axes; a++) {
     const double* e = g->edges[a];
-    SOTER_CHECK(lo[a] <= hi[a]);
+    SOTER_CHECK(!(lo[a] > hi[a]));
     out |= g->kept_low[a] == 0 && lo[a] < e[0];
     out |= g->kept_high[a] == 0 && hi[a] > e[g->cells[a]];
   }

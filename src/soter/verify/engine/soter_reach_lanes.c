@@ -108,7 +108,7 @@ ALWAYS truths tube_of(int n, int m, const soter_reach_group* g, const chains* x,
     hi[i] = up(x->hi[i] + d);
   }
   ranges(n, m, &g->model, lo, hi, u, least_rate, most_rate);
-  SOTER_CHECK(step->h > 0);
+  SOTER_CHECK(!(step->h < 0));
   for (int i = 0; i < n; i++) {
     const lanes rise = up(step->h * most(most_rate[i], all(0)));
     const lanes fall = up(step->h * most(-least_rate[i], all(0)));
