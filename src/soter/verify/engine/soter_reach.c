@@ -6,7 +6,11 @@
  * against K as of the last round. K only shrinks, so an N that failed once has failed for good and
  * a chain goes on from where it stood. A tile whose one-hold image as a whole lies in K needs no
  * more. A chain whose images have been more than a cell away from K `patience` times in a row is
- * given up: that makes K smaller, never wrong. */
+ * given up: that makes K smaller, never wrong.
+ *
+ * Cells are looked at by walkers, up to LANES of a tile at a time, each with its own chain: all of
+ * them make a hold, those that are done make room. What comes of a cell does not depend on who goes
+ * with it. */
 #include "soter_reach_internal.h"
 #include "soter_reach_thread_pool.h"
 
@@ -122,6 +126,7 @@ static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, i
   }
 }
 
+/* The cell of a walker leaves K at the end of the round. */
 static void falls(soter_reach_work* w, int64_t tile, const walker* k) {
   SOTER_CHECK(k->bit >= 0 && k->bit < 64);
   w->witness[k->cell] = 0;
@@ -239,7 +244,7 @@ static void walk(core_job* job, int who, crowd* c) {
 /* What K says of an image. Cells that went as one box have the same one. */
 typedef struct {
   uint16_t image[2 * AXES];
-  int inside, far; /* -1: not asked */
+  int inside; /* -1: not asked */
 } said;
 
 static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
@@ -259,8 +264,15 @@ static void ask_of(const soter_reach_group* g, const uint64_t* kept, const uint1
   if (s->inside < 0 || !same_image(g->axes, s->image, image)) {
     memcpy(s->image, image, sizeof(uint16_t) * 2 * (size_t)g->axes);
     s->inside = soter_reach_inside(g, kept, image, 0);
-    s->far = -1;
   }
+}
+
+/* Whether the chain of a cell is given up where its witness's image lies. */
+static int given_up(const core_job* job, int64_t cell) {
+  const soter_reach_work* w = job->w;
+  SOTER_CHECK(cell >= 0);
+  return w->patience <= 1 && w->witness[cell] > 0 &&
+         remote(job->g, w->r.kept, w->image + 2 * job->g->axes * cell);
 }
 
 /* A cell of K is looked at: its witness serves still, it falls, or a walker sets out for it. */
@@ -269,18 +281,15 @@ static void look_at(core_job* job, int64_t cell, const int* at, int bit, said* s
   const soter_reach_work* w = job->w;
   walker* one = c->going[c->count];
   SOTER_CHECK(c->count < LANES && bit < 64);
-  one->bit = bit;
   if (w->witness[cell] > 0) {
     ask_of(g, w->r.kept, w->image + 2 * g->axes * cell, s);
     if (s->inside) {
       return;
     }
-    if (w->patience <= 1 && s->far < 0) {
-      s->far = remote(g, w->r.kept, s->image);
-    }
   }
   one->cell = cell;
-  if ((w->witness[cell] > 0 && w->patience <= 1 && s->far) || !sets_out(job, cell, at, one)) {
+  one->bit = bit;
+  if (given_up(job, cell) || !sets_out(job, cell, at, one)) {
     falls(job->w, c->tile, one);
   } else {
     c->count++;
