@@ -249,11 +249,9 @@ typedef struct {
 
 static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
   int same = 1;
-  for (int k = 0; k < n; k++) {
-    uint32_t p, q; /* first and last of an axis */
-    memcpy(&p, a + 2 * k, sizeof p);
-    memcpy(&q, b + 2 * k, sizeof q);
-    same &= p == q;
+  SOTER_CHECK(n >= 1 && n <= AXES);
+  for (int k = 0; k < 2 * n; k++) {
+    same &= a[k] == b[k];
   }
   return same;
 }
