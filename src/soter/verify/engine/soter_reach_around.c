@@ -45,9 +45,6 @@ static inline int was_cut(const soter_reach_group* g, int axis, const soter_reac
   const double dust = (high - low) * 0x1p-40;
   double rad = x->box[axis];
   SOTER_CHECK(low < high);
-  if (g->kept_low[axis] != SOTER_REACH_KEPT && g->kept_high[axis] != SOTER_REACH_KEPT) {
-    return 0;
-  }
   for (int j = 0; j < g->axes; j++) {
     rad += fabs(x->g[axis][j]);
   }
