@@ -77,6 +77,7 @@ FLOWS = {
         [[0, 1, 0], [0, 0, 1], [0, 0, -10]], [[0], [0], [10]], [[90, 80, 0]], 3.0, 0.0, 3.0
     ),
     "kept": Flow([[-2, 0.25], [0.25, -3]], [[1], [-1]], [[40, 30]], 1.0, 0.0, 2.0),
+    "cut": Flow([[-1.125, 1], [0, 0]], [[0], [1]], [[-900, -800]], 40.0, 0.0, 2.0),
     "one": Flow([[-1]], [[1]], [[70]], 0.5, 0.0, 2.0),
     "four": Flow(
         [[0, 1, 0, 0], [0, -0.5, 0, 0], [0, 0, 0, 1], [0.25, 0, -1, 0]],
@@ -159,6 +160,8 @@ def boxes_of(flow: Flow, rng: np.random.Generator, count: int) -> list[tuple[Flo
         at_end = rng.random(len(low)) < 0.2
         high = np.where(at_end, flow.end, np.minimum(high, flow.end))
         low = np.where(at_end, np.minimum(low, flow.end) / 2 + flow.end / 2, low)
+        if rng.random() < 0.5:
+            low, high = -high, -low
         if flow.commands(low, high) is not None:
             found.append((low, high))
     return found
@@ -173,7 +176,7 @@ CASES = [(name, max(LANES)) for name in FLOWS] + [
 def test_boxes_move_together_as_alone(name: str, lanes: int) -> None:
     flow, rng = FLOWS[name], np.random.default_rng(3)
     chains = Chains(flow.engine(LANES[lanes]))
-    compared = 0
+    compared = refused = 0
     for turn in range(40):
         boxes = boxes_of(flow, rng, 1 + turn % lanes)
         alone, together = chains.started(boxes), chains.started(boxes)
@@ -192,12 +195,31 @@ def test_boxes_move_together_as_alone(name: str, lanes: int) -> None:
                 if not moved >> k & 1:
                     assert chains.numbers(together[k]) == before[k]
                     chains.hold(together + k)
+                    refused += 1
                     continue
                 assert held is not None
                 assert chains.numbers(together[k]) == chains.numbers(alone[k])
                 assert held.tobytes() == told[k].tobytes()
                 compared += 1
     assert compared > 40
+    assert refused <= compared // 10
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_passes_an_end_that_runs_keep_is_cut(side: int) -> None:
+    """y is pushed out of the grid, and x' = y - x would follow it: but such runs are lost."""
+    engine = FLOWS["cut"].engine()
+    assert (engine.c.kept_low[0], engine.c.kept_high[0]) == (1, 1)
+    chains = Chains(engine)
+    corner = (np.array([1.9, 1.99]), np.array([2.0, 2.0]))
+    boxes = [corner if side > 0 else (-corner[1], -corner[0])]
+    together, alone = chains.started(boxes), chains.started(boxes)
+    moved, _ = chains.move(together, np.array([[40.0 * side]]))
+    chains.hold(alone)
+    assert moved == 1
+    assert (together[0].hi[0] if side > 0 else together[0].lo[0]) == 2.0 * side
+    assert side * together[0].m[0] + together[0].g[0][0] > 1.99
+    assert chains.numbers(together[0]) == chains.numbers(alone[0])
 
 
 def test_a_box_that_may_stand_does_not_move_with_others() -> None:
