@@ -49,13 +49,13 @@ class BallArray:
     `radius` has the shape of `centre`, and is None where all are exact.
     """
 
-    __slots__ = ("_farthest", "_grown", "_size", "centre", "radius")
+    __slots__ = ("_absolute", "_farthest", "_grown", "centre", "radius")
 
     def __init__(self, centre: Floats, radius: Floats | None = None) -> None:
         if radius is not None and radius.shape != centre.shape:
             radius = np.broadcast_to(radius, centre.shape)
         self.centre, self.radius = centre, radius
-        self._size: Floats | None = None
+        self._absolute: Floats | None = None
         self._grown: Floats | None = None
         self._farthest: Floats | None = None
 
@@ -150,9 +150,9 @@ class BallArray:
 
     def _sizes(self) -> Floats:
         """|centre|."""
-        if self._size is None:
-            self._size = np.abs(self.centre)
-        return self._size
+        if self._absolute is None:
+            self._absolute = np.abs(self.centre)
+        return self._absolute
 
     def _radius_grown(self) -> Floats:
         if self._grown is None:
