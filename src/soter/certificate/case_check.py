@@ -162,8 +162,7 @@ class CaseCheck:
     ) -> None:
         """A claim about the cells of a grid, in blocks; in few where `many` are looked at at once.
 
-        `holds`, of the grid's shape: for how many holds of SC each cell is followed; None: for less
-        than one.
+        `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
         """
         cells = int(np.prod(grid.shape))
         count = min(self.workers, BLOCKS) if many else BLOCKS

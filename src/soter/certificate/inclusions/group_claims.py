@@ -61,12 +61,11 @@ MID_CUTS = (4, 7)
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
 LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
-"""The same of many cells at once: what shows most comes first, a failure of parts of many forms
-costs no more than one of few."""
+"""The same of many cells at once."""
 WHOLE = 16
 """So many cells are looked at with Arb before arrays look at parts of cells."""
 TOGETHER = 256
-"""Cells that were not shown as they are of which parts are looked at together."""
+"""Cells of which parts are looked at together."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -140,7 +139,7 @@ class ChainCheck:
     ) -> Walk | None:
         """What is asked of the cells of a table, of arrays of balls; None where there are none."""
         arrays = self.chain(PIECES[0]).arrays
-        return Walk(arrays, within, holds, order, highest) if arrays is not None else None
+        return None if arrays is None else Walk(arrays, within, holds, order, highest)
 
     def left_of(
         self, walk: Walk | None, todo: NDArray[np.bool_], block: Block
@@ -159,14 +158,10 @@ class ChainCheck:
     def failed(
         self, walk: Walk | None, unshown_cells: Iterator[Block], leads: Callable[[Block], bool]
     ) -> Iterator[Block]:
-        """Of single cells that were not shown as they are those that are not shown in parts.
-
-        `leads` asks Arb; arrays are asked first, of many cells at once.
-        """
+        """Of cells that were not shown as they are those not shown in parts; `leads` asks Arb."""
         while some := list(islice(unshown_cells, TOGETHER)):
             left = np.zeros(self.group.grid.shape, dtype=np.bool_)
-            for cell in some:
-                left[block_index(cell)] = True
+            left[tuple(np.array(some)[:, :, 0].T)] = True
             if walk is not None:
                 left = unled_in_parts(walk, left, self._tries())
             yield from (at for at in some if left[block_index(at)].any() and not leads(at))
@@ -174,8 +169,8 @@ class ChainCheck:
     def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
         """Whether Arb leads most of some cells that are left where they should be, as they are.
 
-        It likely leads others as well, for less than their parts cost arrays. That is a guess: it
-        only says who looks next. Nothing is confirmed here: all cells that are left stay so.
+        It likely leads others as well. That is a guess: it only says who looks next. Nothing is
+        confirmed here: all cells that are left stay so.
         """
         cells = np.argwhere(left)
         if not cells.size:
