@@ -492,6 +492,12 @@ BENCHMARKS = (
         "and of eleven programs all verdicts and the certificate (names of assumptions aside).",
     ),
     Benchmark(
+        "The time of soter recheck",
+        ("bench/recheck/beside_verify.py",),
+        "`soter verify --cert` of every example, cold, and `soter recheck` of its certificate, as "
+        "whole processes. Target: no longer than `verify`, and 20 s.",
+    ),
+    Benchmark(
         "Certificates: checking them again",
         ("bench/recheck/time_to_recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "

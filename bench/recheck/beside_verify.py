@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
@@ -27,8 +28,6 @@ from soter.report.terminal_tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_S = 20.0
-LEFT_OUT = (3, 4)
-"""Exit codes of `recheck`: rejected; accepted without some claim that `verify` did not prove."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +92,13 @@ def programs() -> list[Path]:
     return [p for p in every if any(x.split()[:1] == ["verify"] for x in p.open(encoding="utf-8"))]
 
 
+def said_of(recheck: Spent) -> str:
+    """What was not accepted, in words."""
+    first = (recheck.output.strip().splitlines() or [""])[0]
+    without = re.search(r"(without .*?)  ", first)
+    return "" if recheck.code == 0 else without[1] if without else first
+
+
 def line_of(row: Row) -> tuple[str, ...]:
     """A row as it is shown."""
     proof = row.verify
@@ -104,9 +110,7 @@ def line_of(row: Row) -> tuple[str, ...]:
         f"{row.recheck.cpu_s:.1f} s",
         f"{row.recheck.wall_s / proof.wall_s:.2f}" if proof else "",
         "" if row.met else "missed",
-        (row.recheck.output.strip().splitlines() or [""])[0].split("  ")[-2].strip()
-        if row.recheck.code in LEFT_OUT
-        else "",
+        said_of(row.recheck),
     )
 
 

@@ -10,8 +10,10 @@ import pytest
 
 from soter.certificate.batches import decided_cells
 from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
-from soter.certificate.batches.cell_arrays import followed_beyond
+from soter.certificate.batches.cell_arrays import contained, followed_beyond
+from soter.certificate.batches.chain_walks import ArrayChain, Walk, _Attempt, unkept, unled
 from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER
+from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.predicates import Decision
@@ -222,3 +224,81 @@ def test_the_inverse_of_what_is_far_is_small_and_does_not_underflow() -> None:
                 assert not exact(1.0) / exact(end) > exact(high[k])
     assert np.abs(high[:2]).max() <= 1.001 / FAR
     assert np.isinf(image.radius[[2, 5]]).all()  # type: ignore[index]
+
+
+class Shift:
+    """A step that moves a state of one axis by a distance, for one form or many."""
+
+    def __init__(self, distance: float) -> None:
+        self.distance = BallArray.of(distance)
+
+    def of_many(self, form: Any) -> Any:
+        low, high, middle, *rest = form
+        low, high, middle = (x + self.distance for x in (low, high, middle))
+        boxes = [form[0].min(low).lower(), form[1].max(high).upper()]
+        return ((low, high, middle, *rest), boxes), np.ones(1, dtype=np.bool_)
+
+
+@pytest.mark.parametrize("distance", [-0.07, -0.05, 0.05, 0.07])
+@pytest.mark.parametrize("late", [False, True])
+def test_cells_at_an_end_that_is_none_are_shown_where_runs_from_beyond_are_followed(
+    distance: float, *, late: bool
+) -> None:
+    """Outer cells are 0.0625 wide: from them a run that moves farther inwards is not followed."""
+    grid = Grid((even_edges(-2.0, 2.0, 64),), (True,))
+    cells, step = every(grid), Shift(distance)
+    still = Shift(0.0)
+    first, last = (still, step) if late else (step, None)
+    chain = ArrayChain(1, first, first, last, (first, first))
+    walk = Walk(
+        chain,
+        cells,
+        np.ones(grid.shape, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        lambda box: np.zeros(len(box[0]), dtype=np.int64),
+    )
+    missed = {0} if distance > 0.0625 else {63} if distance < -0.0625 else set()
+    left, _ = unled(walk, cells.members, grid.whole, 1)
+    assert set(np.flatnonzero(left)) == missed
+    parts = unled_in_parts(walk, cells.members, [Try((chain,), 0, 0)])
+    assert set(np.flatnonzero(parts)) == missed
+    if not late:
+        assert set(np.flatnonzero(unkept(step, 1, cells, cells, grid.whole, 1))) == missed
+
+
+def test_a_box_far_beyond_an_end_that_is_none_lies_in_no_cell() -> None:
+    grid = Grid((even_edges(-2.0, 2.0, 16),), (True,))
+    ends = np.array([-6.5, -6.0, -2.5, 0.0, 5.9, 6.1, np.nan])
+    box = [ends, ends + 0.05]
+    answers = contained(every(grid), box)
+    assert list(answers) == [
+        every(grid).contains([float(x) for x in b]) for b in zip(*box, strict=True)
+    ]
+    assert set(answers) == {True, False}
+
+
+class Undefined(Shift):
+    """A step that is defined for no form."""
+
+    def of_many(self, form: Any) -> Any:
+        image, _ = super().of_many(form)
+        return image, np.zeros(1, dtype=np.bool_)
+
+
+@pytest.mark.parametrize("defined", [True, False])
+def test_where_a_step_is_not_defined_nothing_is_shown_of_cells_seen_to_be_within(
+    *, defined: bool
+) -> None:
+    grid = Grid((even_edges(-2.0, 2.0, 16),))
+    step = (Shift if defined else Undefined)(0.0)
+    walk = Walk(
+        ArrayChain(1, step, step, None, (step, step)),
+        every(grid),
+        np.full(grid.shape, 3, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        lambda box: np.zeros(len(box[0]), dtype=np.int64),
+    )
+    left = np.ones(grid.shape, dtype=np.bool_)
+    seen = np.full(grid.shape, 9, dtype=np.uint16)
+    _Attempt(walk, [((k, k + 1),) for k in range(16)], left, seen).make()
+    assert left.any() != defined

@@ -179,7 +179,8 @@ class _Attempt:
         known = k <= self.known[alive]
         steps = chain.bare if known.all() else (chain.first, chain.later)
         (after, boxes), sure = steps[k > 1].of_many(form)
-        fine = sure & contained(self.walk.within, boxes) & self._followed(alive, boxes) | known
+        within = contained(self.walk.within, boxes) & self._followed(alive, boxes)
+        fine = sure & (within | known)  # of what is not sure the form says nothing
         stay = np.flatnonzero(fine)
         return alive[stay], taken(after, stay)
 
