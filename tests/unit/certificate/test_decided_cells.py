@@ -12,11 +12,11 @@ from soter.certificate.batches import decided_cells
 from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
 from soter.certificate.batches.cell_arrays import contained, followed_beyond
 from soter.certificate.batches.chain_walks import ArrayChain, Walk, _Attempt, unkept, unled
-from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER
+from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER, ArrayDecision
 from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.predicates import Decision
+from soter.certificate.inclusions.predicates import AdmitCheck, Decision, admitted
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges
@@ -63,7 +63,13 @@ def _root(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     return terms.below(terms.combine([(exact(1.0), wave), (exact(-1.0), e)], exact(-1.0)))
 
 
-PROPOSITIONS = {"stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
+def _near(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """|x| + |v| + e < 4: so it is on outer cells, and not beyond them."""
+    sizes = [(exact(1.0), terms.function("abs", z)) for z in (x, v)]
+    return terms.below(terms.combine([*sizes, (exact(1.0), e)], exact(-4.0)))
+
+
+PROPOSITIONS = {"near": _near, "stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
 
 
 def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
@@ -122,11 +128,13 @@ def test_only_cells_that_are_asked_for_are_decided(name: str) -> None:
     assert np.array_equal(known[inside & todo.members], whole[inside & todo.members])
 
 
-@pytest.mark.parametrize(("name", "certain"), [("stops", False), ("beside", True), ("edges", True)])
+@pytest.mark.parametrize(
+    ("name", "certain"), [("near", False), ("stops", False), ("beside", True), ("edges", True)]
+)
 def test_outer_cells_of_an_axis_without_ends_hold_all_that_lies_beyond(
     name: str, *, certain: bool
 ) -> None:
-    """x <= 0.5 fails far to the right, where the last cell ends at 2, and holds far to the left."""
+    """|x| < 4 fails far beyond the outer cells, which end at 2; x <= 0.5 holds far to the left."""
     decision = decision_of(name, ((-np.inf, np.inf), EXTENTS[1]))
     known, inner = (decision.decided(every(g), g.whole, 8) for g in (OPEN, GRID))
     assert np.array_equal(known[1:-1], inner[1:-1])
@@ -135,7 +143,8 @@ def test_outer_cells_of_an_axis_without_ends_hold_all_that_lies_beyond(
         block = tuple((i, i + 1) for i in cell)
         if known[cell] == HOLDS:
             assert decision.holds_in(OPEN, block, 4)
-    assert (known[0] == HOLDS).any() == certain
+    for outer in (known[0], known[-1]):
+        assert (outer == HOLDS).any() == certain
 
 
 def test_a_proposition_that_does_not_read_a_state_knows_nothing_beyond_it() -> None:
@@ -239,6 +248,37 @@ class Shift:
         return ((low, high, middle, *rest), boxes), np.ones(1, dtype=np.bool_)
 
 
+def test_a_cell_of_which_a_part_fails_is_not_certain_though_all_others_hold() -> None:
+    """Right of the middle of a cell it fails, and no part of the cell is left undecided."""
+
+    def truth(form: Any) -> Any:
+        low, high = form[0].centre, form[1].centre
+        bits = np.where(high <= 0.5, HOLDS, np.where(low >= 0.5, FAILS, NEITHER))
+        return (bits.astype(np.uint8),), np.ones(1, dtype=np.bool_)
+
+    grid = Grid(((0.0, 1.0, 1.5),))
+    decision = ArrayDecision(truth, [], (True,))
+    known = decided_cells.decided(decision, every(grid), grid.whole, 3)
+    assert list(known) == [FAILS, FAILS]
+    half = Grid(((0.0, 0.5, 1.0),))
+    assert list(decided_cells.decided(decision, every(half), half.whole, 3)) == [HOLDS, FAILS]
+
+
+def test_cells_on_which_ac_may_be_let_wrongly_are_told() -> None:
+    check = AdmitCheck.__new__(AdmitCheck)
+    check.decision = decision_of("edges")
+    free = np.zeros(GRID.shape, dtype=np.bool_)
+    free[12, 0] = True
+    check.group = SimpleNamespace(grid=GRID, free=free)  # type: ignore[assignment]
+    told = {tuple(low for low, _ in block) for block in admitted(check, GRID.whole)}
+    holds = {
+        cell
+        for cell in np.ndindex(GRID.shape)
+        if GRID.edges[0][cell[0] + 1] <= 0.5 or GRID.edges[1][cell[1]] >= -1.5
+    }
+    assert told == set(np.ndindex(GRID.shape)) - holds - {(12, 0)}
+
+
 @pytest.mark.parametrize("distance", [-0.07, -0.05, 0.05, 0.07])
 @pytest.mark.parametrize("late", [False, True])
 def test_cells_at_an_end_that_is_none_are_shown_where_runs_from_beyond_are_followed(
@@ -262,7 +302,12 @@ def test_cells_at_an_end_that_is_none_are_shown_where_runs_from_beyond_are_follo
     assert set(np.flatnonzero(left)) == missed
     parts = unled_in_parts(walk, cells.members, [Try((chain,), 0, 0)])
     assert set(np.flatnonzero(parts)) == missed
+    there_and_back = ArrayChain(1, first, Shift(-distance), last, (first, first))
+    walk = Walk(there_and_back, cells, walk.holds + np.uint8(1), walk.order, walk.highest)
     if not late:
+        assert set(np.flatnonzero(unled(walk, cells.members, grid.whole, 1)[0])) == missed
+        once_more = unled_in_parts(walk, cells.members, [Try((there_and_back,), 0, 0)])
+        assert set(np.flatnonzero(once_more)) == missed
         assert set(np.flatnonzero(unkept(step, 1, cells, cells, grid.whole, 1))) == missed
 
 
