@@ -122,13 +122,11 @@ def bridge(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     compiler = shutil.which("g++") or shutil.which("clang++")
     if compiler is None:
         pytest.skip("no C++ compiler here")
-    probe = processes.run(
-        [compiler, "-fsyntax-only", "-x", "c++", "-"],
-        input="#include <ros/datatypes.h>\n", capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    if probe.returncode != 0:
-        pytest.skip("no headers of ROS 1 here (libroscpp-dev)")
     folder = tmp_path_factory.mktemp("cpp")
+    (folder / "probe.cpp").write_text("#include <ros/datatypes.h>\n")
+    probe = [compiler, "-fsyntax-only", "probe.cpp"]
+    if processes.run(probe, cwd=folder, capture_output=True, check=False).returncode != 0:
+        pytest.skip("no headers of ROS 1 here (libroscpp-dev)")
     mapped = mapping_of(MAPPING, system)
     for m in mapped.topics:
         assert m.message is not None
