@@ -74,9 +74,12 @@ class LocalFlows:
         self._grid = np.where(first, low.lower(), -np.inf), np.where(last, high.upper(), np.inf)
 
     def clipped(self, box: Ends) -> Ends:
-        """Boxes without what lies beyond ends that the flow keeps."""
-        low, high = (BallArray(x) for x in self._grid)
-        return box[0].max(low), box[1].min(high)
+        """Boxes without what lies beyond ends that the flow keeps; an end of those is exact."""
+        low, high = self._grid
+        return (
+            BallArray(np.maximum(box[0].lower(), low)),
+            BallArray(np.minimum(box[1].upper(), high)),
+        )
 
     def lines(self, box: Ends, commands: Ends) -> tuple[BallArray, Truths]:
         """The rows of the derivative over each box, and where it is defined on all of it."""

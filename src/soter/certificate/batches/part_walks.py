@@ -195,7 +195,7 @@ class _Parts:
 
 
 def halved(form: Forms, n: int, axis: int, side: BallArray) -> Forms:
-    """The parts of forms in which the beta of a state lies on one side (`group_claims.halved`)."""
+    """The parts of forms in which the beta of a state lies on one side (`compile_terms.halved`)."""
     count = (len(form) + n * n) // (4 + 2 * n)
     new = list(form)
     centre, symbols = 2 * count, 3 * count

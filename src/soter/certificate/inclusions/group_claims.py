@@ -27,14 +27,8 @@ from soter.certificate.inclusions.cell_sets import (
     volume,
 )
 from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
-from soter.certificate.terms.arb_balls import (
-    HALF,
-    above,
-    below,
-    larger,
-    smaller,
-)
-from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.arb_balls import HALF, above, below
+from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -64,8 +58,8 @@ LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
 """The same of many cells at once."""
 WHOLE = 16
 """So many cells are looked at with Arb before arrays look at parts of cells."""
-TOGETHER = 256
-"""Cells of which parts are looked at together."""
+TOGETHER, ALONE = 256, 4
+"""Cells of which parts are looked at together, at most, and so few that they are left to Arb."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -152,19 +146,26 @@ class ChainCheck:
         if 2 * int(np.count_nonzero(left)) > asked:  # Arb shows blocks where arrays show no cell
             return left, CELLS_AT_ONCE
         if largest == 1 and not self._whole_by_arb(walk, left):
-            left = unled_in_parts(walk, left, self._tries())
+            left = unled_in_parts(walk, left, islice(self._tries(), 1))  # Arb first, for the rest
         return left, largest
 
     def failed(
-        self, walk: Walk | None, unshown_cells: Iterator[Block], leads: Callable[[Block], bool]
+        self,
+        walk: Walk | None,
+        unshown_cells: Iterator[Block],
+        leads: Callable[[Block, Sequence[tuple[int, int]]], bool],
     ) -> Iterator[Block]:
-        """Of cells that were not shown as they are those not shown in parts; `leads` asks Arb."""
-        while some := list(islice(unshown_cells, TOGETHER)):
+        """Of cells not shown as they are those not shown in parts; `leads` asks Arb, in such ways.
+
+        Finer tubes are Arb's, as most often they are enough; parts are those of arrays first.
+        """
+        coarse = (at for at in unshown_cells if not leads(at, LED_IN[:1]))
+        while some := list(islice(coarse, TOGETHER)):
             left = np.zeros(self.group.grid.shape, dtype=np.bool_)
             left[tuple(np.array(some)[:, :, 0].T)] = True
-            if walk is not None:
+            if walk is not None and len(some) > ALONE:
                 left = unled_in_parts(walk, left, self._tries())
-            yield from (at for at in some if left[block_index(at)].any() and not leads(at))
+            yield from (at for at in some if left[block_index(at)].any() and not leads(at, LED_IN))
 
     def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
         """Whether Arb leads most of some cells that are left where they should be, as they are.
@@ -290,12 +291,14 @@ class ChainCheck:
         holds: int,
         within: Cells,
         target: Callable[[Sequence[float]], bool],
+        ways: Sequence[tuple[int, int]] = LED_IN,
     ) -> bool:
         """The same with finer tubes, in parts of the box, and in parts on the way.
 
         Then once more for runs whose commands act nearly as late as each other.
         """
-        return any(self._leads_in(box, holds, within, target, some) for some in self._tried())
+        tried = self._tried() if len(ways) > 1 else [(EVERY,)]
+        return any(self._leads_in(box, holds, within, target, some, ways) for some in tried)
 
     def _leads_in(
         self,
@@ -304,6 +307,7 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
         some: Sequence[Window],
+        ways: Sequence[tuple[int, int]],
     ) -> bool:
         """The same of the runs in all of these windows."""
 
@@ -313,43 +317,15 @@ class ChainCheck:
                 for w in some
             )
 
-        return any(finer(box, partial(fine, cuts=cuts), splits) for splits, cuts in LED_IN)
+        return any(finer(box, partial(fine, cuts=cuts), splits) for splits, cuts in ways)
 
     def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
-        count = _states_of(len(form), n)
+        count = states_of(len(form), n)
         rest = 2 * count + count + count * n
         axis = max(range(n), key=lambda i: float(form[rest + i]) / widths[i])
         return [halved(form, n, axis, side) for side in (-HALF, HALF)]
-
-
-def _states_of(length: int, n: int) -> int:
-    """How many states and memories a form has: 4 + n entries each, n more for a memory."""
-    return (length + n * n) // (4 + 2 * n)
-
-
-def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
-    """The part of a form in which the beta of one state lies on one side of 0.
-
-    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
-    """
-    count = _states_of(len(form), n)
-    new = list(form)
-    centre, symbols = 2 * count, 3 * count
-    rest = symbols + count * n
-    common = rest + count
-    b = form[rest + axis]
-    new[centre + axis] += side * b
-    new[rest + axis] = b * HALF
-    for k in range(count - n):
-        new[centre + n + k] += side * b * form[common + k * n + axis]
-    radius = new[rest + axis]
-    for k in range(n):
-        radius += abs(form[symbols + axis * n + k])
-    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
-    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
-    return tuple(new)
 
 
 def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
@@ -389,9 +365,9 @@ def witnessed(
                 shown |= wanted & (own == holds)
         return shown
 
-    def leads(cell: Block) -> bool:
+    def leads(cell: Block, ways: Sequence[tuple[int, int]]) -> bool:
         holds = int(witnesses[block_index(cell)].flat[0])
-        return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
+        return check.leads_in_parts(grid.box(cell), holds, within, target.contains, ways)
 
     return check.failed(walk, unshown(todo, block, attempt, largest), leads)
 
@@ -436,10 +412,10 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             shown |= wanted & (own == holds) & (ranks > top)
         return shown
 
-    def leads(cell: Block) -> bool:
+    def leads(cell: Block, ways: Sequence[tuple[int, int]]) -> bool:
         holds, rank = (int(x[block_index(cell)].flat[0]) for x in (every_holds, order))
         return holds > 0 and check.leads_in_parts(
-            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
+            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank, ways
         )
 
     return check.failed(walk, unshown(todo, block, attempt, largest), leads)

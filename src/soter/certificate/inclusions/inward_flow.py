@@ -174,7 +174,7 @@ class ClippedStep:
             if high is not None:
                 ends[highs] = [np.minimum(x, high) for x in ends[highs]]
             if new and low is not None:
-                new[2 * i] = new[2 * i].max(BallArray.of(low))
+                new[2 * i] = BallArray(np.maximum(new[2 * i].lower(), low))
             if new and high is not None:
-                new[2 * i + 1] = new[2 * i + 1].min(BallArray.of(high))
+                new[2 * i + 1] = BallArray(np.minimum(new[2 * i + 1].upper(), high))
         return (tuple(new), ends), sure

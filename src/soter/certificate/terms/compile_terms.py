@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.affine_forms import AffineForms
-from soter.certificate.terms.arb_balls import HALF, ZERO
+from soter.certificate.terms.arb_balls import HALF, ZERO, larger, smaller
 from soter.certificate.terms.atom_code import demand, truth_of, write_atoms
 from soter.certificate.terms.python_source import tuple_of
 from soter.certificate.terms.runtime_calls import grown
@@ -109,6 +109,34 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     else:
         form += radii
     return tuple(form)
+
+
+def states_of(length: int, n: int) -> int:
+    """How many states and memories a form has: 4 + n entries each, n more for a memory."""
+    return (length + n * n) // (4 + 2 * n)
+
+
+def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
+    """The part of a form in which the beta of one state lies on one side of 0.
+
+    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
+    """
+    count = states_of(len(form), n)
+    new = list(form)
+    centre, symbols = 2 * count, 3 * count
+    rest = symbols + count * n
+    common = rest + count
+    b = form[rest + axis]
+    new[centre + axis] += side * b
+    new[rest + axis] = b * HALF
+    for k in range(count - n):
+        new[centre + n + k] += side * b * form[common + k * n + axis]
+    radius = new[rest + axis]
+    for k in range(n):
+        radius += abs(form[symbols + axis * n + k])
+    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
+    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
+    return tuple(new)
 
 
 def _step(
