@@ -439,3 +439,47 @@ int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_c
   }
   return hold_flow(g->axes, g->commands, g, s, x, out);
 }
+
+/* The end of a hold of one command alone: with `t` as `read_commands` gives it then. Rates over x
+ * alone are no larger than those over all of the tube: where they are above the dust, no axis
+ * stands. */
+ALWAYS int move_flow(int n, int m, const soter_reach_group* g, const double* command,
+                     soter_reach_chain* x) {
+  static const double none[AXES] = {0, 0, 0, 0};
+  double flo[AXES], fhi[AXES], ignored;
+  acting t;
+  motion to;
+  soter_reach_chain y;
+  rates(n, m, &g->model, x->lo, x->hi, command, command, flo, fhi);
+  for (int i = 0; i < n; i++) {
+    if (!(size_of(flo[i], fhi[i]) > g->dust[i])) {
+      return 0;
+    }
+    soter_centre(x->lo[i], x->hi[i], &to.from[i], &ignored);
+  }
+  for (int a = 0; a < m; a++) {
+    memset(&t.u[a], 0, sizeof t.u[a]);
+    t.u[a].c = t.u[a].lo = t.u[a].hi = command[a];
+    (void)with_drift(n, none, none, &t.u[a]);
+  }
+  if (!moved(n, m, g, &g->first, x, &t, &to, &y)) {
+    return 0;
+  }
+  soter_copy_state(x, &y);
+  x->holds++;
+  return 1;
+}
+
+/* Runs a hold of a linear flow to its end, under a command that is one number: what
+ * `soter_reach_hold` makes of x, and of the image. 0: x is as it was, and that one is to be asked.
+ */
+int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x) {
+  SOTER_CHECK(!g->is_map && !g->is_local && g->delay <= 0 && g->jitter <= 0);
+  if (g->commands == 1 && g->axes == 2) {
+    return move_flow(2, 1, g, command, x);
+  }
+  if (g->commands == 1 && g->axes == 3) {
+    return move_flow(3, 1, g, command, x);
+  }
+  return move_flow(g->axes, g->commands, g, command, x);
+}
