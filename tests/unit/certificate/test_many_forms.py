@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from soter.certificate.batches import chain_walks, part_walks
-from soter.certificate.batches.ball_arrays import no_underflow
+from soter.certificate.batches.ball_arrays import BallArray, no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained
 from soter.certificate.batches.form_arrays import box_of, of_boxes
+from soter.certificate.batches.local_flows import LocalFlows
 from soter.certificate.batches.part_walks import SAMPLE, Try, unled_in_parts
 from soter.certificate.inclusions import group_claims
 from soter.certificate.inclusions.cell_sets import Cells, Grid, block_index, parts
@@ -322,3 +323,15 @@ def _outside(target: Cells, boxes: Sequence[Floats]) -> Any:
 
 def _unseen(grid: Grid) -> Any:
     return np.zeros(grid.shape, dtype=np.uint16)
+
+
+def test_an_end_that_a_flow_keeps_stays_exact() -> None:
+    """What rounding adds beyond it is cut: a box that ends there lies in the grid."""
+    flows = LocalFlows.__new__(LocalFlows)
+    flows._grid = np.array([[-1.0]]), np.array([[1.0]])
+    off = np.array([[1e-12]])
+    low, high = flows.clipped(
+        (BallArray(np.array([[-1.0]]), off), BallArray(np.array([[1.0]]), off))
+    )
+    assert low.lower() == -1.0
+    assert high.upper() == 1.0

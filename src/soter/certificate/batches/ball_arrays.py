@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 EPS = 2.0**-52
 """Twice the most that an operation is off, relative to its result."""
 FAR = 2.0**900
+"""Of larger numbers no quotient is computed: it may underflow."""
 GROWN = 1.0 + 2.0**-50
 """More than (1 + 2^-53)^6: radii are computed in fewer roundings."""
 

@@ -112,7 +112,7 @@ def _decide(decision: ArrayDecision, todo: Cells, block: Block, splits: int, kno
                 waiting += halves(at)
             else:
                 cells.append(at)
-    cells = [at for at in cells if not _open(decision, todo.grid, at)]
+    cells = [at for at in cells if not _at_open_end(decision, todo.grid, at)]
     for first in range(0, len(cells), CELLS_IN_PARTS):
         some = cells[first : first + CELLS_IN_PARTS]
         for at, bits in zip(some, _in_parts(decision, todo.grid, some, splits), strict=True):
@@ -126,7 +126,7 @@ def _bits_of(decision: ArrayDecision, grid: Grid, blocks: Sequence[Block]) -> Se
     answers = decision.of(decision.with_ranges(boxes_of(grid, blocks)))
     owner, beyond = list[int](), list[list[tuple[arb, arb]]]()
     for k, at in enumerate(blocks):
-        if _open(decision, grid, at):
+        if _at_open_end(decision, grid, at):
             boxes = grid.whole_boxes(at, decision.reads)[1:]
             owner += [k] * len(boxes)
             beyond += boxes
@@ -139,7 +139,7 @@ def _bits_of(decision: ArrayDecision, grid: Grid, blocks: Sequence[Block]) -> Se
     return [int(x) for x in answers]
 
 
-def _open(decision: ArrayDecision, grid: Grid, block: Block) -> bool:
+def _at_open_end(decision: ArrayDecision, grid: Grid, block: Block) -> bool:
     """Whether something that is read lies beyond the block, on an axis without ends."""
     return any(
         grid.has_no_ends(k) and reads and (low == 0 or high == len(grid.edges[k]) - 1)

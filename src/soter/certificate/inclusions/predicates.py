@@ -59,7 +59,7 @@ SPLITS_OF_SETS = 4
 SPLITS_TO_DECIDE = 8
 """The same of arrays, which also find a part on which the predicate certainly fails."""
 FEW = 64
-"""Cells."""
+"""Cells, of fewer of which arrays are not asked."""
 
 # ---------------------------------------------------------------- computed predicates
 
