@@ -32,7 +32,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
-from soter.verify.diagnosis.recovery_cpu_budget import recover_at_last
+from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
@@ -198,11 +198,15 @@ def _settled(
     """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
     first = case = _case(problem, library, problem.groups, parameter, tell, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
-        finer = refined(case)
-        if finer is None:
+        if (finer := refined(case)) is None:
             break
         case = _case(problem, library, finer, parameter, tell, case)
         case.first = first
+    if any(f.cut for f in case.failures):
+        try:
+            _recover(case, recover_for_report)
+        except UnboundedError as error:
+            _unbounded(case, error)
     return case
 
 
@@ -220,9 +224,13 @@ def _case(
         case = claims.open_case(problem, library, groups, parameter, tell, before)
         _claims(case)
     except UnboundedError as error:
-        for claim in CLAIMS:
-            case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
+        _unbounded(case, error)
     return case
+
+
+def _unbounded(case: Case, error: UnboundedError) -> None:
+    for claim in CLAIMS:
+        case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
 
 
 def _claims(case: Case) -> None:
@@ -233,12 +241,15 @@ def _claims(case: Case) -> None:
             case.fail(claim, NO_CORE)
         return
     _after_core(case)
-    if case.problem.computed:
-        return  # P2b waits for the sets of all cases
-    if case.problem.stays:
-        return
+    waits_for_all = case.problem.computed  # P2b, for the sets of all cases
+    if not (waits_for_all or case.problem.stays or put_off(case)):
+        _recover(case, recover)
+
+
+def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
+    """P2b, and again what rests on K where some of it is given up."""
     with ClaimTimer(case, "P2b"):
-        recover_at_last(case)
+        way_back(case)
     if _shrunk(case):
         _after_core(case)
         in_time(case)

@@ -1,7 +1,8 @@
 """P2b last, and not for long where something cheaper fails already.
 
 Purpose: the way back may take longer than everything else. Where `ttf`, `safer` or the start fail,
-the module is undecided whatever it says, so it gets about as long as they took.
+`put_off` leaves it to an attempt on a finer grid; without one the module is undecided whatever P2b
+says, and `recover_for_report` takes about as long as they took. So CPU time decides no verdict.
 Non-goals: P2b (`recovery.py`).
 """
 
@@ -22,15 +23,24 @@ LEAST_S = 4.0
 """CPU seconds that it gets in any case."""
 
 
-def recover_at_last(case: Case) -> None:
-    """`recover`; cut short where a cheaper claim fails. Then nothing of it is kept.
-
-    A group that is not fresh in a later attempt keeps its way back only if its target is the same:
-    it must not look as if it had one. Only grids are cut: where other groups are, nothing is.
-    """
+def put_off(case: Case) -> bool:
+    """Whether a cheaper claim fails: then P2b is entered as not looked at."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
+    if failing is not None:
+        case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
+    return failing is not None
+
+
+def recover_for_report(case: Case) -> None:
+    """`recover` of a case that is undecided, which put it off; cut short, nothing of it is kept.
+
+    Only grids are cut: where other groups are, nothing is.
+    """
+    not_looked_at = [f for f in case.failures if f.cut]
+    assert not_looked_at, "a case that may be proved has no budget"
+    case.failures = [f for f in case.failures if not f.cut]
     engines = [p.engine for p in grids(case.proofs)]
-    if failing is None or len(engines) < len(case.proofs):
+    if len(engines) < len(case.proofs):
         recover(case)
         return
     until = time.process_time() + max(LEAST_S, sum(case.spent.values()))
@@ -40,10 +50,9 @@ def recover_at_last(case: Case) -> None:
     try:
         recover(case)
     except CancelledError:
-        case.failures = [f for f in case.failures if f.claim != "P2b"]
         for part in case.sets.groups:
             part.target = part.home = part.rank = part.rank_holds = None
-        case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
+        case.failures = [f for f in case.failures if f.claim != "P2b"] + not_looked_at
     finally:
         for engine, stop in zip(engines, before, strict=True):
             engine.stop = stop

@@ -1,4 +1,4 @@
-"""P2b waits: it is cut short where something cheaper fails, and never passes for proved then."""
+"""P2b waits where something cheaper fails, is cut short in the end, and never passes for proved."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from soter.verify import verify_module as verifying
 from soter.verify.claims import recovery
 from soter.verify.diagnosis import recovery_cpu_budget
-from soter.verify.grid.sets import CancelledError
 from unit.verify import test_verify_groups as plane
 from unit.verify.test_verify import changed, result_of
 
@@ -55,25 +54,29 @@ def test_what_was_cut_is_looked_at_on_the_finer_grid(monkeypatch: pytest.MonkeyP
     assert np.array_equal(part.rank > 0, part.core > 0)
 
 
-def test_a_group_that_is_kept_is_not_taken_for_done(monkeypatch: pytest.MonkeyPatch) -> None:
-    """x is refined, y is not: what was cut of y is still to be done."""
-    cut: list[Case] = []
+def test_processor_time_decides_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What may be proved on a finer grid has no budget: P2b waits until `ttf` holds."""
 
-    def once(case: Case) -> None:
+    def with_nothing_failing(case: Case) -> None:
+        assert not [f for f in case.failures if f.claim in recovery_cpu_budget.CHEAPER]
         recovery.recover(case)
-        if not cut:
-            cut.append(case)
-            for part in case.sets.groups:
-                part.rank = part.rank_holds = None  # as if it had not come so far
-            raise CancelledError
 
+    def never(case: Case) -> None:
+        raise AssertionError(case)
+
+    monkeypatch.setattr(verifying, "recover", with_nothing_failing)
+    monkeypatch.setattr(verifying, "recover_for_report", never)
+    module_result = result_of(changed(("+ 0.8", "+ 0.45")))
+    assert {module_result.findings[p].verdict for p in ("ttf", "P2b")} == {"proved"}
+
+
+def test_a_group_that_is_kept_is_not_taken_for_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """x is refined, y is not: what was put off of y is still to be done."""
     coarse = (("/ 200", "/ 80"), ("state loaded: bool;", ""), ("(loaded ? 0.5 : 1.0) * ", ""))
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
     assert plane.result_of(*coarse).findings["ttf"].verdict == "undecided"
-    monkeypatch.setattr(recovery_cpu_budget, "recover", once)
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
     module_result = plane.result_of(*coarse)
-    assert cut
     assert module_result.findings["P2b"].verdict == "proved"
     x, y = module_result.cases[0].groups
     assert len(x.edges[0]) > 81
