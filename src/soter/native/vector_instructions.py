@@ -1,6 +1,7 @@
 """Which vector instructions this machine has, as flags of a C compiler.
 
-Purpose: `vector_flags` and `FAST`, for C that never leaves this machine (campaigns, environments).
+Purpose: `vector_flags` and `FAST`, for C that never leaves this machine (campaigns,
+environments, sets on grids).
 Non-goals: fused multiplication and addition, which rounds once where programs mean twice
 (`compiler.MEANING`); what is shipped, which is built for the machine that it flies on.
 """

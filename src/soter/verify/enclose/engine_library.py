@@ -19,6 +19,7 @@ from soter.native.cache import cached, digest
 from soter.native.cffi_interface import declarations, interface, opened
 from soter.native.compiler import STRICT, compile_with, find
 from soter.native.package_sources import files_below
+from soter.native.vector_instructions import vector_flags
 from soter.verify.enclose.enclosure_code import CONTROLS_MAX
 
 HERE = Path(__file__).resolve().parents[1] / "engine"
@@ -75,7 +76,7 @@ class ReachLibrary:
 def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
     """The shared library, from the cache or freshly built; SoterError X004, X006."""
     compiler = find()
-    more = (f"-DSOTER_INPUTS={inputs}", *extra)
+    more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
     engine = (*(HERE / name for name in ENGINE), CHECK_FAILED)
     headers = texts(*engine, *files_below(HERE, "*.h"))

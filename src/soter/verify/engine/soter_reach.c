@@ -6,7 +6,11 @@
  * against K as of the last round. K only shrinks, so an N that failed once has failed for good and
  * a chain goes on from where it stood. A tile whose one-hold image as a whole lies in K needs no
  * more. A chain whose images have been more than a cell away from K `patience` times in a row is
- * given up: that makes K smaller, never wrong. */
+ * given up: that makes K smaller, never wrong.
+ *
+ * Cells are looked at by walkers, up to LANES of a tile at a time, each with its own chain: all of
+ * them make a hold, those that are done make room. What comes of a cell does not depend on who goes
+ * with it. */
 #include "soter_reach_internal.h"
 #include "soter_reach_thread_pool.h"
 
@@ -31,56 +35,59 @@ static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16
   return !soter_reach_inside(g, kept, box, 1);
 }
 
-enum { STOPPED, HELD };
+/* A chain on its way to a witness. */
+typedef struct {
+  soter_reach_chain x;
+  uint16_t* image; /* cells around it, and in the end the witness's image */
+  int64_t cell;
+  int bit;      /* of the cell in its tile */
+  int n, again; /* holds that were looked at, and those of them that are to be made again */
+  int lost;
+  int moved, in_c; /* its hold is made; its tube is known to lie in C, and `h` is not told */
+  soter_hold h;
+} walker;
 
-/* One hold from x, within the cells `at` (null: not told). `in_c`: the tube is known to lie in C,
- * and is not told. */
-static int hold(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, soter_hold* h,
-                int* in_c) {
-  const soter_reach_group* g = job->g;
-  soter_scratch* s = &job->scratch[who];
-  const int looks = at != 0 && job->looks_around;
-  const double* command = looks ? soter_reach_around(g, job->w, s, at, x) : 0;
-  SOTER_CHECK(x->holds >= 0);
-  job->steps[who]++;
-  *in_c = command != 0 && soter_reach_move(g, command, x);
-  if (*in_c) {
-    memcpy(h->image_lo, x->lo, sizeof x->lo);
-    memcpy(h->image_hi, x->hi, sizeof x->hi);
-    return HELD;
+/* Walkers of a tile: the first `count` of `going`. */
+typedef struct {
+  walker at[LANES];
+  walker* going[LANES];
+  int64_t tile;
+  int count;
+} crowd;
+
+static void gather(crowd* c, int64_t tile) {
+  SOTER_CHECK(tile >= 0);
+  for (int k = 0; k < LANES; k++) {
+    c->going[k] = &c->at[k];
   }
-  return soter_reach_hold(g, s, x, h) ? HELD : STOPPED;
+  c->tile = tile;
+  c->count = 0;
 }
 
-/* One hold all of which is in C; 0: it may leave C, or nothing can be bounded. */
-static int hold_in_c(core_job* job, int who, const uint16_t* at, soter_reach_chain* x,
-                     soter_hold* h) {
-  uint16_t tube[2 * AXES];
-  int in_c;
-  if (hold(job, who, at, x, h, &in_c) == STOPPED) {
-    return 0;
-  }
-  return in_c || (soter_reach_cover(job->g, h->tube_lo, h->tube_hi, tube) &&
-                  soter_reach_inside(job->g, job->w->allowed, tube, 0));
-}
+enum { NEVER, NOT_YET, FOUND };
 
-/* One hold; 2: the image lies in K, 1: not (yet), 0: never. `image` may be `at`. */
-static int go_on(core_job* job, int who, const uint16_t* at, soter_reach_chain* x, uint16_t* image,
-                 int* lost) {
+/* What an image says that was reached with all before it in C. */
+static int arrived(const core_job* job, const double* lo, const double* hi, uint16_t* image,
+                   int* lost) {
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
-  soter_hold h;
-  if (!hold_in_c(job, who, at, x, &h)) {
-    return 0;
-  }
-  if (!soter_reach_cover(g, h.image_lo, h.image_hi, image)) {
-    return 1;
+  SOTER_CHECK(*lost >= 0);
+  if (!soter_reach_cover(g, lo, hi, image)) {
+    return NOT_YET;
   }
   if (soter_reach_inside(g, w->r.kept, image, 0)) {
-    return 2;
+    return FOUND;
   }
   *lost = remote(g, w->r.kept, image) ? *lost + 1 : 0;
-  return *lost >= w->patience ? 0 : 1;
+  return *lost >= w->patience ? NEVER : NOT_YET;
+}
+
+/* Whether the tube of a hold lies in C. */
+static int in_c(const core_job* job, const soter_hold* h) {
+  uint16_t tube[2 * AXES];
+  SOTER_CHECK(job->w->allowed != 0);
+  return soter_reach_cover(job->g, h->tube_lo, h->tube_hi, tube) &&
+         soter_reach_inside(job->g, job->w->allowed, tube, 0);
 }
 
 /* Copies what a chain goes on from. */
@@ -93,29 +100,17 @@ static void copy_chain(const soter_reach_group* g, soter_reach_chain* to,
   }
 }
 
-/* The chain of a cell as it stood after its witness's holds: as it was kept, or made again.
- * `image`: cells around it. */
-static int resume(core_job* job, int who, int64_t cell, const int* at, soter_reach_chain* x,
-                  uint16_t* image) {
-  const soter_reach_group* g = job->g;
-  const soter_reach_work* w = job->w;
-  soter_hold ignored;
-  int in_c;
-  const int n = w->witness[cell];
-  if (n > 0 && w->slot[cell] >= 0) {
+/* Whether a chain is kept of the cell, as it stood after its witness's holds; `x` is that one, or
+ * the cell. */
+static int resume(const soter_reach_group* g, const soter_reach_work* w, int64_t cell,
+                  const int* at, soter_reach_chain* x) {
+  if (w->witness[cell] > 0 && w->slot[cell] >= 0) {
     SOTER_CHECK(w->slot[cell] < w->pool_size);
     copy_chain(g, x, &w->pool[w->slot[cell]]);
     return 1;
   }
   soter_reach_start_at(g, at, at, x);
-  (void)soter_reach_box(g, at, at, image);
-  for (int k = 0; k < n; k++) {
-    if (hold(job, who, image, x, &ignored, &in_c) == STOPPED) {
-      return 0;
-    }
-    (void)soter_reach_cover(g, x->lo, x->hi, image);
-  }
-  return 1;
+  return 0;
 }
 
 /* Keeps the chain of a cell, while there is room: each thread has a half of it. */
@@ -131,68 +126,227 @@ static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, i
   }
 }
 
-/* The witness of a cell, from where its chain stood; 0: there is none. */
-static uint8_t witness(core_job* job, int who, int64_t cell, const int* at, uint16_t* image) {
-  const soter_reach_group* g = job->g;
+/* The cell of a walker leaves K at the end of the round. */
+static void falls(soter_reach_work* w, int64_t tile, const walker* k) {
+  SOTER_CHECK(k->bit >= 0 && k->bit < 64);
+  w->witness[k->cell] = 0;
+  w->r.changed[tile] |= UINT64_C(1) << k->bit;
+}
+
+/* A witness was found for the cell of a walker, or none ever will be. */
+static void ends(core_job* job, int who, int64_t tile, const walker* k, int found) {
   soter_reach_work* w = job->w;
-  soter_reach_chain x;
-  int lost = 0, found = 1, n = w->witness[cell];
-  if (n > 0 && w->patience <= 1 && remote(g, w->r.kept, image)) {
+  if (found != FOUND) {
+    falls(w, tile, k);
+    return;
+  }
+  if (k->n > 1 && k->n < w->longest) {
+    put_away(job->g, w, who, k->cell, &k->x);
+  }
+  SOTER_CHECK(k->n >= 1 && k->n <= UINT8_MAX);
+  w->witness[k->cell] = (uint8_t)k->n;
+  soter_reach_depend(job->g, w->r.reaches + 2 * job->g->axes * tile, k->image);
+}
+
+/* Sets a walker out from where the chain of its cell stood, or from the cell; 0: it has gone as far
+ * as may be. */
+static int sets_out(const core_job* job, int64_t cell, const int* at, walker* k) {
+  const soter_reach_work* w = job->w;
+  k->lost = k->again = 0;
+  k->n = w->witness[cell];
+  k->image = w->image + 2 * job->g->axes * cell;
+  SOTER_CHECK(k->n <= w->longest);
+  if (k->n >= w->longest) {
     return 0;
   }
-  if (!resume(job, who, cell, at, &x, image)) {
-    return 0;
+  if (!resume(job->g, w, cell, at, &k->x)) {
+    (void)soter_reach_box(job->g, at, at, k->image);
+    k->again = k->n;
   }
-  while (found == 1 && n < w->longest) {
-    n++;
-    found = go_on(job, who, image, &x, image, &lost);
+  return 1;
+}
+
+/* What comes of a hold of a walker, which it made or is to make. What is made again was looked at
+ * before. */
+static int goes_on(core_job* job, int who, walker* k) {
+  int found;
+  if (!k->moved && !soter_reach_hold(job->g, &job->scratch[who], &k->x, &k->h)) {
+    return NEVER;
   }
-  if (found != 2) {
-    return 0;
+  SOTER_CHECK(k->again >= 0 && k->n < job->w->longest);
+  if (k->again > 0) {
+    k->again--;
+    (void)soter_reach_cover(job->g, k->x.lo, k->x.hi, k->image);
+    return NOT_YET;
   }
-  if (n > 1 && n < w->longest) {
-    put_away(g, w, who, cell, &x);
+  k->n++;
+  if (k->in_c) {
+    found = arrived(job, k->x.lo, k->x.hi, k->image, &k->lost);
+  } else if (in_c(job, &k->h)) {
+    found = arrived(job, k->h.image_lo, k->h.image_hi, k->image, &k->lost);
+  } else {
+    return NEVER;
   }
-  SOTER_CHECK(n >= 1 && n <= UINT8_MAX);
-  return (uint8_t)n;
+  return found == NOT_YET && k->n == job->w->longest ? NEVER : found;
+}
+
+/* Asks for the commands around the walkers, and moves those on for which they are known. */
+static void move_together(core_job* job, int who, crowd* c) {
+  double command[LANES][COMMANDS];
+  soter_reach_mover movers[LANES];
+  walker* of[LANES];
+  int count = 0;
+  SOTER_CHECK(job->looks_around && c->count <= LANES);
+  for (int k = 0; k < c->count; k++) {
+    walker* one = c->going[k];
+    const double* u = 0;
+    const int known =
+        soter_reach_around(job->g, job->w, &job->scratch[who], one->image, &one->x, &u);
+    one->in_c = known == SOTER_REACH_IN_C;
+    if (known != SOTER_REACH_NOTHING) { /* it may be told in scratch */
+      memcpy(command[count], u, sizeof(double) * (size_t)job->g->commands);
+      movers[count].x = &one->x;
+      movers[count].command = command[count];
+      movers[count].out = one->in_c ? 0 : &one->h;
+      of[count++] = one;
+    }
+  }
+  if (count > 0) {
+    const unsigned moved = soter_reach_move(job->g, count, movers);
+    for (int k = 0; k < count; k++) {
+      of[k]->moved = (int)(moved >> k & 1U);
+      of[k]->in_c = of[k]->in_c && of[k]->moved;
+    }
+  }
+}
+
+/* One hold of every walker. */
+static void walk(core_job* job, int who, crowd* c) {
+  for (int k = 0; k < c->count; k++) {
+    c->going[k]->moved = c->going[k]->in_c = 0;
+  }
+  if (job->looks_around) {
+    move_together(job, who, c);
+  }
+  job->steps[who] += c->count;
+  for (int k = c->count - 1; k >= 0; k--) {
+    walker* one = c->going[k];
+    const int found = goes_on(job, who, one);
+    if (found != NOT_YET) {
+      ends(job, who, c->tile, one, found);
+      c->going[k] = c->going[--c->count];
+      c->going[c->count] = one;
+    }
+  }
+  SOTER_CHECK(c->count >= 0 && c->count <= LANES);
+}
+
+/* What K says of an image. Cells that went as one box have the same one. */
+typedef struct {
+  uint16_t image[2 * AXES];
+  int inside; /* -1: not asked */
+} said;
+
+static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
+  int same = 1;
+  SOTER_CHECK(n >= 1 && n <= AXES);
+  for (int k = 0; k < 2 * n; k++) {
+    same &= a[k] == b[k];
+  }
+  return same;
+}
+
+static void ask_of(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
+                   said* s) {
+  SOTER_CHECK(image[0] <= image[1]);
+  if (s->inside < 0 || !same_image(g->axes, s->image, image)) {
+    memcpy(s->image, image, sizeof(uint16_t) * 2 * (size_t)g->axes);
+    s->inside = soter_reach_inside(g, kept, image, 0);
+  }
+}
+
+/* Whether the chain of a cell is given up where its witness's image lies. */
+static int given_up(const core_job* job, int64_t cell) {
+  const soter_reach_work* w = job->w;
+  SOTER_CHECK(cell >= 0);
+  return w->patience <= 1 && w->witness[cell] > 0 &&
+         remote(job->g, w->r.kept, w->image + 2 * job->g->axes * cell);
+}
+
+/* A cell of K is looked at: its witness serves still, it falls, or a walker sets out for it. */
+static void look_at(core_job* job, int64_t cell, const int* at, int bit, said* s, crowd* c) {
+  const soter_reach_group* g = job->g;
+  const soter_reach_work* w = job->w;
+  walker* one = c->going[c->count];
+  SOTER_CHECK(c->count < LANES && bit < 64);
+  if (w->witness[cell] > 0) {
+    ask_of(g, w->r.kept, w->image + 2 * g->axes * cell, s);
+    if (s->inside) {
+      return;
+    }
+  }
+  one->cell = cell;
+  one->bit = bit;
+  if (given_up(job, cell) || !sets_out(job, cell, at, one)) {
+    falls(job->w, c->tile, one);
+  } else {
+    c->count++;
+  }
 }
 
 static void by_cells(core_job* job, int who, int64_t tile, const int* first, const int* last) {
   const soter_reach_group* g = job->g;
-  soter_reach_work* w = job->w;
+  const soter_reach_work* w = job->w;
+  const int end = g->axes - 1, begin = first[end], wide = last[end] - begin + 1;
+  crowd c;
+  said s = {.inside = -1};
   int at[AXES], bit = 0;
   memcpy(at, first, sizeof at);
+  gather(&c, tile);
   do {
     const int64_t cell = soter_reach_cell(g, at);
-    uint16_t* image = w->image + 2 * g->axes * cell;
-    if (soter_reach_has(g, w->r.kept, at) && (w->r.changed[tile] >> bit & 1U) == 0) {
-      if (w->witness[cell] == 0 || !soter_reach_inside(g, w->r.kept, image, 0)) {
-        w->witness[cell] = witness(job, who, cell, at, image);
-        if (w->witness[cell] == 0) {
-          w->r.changed[tile] |= UINT64_C(1) << bit;
-        } else {
-          soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);
-        }
+    uint64_t here = soter_reach_part(g, w->r.kept, at, wide) & ~(w->r.changed[tile] >> bit);
+    for (; here != 0; here &= here - 1) {
+      const int k = __builtin_ctzll(here);
+      at[end] = begin + k;
+      look_at(job, cell + k, at, bit + k, &s, &c);
+      while (c.count == LANES) {
+        walk(job, who, &c);
       }
     }
-    bit++;
-  } while (soter_reach_next_cell(g->axes, first, last, at));
+    at[end] = begin;
+    bit += wide;
+  } while (soter_reach_next_cell(end, first, last, at));
+  while (c.count > 0) {
+    walk(job, who, &c);
+  }
+  SOTER_CHECK(bit <= 64);
+}
+
+/* Whether a box as a whole is back in K after one hold. */
+static int in_one_hold(core_job* job, int who, const int* first, const int* last, uint16_t* image) {
+  soter_reach_chain x;
+  soter_hold h;
+  soter_reach_start_at(job->g, first, last, &x);
+  SOTER_CHECK(x.holds == 0);
+  job->steps[who]++;
+  return soter_reach_hold(job->g, &job->scratch[who], &x, &h) && in_c(job, &h) &&
+         soter_reach_cover(job->g, h.image_lo, h.image_hi, image) &&
+         soter_reach_inside(job->g, job->w->r.kept, image, 0);
 }
 
 /* Tries a part of a tile as one box; halves it where that fails. */
 static void by_halves(core_job* job, int who, int64_t tile, const int* first, const int* last) {
   const soter_reach_group* g = job->g;
   soter_reach_work* w = job->w;
-  soter_reach_chain x;
   uint16_t image[2 * AXES] = {0}, box[2 * AXES] = {0};
-  int lost = 0, mid_last[AXES], mid_first[AXES];
+  int mid_last[AXES], mid_first[AXES];
   const int size = soter_reach_box(g, first, last, box);
   if (!soter_reach_inside(g, w->r.kept, box, 1)) {
     return;
   }
   if (size > 1 && soter_reach_inside(g, w->r.kept, box, 0)) {
-    soter_reach_start_at(g, first, last, &x);
-    if (go_on(job, who, 0, &x, image, &lost) == 2) {
+    if (in_one_hold(job, who, first, last, image)) {
       int at[AXES];
       memcpy(at, first, sizeof at);
       soter_reach_depend(g, w->r.reaches + 2 * g->axes * tile, image);

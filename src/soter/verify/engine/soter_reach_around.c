@@ -1,6 +1,6 @@
 /* What the law gives around a tile.
- * Purpose: from a block of tiles on all of which the law gives one command, and from which no run
- * leaves C while that is held, a hold of a box needs neither the law nor its tube.
+ * Purpose: from a block of tiles on all of which the law gives one command a hold of a box does not
+ * need the law, and where no run leaves C from it while that is held, its tube neither.
  * Non-goals: the hold (soter_reach_hold.c), boxes that no block holds.
  *
  * A block is a tile and the next one along every axis. Both facts are of each state of the block
@@ -10,7 +10,7 @@
  * a block stays true for that long. */
 #include "soter_reach_ball.h"
 
-enum { UNKNOWN, ASKED, NOTHING, ONE_COMMAND };
+enum { UNKNOWN, ASKED, ANSWERED };
 
 /* Whether blocks are any use: of a law, where each hold is as any other. */
 int soter_reach_may_look_around(const soter_reach_group* g) {
@@ -25,7 +25,8 @@ int soter_reach_may_look_around(const soter_reach_group* g) {
 }
 
 /* The first and last cell of the block of cell `at`; gives its tile. */
-static int64_t block_of(const soter_reach_group* g, const uint16_t* at, int* first, int* last) {
+static inline int64_t block_of(const soter_reach_group* g, const uint16_t* at, int* first,
+                               int* last) {
   int64_t tile = 0;
   for (int a = 0; a < g->axes; a++) {
     const int along = at[2 * a] / g->tile[a], end = (along + 2) * g->tile[a];
@@ -39,7 +40,7 @@ static int64_t block_of(const soter_reach_group* g, const uint16_t* at, int* fir
 
 /* Whether an end that runs keep cut more than dust from x along an axis. Its motion goes on from
  * all of it: what is enclosed of this hold may stick out of what is enclosed of the block. */
-static int was_cut(const soter_reach_group* g, int axis, const soter_reach_chain* x) {
+static inline int was_cut(const soter_reach_group* g, int axis, const soter_reach_chain* x) {
   const double low = g->edges[axis][0], high = g->edges[axis][g->cells[axis]];
   const double dust = (high - low) * 0x1p-40;
   double rad = x->box[axis];
@@ -51,8 +52,8 @@ static int was_cut(const soter_reach_group* g, int axis, const soter_reach_chain
          (g->kept_high[axis] == SOTER_REACH_KEPT && x->m[axis] + rad > high + dust);
 }
 
-static int holds_box(const soter_reach_group* g, const int* first, const int* last,
-                     const soter_reach_chain* x) {
+static inline int holds_box(const soter_reach_group* g, const int* first, const int* last,
+                            const soter_reach_chain* x) {
   for (int a = 0; a < g->axes; a++) {
     SOTER_CHECK(first[a] <= last[a]);
     if (!(g->edges[a][first[a]] <= x->lo[a] && x->hi[a] <= g->edges[a][last[a] + 1]) ||
@@ -81,7 +82,7 @@ static int one_command(const soter_reach_group* g, soter_scratch* s, const soter
   return 1;
 }
 
-/* Whether all of the block has one command, under which no run leaves C. */
+/* What is known of a block. */
 static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratch* s,
                const int* first, const int* last, double* command) {
   soter_reach_chain x;
@@ -89,33 +90,39 @@ static int ask(const soter_reach_group* g, const uint64_t* allowed, soter_scratc
   uint16_t tube[2 * AXES];
   soter_reach_start_at(g, first, last, &x);
   SOTER_CHECK(x.from_low == 0 && x.from_high == 0);
-  return one_command(g, s, &x, command) && soter_reach_hold(g, s, &x, &h) &&
-         soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) &&
-         soter_reach_inside(g, allowed, tube, 0);
+  if (!one_command(g, s, &x, command)) {
+    return SOTER_REACH_NOTHING;
+  }
+  return soter_reach_hold(g, s, &x, &h) && soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) &&
+                 soter_reach_inside(g, allowed, tube, 0)
+             ? SOTER_REACH_IN_C
+             : SOTER_REACH_COMMAND;
 }
 
-/* The commands that the law gives all over a block that holds the box of x, from which no run
- * leaves C in one hold; null: there is none. `at`: cells around x. While another thread asks, this
- * one asks for itself: what a hold gives never depends on who came first. */
-const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
-                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x) {
-  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
+/* What is known around x: that the law gives one `command` all over a block that holds its box, and
+ * that no run leaves C from there in one hold. `at`: cells around x. While another thread asks,
+ * this one asks for itself: what a hold gives never depends on who came first. */
+int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
+                       const uint16_t* at, const soter_reach_chain* x, const double** command) {
+  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, answer;
   const int64_t tile = block_of(g, at, first, last);
-  double* command = w->command + tile * g->commands;
+  double* here = w->command + tile * g->commands;
   uint8_t known = __atomic_load_n(&w->known[tile], __ATOMIC_ACQUIRE), unknown = UNKNOWN;
   SOTER_CHECK(tile >= 0 && tile < soter_reach_tiles(g));
   if (!holds_box(g, first, last, x)) {
-    return 0;
+    return SOTER_REACH_NOTHING;
   }
-  if (known == UNKNOWN || known == ASKED) {
-    const int to_tell = __atomic_compare_exchange_n(&w->known[tile], &unknown, ASKED, 0,
-                                                    __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE);
-    known = ask(g, w->allowed, s, first, last, s->command) ? ONE_COMMAND : NOTHING;
-    if (to_tell) {
-      memcpy(command, s->command, sizeof(double) * (size_t)g->commands);
-      __atomic_store_n(&w->known[tile], known, __ATOMIC_RELEASE);
-    }
-    command = s->command;
+  *command = here;
+  if (known >= ANSWERED) {
+    return known - ANSWERED;
   }
-  return known == ONE_COMMAND ? command : 0;
+  const int to_tell = __atomic_compare_exchange_n(&w->known[tile], &unknown, ASKED, 0,
+                                                  __ATOMIC_ACQUIRE, __ATOMIC_ACQUIRE);
+  answer = ask(g, w->allowed, s, first, last, s->command);
+  if (to_tell) {
+    memcpy(here, s->command, sizeof(double) * (size_t)g->commands);
+    __atomic_store_n(&w->known[tile], (uint8_t)(ANSWERED + answer), __ATOMIC_RELEASE);
+  }
+  *command = s->command;
+  return answer;
 }

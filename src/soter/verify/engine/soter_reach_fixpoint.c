@@ -1,5 +1,5 @@
 /* What fixpoints share: tiles, cells, dependence between tiles. */
-#include "soter_reach_internal.h"
+#include "soter_reach_ball.h"
 #include "soter_reach_thread_pool.h"
 
 #include <string.h>
@@ -61,6 +61,18 @@ int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int*
   return (int)(bits[row * g->words + (last >> 6)] >> (last & 63) & 1U);
 }
 
+/* `wide` cells from `at` on along the last axis, which lie in one word. */
+uint64_t soter_reach_part(const soter_reach_group* g, const uint64_t* bits, const int* at,
+                          int wide) {
+  int64_t row = 0;
+  const int begin = at[g->axes - 1], from = begin & 63;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
+  }
+  SOTER_CHECK(wide >= 1 && from + wide <= 64);
+  return bits[row * g->words + (begin >> 6)] >> from & ~UINT64_C(0) >> (64 - wide);
+}
+
 void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
                           soter_reach_chain* x) {
   double lo[AXES], hi[AXES];
@@ -118,8 +130,10 @@ static int64_t place_of(const soter_reach_group* g, const int64_t* stride, int64
 static void sum_up(const soter_reach_group* g, const int64_t* stride, int64_t count,
                    int32_t* sums) {
   for (int a = 0; a < g->axes; a++) {
-    for (int64_t i = stride[a]; i < count; i++) {
-      if (i / stride[a] % (g->tiles[a] + 1) != 0) {
+    const int64_t lines = stride[a] * (g->tiles[a] + 1);
+    SOTER_CHECK(count % lines == 0);
+    for (int64_t begin = 0; begin < count; begin += lines) {
+      for (int64_t i = begin + stride[a]; i < begin + lines; i++) {
         sums[i] += sums[i - stride[a]];
       }
     }
@@ -127,13 +141,13 @@ static void sum_up(const soter_reach_group* g, const int64_t* stride, int64_t co
 }
 
 /* How many tiles of the box `r` changed, from the sums. */
-static int64_t changed_in(const soter_reach_group* g, const soter_reach_rounds* w,
-                          const int64_t* stride, const uint16_t* r) {
+ALWAYS int64_t changed_in(int n, const soter_reach_rounds* w, const int64_t* stride,
+                          const uint16_t* r) {
   int64_t count = 0;
-  for (int corner = 0; corner < 1 << g->axes; corner++) {
+  for (int corner = 0; corner < 1 << n; corner++) {
     int64_t where = 0;
     int sign = 1;
-    for (int a = 0; a < g->axes; a++) {
+    for (int a = 0; a < n; a++) {
       const int low = corner >> a & 1;
       where += stride[a] * (low ? r[2 * a] : r[2 * a + 1] + 1);
       sign = low ? -sign : sign;
@@ -142,6 +156,17 @@ static int64_t changed_in(const soter_reach_group* g, const soter_reach_rounds* 
   }
   SOTER_CHECK(count >= 0);
   return count;
+}
+
+/* Lists the tiles whose images touch one that changed. */
+ALWAYS void list_tiles(int n, int64_t tiles, const int64_t* stride, soter_reach_rounds* w) {
+  SOTER_CHECK(tiles >= 1);
+  for (int64_t t = 0; t < tiles; t++) {
+    const uint16_t* r = w->reaches + 2 * n * t;
+    if (r[0] <= r[1] && changed_in(n, w, stride, r) > 0) {
+      w->dirty[w->dirty_n++] = (int32_t)t;
+    }
+  }
 }
 
 /* Takes the cells that changed out of the set (`join`: into it), and lists the tiles that may mind.
@@ -167,11 +192,12 @@ void soter_reach_settle(const soter_reach_group* g, soter_reach_rounds* w, int j
     return;
   }
   sum_up(g, stride, sums, w->sums);
-  for (int64_t t = 0; t < tiles; t++) {
-    const uint16_t* r = w->reaches + 2 * g->axes * t;
-    if (r[0] <= r[1] && changed_in(g, w, stride, r) > 0) {
-      w->dirty[w->dirty_n++] = (int32_t)t;
-    }
+  if (g->axes == 2) {
+    list_tiles(2, tiles, stride, w);
+  } else if (g->axes == 3) {
+    list_tiles(3, tiles, stride, w);
+  } else {
+    list_tiles(g->axes, tiles, stride, w);
   }
 }
 

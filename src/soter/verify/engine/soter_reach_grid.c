@@ -128,36 +128,40 @@ static inline int row_tells(const uint64_t* row, int first, int last, int any) {
   return 0;
 }
 
-/* The same of the rows from..to of two axes, within one word: the usual case. */
-static inline int plane_tells(const uint64_t* row, int64_t words, int from, int to, uint64_t m,
+/* The same of `rows` rows, `words` words each. Within one word is the usual case. */
+static inline int plane_tells(const uint64_t* row, int64_t words, int rows, int first, int last,
                               int any) {
-  for (int r = from; r <= to; r++) {
-    if (any ? (*row & m) != 0 : (*row & m) != m) {
+  const int one_word = first >> 6 == last >> 6;
+  const uint64_t m = mask(first >> 6, first, last);
+  SOTER_CHECK(rows >= 1 && first <= last);
+  for (int r = 0; r < rows; r++, row += words) {
+    const uint64_t here = row[first >> 6] & m;
+    if (one_word ? (any ? here != 0 : here != m) : row_tells(row, first, last, any)) {
       return 1;
     }
-    row += words;
   }
   return 0;
 }
 
-/* Whether every cell of the box is in the set; `any`: whether one is. */
+/* Whether every cell of the box is in the set; `any`: whether one is. By planes of the last two
+ * axes. */
 int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
                        int any) {
   int at[AXES] = {0, 0, 0, 0};
   const int n = g->axes, first = box[2 * (n - 1)], last = box[2 * (n - 1) + 1];
-  if (n == 2 && first >> 6 == last >> 6) {
-    const uint64_t m = mask(first >> 6, first, last);
-    const uint64_t* row = bits + (int64_t)box[0] * g->words + (first >> 6);
-    return plane_tells(row, g->words, box[0], box[1], m, any) ? any : !any;
+  const int rows = n > 1 ? box[2 * n - 3] - box[2 * n - 4] + 1 : 1;
+  if (n == 2) {
+    const uint64_t* row = bits + (int64_t)box[0] * g->words;
+    return plane_tells(row, g->words, rows, first, last, any) ? any : !any;
   }
   for (int a = 0; a + 1 < n; a++) {
     at[a] = box[2 * a];
   }
   for (;;) {
-    if (row_tells(bits + row_of(g, at) * g->words, first, last, any)) {
+    int a = n - 3;
+    if (plane_tells(bits + row_of(g, at) * g->words, g->words, rows, first, last, any)) {
       return any;
     }
-    int a = n - 2;
     while (a >= 0 && at[a] == box[2 * a + 1]) {
       at[a] = box[2 * a];
       a--;

@@ -87,6 +87,25 @@ typedef struct {
   double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
 } soter_hold;
 
+/* How many boxes move at once. */
+#if defined(__AVX512F__)
+enum { LANES = 8 };
+#elif defined(__AVX__)
+enum { LANES = 4 };
+#else
+enum { LANES = 2 };
+#endif
+
+/* A chain, what is held while it moves on, and where its tube and image go (null: nowhere). */
+typedef struct {
+  soter_reach_chain* x;
+  const double* command;
+  soter_hold* out;
+} soter_reach_mover;
+
+/* What is known around a box: nothing, its command, and that it stays in C under it. */
+enum { SOTER_REACH_NOTHING, SOTER_REACH_COMMAND, SOTER_REACH_IN_C };
+
 int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
                       uint16_t* image);
 int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
@@ -97,6 +116,8 @@ int64_t soter_reach_cell(const soter_reach_group* g, const int* at);
 int64_t soter_reach_words(const soter_reach_group* g);
 int soter_reach_next_cell(int n, const int* first, const int* last, int* at);
 int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int* at);
+uint64_t soter_reach_part(const soter_reach_group* g, const uint64_t* bits, const int* at,
+                          int wide);
 void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
                           soter_reach_chain* x);
 void soter_reach_depend(const soter_reach_group* g, uint16_t* reaches, const uint16_t* image);
@@ -125,9 +146,13 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
                        soter_reach_chain* x);
 int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
                      soter_hold* out);
-int soter_reach_move(const soter_reach_group* g, const double* command, soter_reach_chain* x);
+unsigned soter_reach_move(const soter_reach_group* g, int count, const soter_reach_mover* movers);
+int soter_reach_cells_may_stay(const soter_reach_group* g);
+int soter_reach_cells_stay(const soter_reach_group* g, const soter_reach_tube* tube,
+                           const uint64_t* target, const uint64_t* known, const int* first,
+                           const int* last, uint8_t* out);
 int soter_reach_may_look_around(const soter_reach_group* g);
-const double* soter_reach_around(const soter_reach_group* g, const soter_reach_work* w,
-                                 soter_scratch* s, const uint16_t* at, const soter_reach_chain* x);
+int soter_reach_around(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
+                       const uint16_t* at, const soter_reach_chain* x, const double** command);
 
 #endif

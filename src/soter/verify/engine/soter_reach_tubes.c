@@ -14,6 +14,7 @@ typedef struct {
   soter_reach_test test;
   uint8_t* out;
   int32_t steps;
+  int by_cells;
   soter_scratch scratch[SOTER_REACH_THREADS];
 } cell_job;
 
@@ -193,10 +194,24 @@ static int truth_box(cell_job* job, int who, const int* first, const int* last) 
   return answer[0] == 3 ? 8 | 3 : answer[0] & 3;
 }
 
+/* A tile by what is told of all of it, or of each cell; 0: neither. */
+static int told(cell_job* job, int who, const int* first, const int* last) {
+  const int value = safe_box(job, who, first, last);
+  SOTER_CHECK(job->by_cells && job->tube != 0);
+  if ((value & 8) == 0) {
+    fill(job, first, last, (uint8_t)value);
+    return 1;
+  }
+  return soter_reach_cells_stay(job->g, job->tube, job->target, job->known, first, last, job->out);
+}
+
 static void safe_tile(soter_crew* crew, int who, int64_t tile) {
   cell_job* job = crew->job;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
   (void)soter_reach_tile(job->g, tile, first, last);
+  if (job->by_cells && told(job, who, first, last)) {
+    return;
+  }
   divide(job, who, job->test != 0 ? truth_box : safe_box, first, last);
 }
 
@@ -221,6 +236,7 @@ int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tub
                          int64_t first_tile, double seconds, int32_t threads) {
   cell_job job = {
       .g = g, .tube = tube, .target = target, .known = known, .out = out, .steps = steps};
+  job.by_cells = tube != 0 && soter_reach_cells_may_stay(g);
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
   return over_tiles(&job, first_tile, seconds, threads);
