@@ -8,9 +8,8 @@
  * more. A chain whose images have been more than a cell away from K `patience` times in a row is
  * given up: that makes K smaller, never wrong.
  *
- * Cells are looked at by walkers, up to LANES of a tile at a time, each with its own chain: all of
- * them make a hold, those that are done make room. What comes of a cell does not depend on who goes
- * with it. */
+ * Chains of up to LANES cells of a tile make a hold together; those that are done make room for the
+ * next. What comes of a cell does not depend on which others are looked at with it. */
 #include "soter_reach_internal.h"
 #include "soter_reach_thread_pool.h"
 
@@ -45,17 +44,17 @@ typedef struct {
   int lost;
   int moved, in_c; /* its hold is made; its tube is known to lie in C, and `h` is not told */
   soter_hold h;
-} walker;
+} cell_chain;
 
-/* Walkers of a tile: the first `count` of `going`. */
+/* Chains of a tile that are held together: the first `count` of `going`. */
 typedef struct {
-  walker at[LANES];
-  walker* going[LANES];
+  cell_chain at[LANES];
+  cell_chain* going[LANES];
   int64_t tile;
   int count;
-} crowd;
+} chain_batch;
 
-static void gather(crowd* c, int64_t tile) {
+static void start_batch(chain_batch* c, int64_t tile) {
   SOTER_CHECK(tile >= 0);
   for (int k = 0; k < LANES; k++) {
     c->going[k] = &c->at[k];
@@ -126,15 +125,15 @@ static void put_away(const soter_reach_group* g, soter_reach_work* w, int who, i
   }
 }
 
-/* The cell of a walker leaves K at the end of the round. */
-static void falls(soter_reach_work* w, int64_t tile, const walker* k) {
+/* The cell of a chain leaves K at the end of the round. */
+static void falls(soter_reach_work* w, int64_t tile, const cell_chain* k) {
   SOTER_CHECK(k->bit >= 0 && k->bit < 64);
   w->witness[k->cell] = 0;
   w->r.changed[tile] |= UINT64_C(1) << k->bit;
 }
 
-/* A witness was found for the cell of a walker, or none ever will be. */
-static void ends(core_job* job, int who, int64_t tile, const walker* k, int found) {
+/* A witness was found for the cell of a chain, or none ever will be. */
+static void ends(core_job* job, int who, int64_t tile, const cell_chain* k, int found) {
   soter_reach_work* w = job->w;
   if (found != FOUND) {
     falls(w, tile, k);
@@ -148,9 +147,9 @@ static void ends(core_job* job, int who, int64_t tile, const walker* k, int foun
   soter_reach_depend(job->g, w->r.reaches + 2 * job->g->axes * tile, k->image);
 }
 
-/* Sets a walker out from where the chain of its cell stood, or from the cell; 0: it has gone as far
- * as may be. */
-static int sets_out(const core_job* job, int64_t cell, const int* at, walker* k) {
+/* Starts a chain where that of its cell stood, or from the cell; 0: it has gone as far as may be.
+ */
+static int start_chain(const core_job* job, int64_t cell, const int* at, cell_chain* k) {
   const soter_reach_work* w = job->w;
   k->lost = k->again = 0;
   k->n = w->witness[cell];
@@ -166,9 +165,9 @@ static int sets_out(const core_job* job, int64_t cell, const int* at, walker* k)
   return 1;
 }
 
-/* What comes of a hold of a walker, which it made or is to make. What is made again was looked at
+/* What comes of a hold of a chain, which it made or is to make. What is made again was looked at
  * before. */
-static int goes_on(core_job* job, int who, walker* k) {
+static int continue_chain(core_job* job, int who, cell_chain* k) {
   int found;
   if (!k->moved && !soter_reach_hold(job->g, &job->scratch[who], &k->x, &k->h)) {
     return NEVER;
@@ -190,15 +189,15 @@ static int goes_on(core_job* job, int who, walker* k) {
   return found == NOT_YET && k->n == job->w->longest ? NEVER : found;
 }
 
-/* Asks for the commands around the walkers, and moves those on for which they are known. */
-static void move_together(core_job* job, int who, crowd* c) {
+/* Asks for the commands around the chains, and moves those on for which they are known. */
+static void move_together(core_job* job, int who, chain_batch* c) {
   double command[LANES][COMMANDS];
   soter_reach_mover movers[LANES];
-  walker* of[LANES];
+  cell_chain* of[LANES];
   int count = 0;
   SOTER_CHECK(job->looks_around && c->count <= LANES);
   for (int k = 0; k < c->count; k++) {
-    walker* one = c->going[k];
+    cell_chain* one = c->going[k];
     const double* u = 0;
     const int known =
         soter_reach_around(job->g, job->w, &job->scratch[who], one->image, &one->x, &u);
@@ -220,8 +219,8 @@ static void move_together(core_job* job, int who, crowd* c) {
   }
 }
 
-/* One hold of every walker. */
-static void walk(core_job* job, int who, crowd* c) {
+/* One hold of every chain of a batch. */
+static void hold_batch(core_job* job, int who, chain_batch* c) {
   for (int k = 0; k < c->count; k++) {
     c->going[k]->moved = c->going[k]->in_c = 0;
   }
@@ -230,8 +229,8 @@ static void walk(core_job* job, int who, crowd* c) {
   }
   job->steps[who] += c->count;
   for (int k = c->count - 1; k >= 0; k--) {
-    walker* one = c->going[k];
-    const int found = goes_on(job, who, one);
+    cell_chain* one = c->going[k];
+    const int found = continue_chain(job, who, one);
     if (found != NOT_YET) {
       ends(job, who, c->tile, one, found);
       c->going[k] = c->going[--c->count];
@@ -245,7 +244,7 @@ static void walk(core_job* job, int who, crowd* c) {
 typedef struct {
   uint16_t image[2 * AXES];
   int inside; /* -1: not asked */
-} said;
+} last_answer;
 
 static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
   int same = 1;
@@ -256,8 +255,8 @@ static inline int same_image(int n, const uint16_t* a, const uint16_t* b) {
   return same;
 }
 
-static void ask_of(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
-                   said* s) {
+static void answer_for(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image,
+                       last_answer* s) {
   SOTER_CHECK(image[0] <= image[1]);
   if (s->inside < 0 || !same_image(g->axes, s->image, image)) {
     memcpy(s->image, image, sizeof(uint16_t) * 2 * (size_t)g->axes);
@@ -273,21 +272,22 @@ static int given_up(const core_job* job, int64_t cell) {
          remote(job->g, w->r.kept, w->image + 2 * job->g->axes * cell);
 }
 
-/* A cell of K is looked at: its witness serves still, it falls, or a walker sets out for it. */
-static void look_at(core_job* job, int64_t cell, const int* at, int bit, said* s, crowd* c) {
+/* A cell of K is looked at: its witness serves still, it falls, or a chain starts from it. */
+static void look_at_cell(core_job* job, int64_t cell, const int* at, int bit, last_answer* s,
+                         chain_batch* c) {
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
-  walker* one = c->going[c->count];
+  cell_chain* one = c->going[c->count];
   SOTER_CHECK(c->count < LANES && bit < 64);
   if (w->witness[cell] > 0) {
-    ask_of(g, w->r.kept, w->image + 2 * g->axes * cell, s);
+    answer_for(g, w->r.kept, w->image + 2 * g->axes * cell, s);
     if (s->inside) {
       return;
     }
   }
   one->cell = cell;
   one->bit = bit;
-  if (given_up(job, cell) || !sets_out(job, cell, at, one)) {
+  if (given_up(job, cell) || !start_chain(job, cell, at, one)) {
     falls(job->w, c->tile, one);
   } else {
     c->count++;
@@ -298,27 +298,27 @@ static void by_cells(core_job* job, int who, int64_t tile, const int* first, con
   const soter_reach_group* g = job->g;
   const soter_reach_work* w = job->w;
   const int end = g->axes - 1, begin = first[end], wide = last[end] - begin + 1;
-  crowd c;
-  said s = {.inside = -1};
+  chain_batch c;
+  last_answer s = {.inside = -1};
   int at[AXES], bit = 0;
   memcpy(at, first, sizeof at);
-  gather(&c, tile);
+  start_batch(&c, tile);
   do {
     const int64_t cell = soter_reach_cell(g, at);
     uint64_t here = soter_reach_part(g, w->r.kept, at, wide) & ~(w->r.changed[tile] >> bit);
     for (; here != 0; here &= here - 1) {
       const int k = __builtin_ctzll(here);
       at[end] = begin + k;
-      look_at(job, cell + k, at, bit + k, &s, &c);
+      look_at_cell(job, cell + k, at, bit + k, &s, &c);
       while (c.count == LANES) {
-        walk(job, who, &c);
+        hold_batch(job, who, &c);
       }
     }
     at[end] = begin;
     bit += wide;
   } while (soter_reach_next_cell(end, first, last, at));
   while (c.count > 0) {
-    walk(job, who, &c);
+    hold_batch(job, who, &c);
   }
   SOTER_CHECK(bit <= 64);
 }
