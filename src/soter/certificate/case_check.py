@@ -6,9 +6,6 @@ Non-goals: the inclusions themselves (`group_claims.py`), certificates (`recheck
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -29,7 +26,7 @@ from soter.certificate.inclusions.group_claims import (
     witnessed,
 )
 from soter.certificate.inclusions.handover_claim import not_entered
-from soter.certificate.inclusions.inward_flow import led_out_by_scheme, points_inwards
+from soter.certificate.inclusions.inward_flow import points_inwards, scheme_named
 from soter.certificate.inclusions.predicates import (
     AdmitCheck,
     admitted,
@@ -51,9 +48,9 @@ from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.reading.view_predicates import ttf_of_states
+from soter.certificate.task_processes import TaskProcesses, can_fork
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.types import leaves
-from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -93,23 +90,38 @@ class CaseCheck:
     work: list[float] = field(default_factory=list)
     """What each of the tasks is likely to cost, in holds of one cell: for the progress alone."""
     checks: dict[int, ChainCheck] = field(default_factory=dict)
+    running: TaskProcesses | None = None
+    done: float = 0.0
+    """Of the work."""
 
     def check(self) -> None:
-        """Collect what is to be shown, then show it; RejectedError where it does not hold."""
-        try:
-            self._check()
-        except (RejectedError, NotRecheckedError) as error:
-            for group in self.groups:
-                if led_out_by_scheme(self.model, group.states):
-                    names = ", ".join(self.model.facts.states[i].name for i in group.states)
-                    why = (
-                        f"no command moves {names}; its differential equation keeps it in its "
-                        "grid, and that the scheme which integrates it does was not shown"
-                    )
-                    raise RejectedError(f"{why} ({error})") from None
-            raise
+        """Collect what is to be shown, and show it; RejectedError where it does not hold."""
+        self.begin()
+        self.finish()
 
-    def _check(self) -> None:
+    def begin(self) -> None:
+        """Collect what is to be shown, and have it begun; RejectedError where that shows a fault.
+
+        Where processes cannot be forked, or there is one only, it is shown at once.
+        """
+        with scheme_named(self.model, [g.states for g in self.groups]):
+            self._collect()
+            self._start_tasks()
+
+    def finish(self) -> None:
+        """Wait until everything is shown; RejectedError where it does not hold."""
+        if self.running is None:
+            return
+        with scheme_named(self.model, [g.states for g in self.groups]):
+            for k, failed in self.running.answers():
+                self._note(k, failed)
+
+    def end(self) -> None:
+        """What still works is not waited for."""
+        if self.running is not None:
+            self.running.end()
+
+    def _collect(self) -> None:
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
         self.kept = [points_inwards(self.model, g.states) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
@@ -133,7 +145,6 @@ class CaseCheck:
             self._return()
         if "start" in self.claims:
             self._start()
-        self._run()
 
     @cached_property
     def half_spaces(self) -> list[PolytopeCheck]:
@@ -416,47 +427,31 @@ class CaseCheck:
                 name = facts.system.topics[topic].name
                 raise RejectedError(f"an initial state may be none of those that `{name}` holds")
 
-    def _run(self) -> None:
-        global _TASKS  # noqa: PLW0603  what the forked processes see
-        _TASKS = self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
-        work, done = self.work[::-1], 0.0
+    def _start_tasks(self) -> None:
+        """The long ones first: ranks are asked for last."""
+        self.tasks, self.work = self.tasks[::-1], self.work[::-1]
         workers = min(self.workers, len(self.tasks))
-        if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
-            # a Pool that is terminated while it works may wait for ever; this ends what it began
-            fork = multiprocessing.get_context("fork")
-            with ProcessPoolExecutor(workers, fork, end_with, (os.getpid(),)) as pool:
-                asked = {pool.submit(_show, k): k for k in range(len(self.tasks))}
-                try:
-                    for answer in as_completed(asked):
-                        self._note(answer.result())
-                        done += work[asked[answer]]
-                        self.progress(done / sum(work))
-                except BaseException:  # what still works is not waited for; else `with` waits
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
+        if workers > 1 and can_fork():
+            self.running = TaskProcesses(len(self.tasks), self._answer, workers)
             return
         for k in range(len(self.tasks)):
-            self._note(_show(k))
-            done += work[k]
-            self.progress(done / sum(work))
+            self._note(k, self._answer(k))
 
-    def _note(self, failed: str) -> None:
+    def _answer(self, k: int) -> str:
+        """What one task shows: empty, or what went wrong."""
+        what, grid, show, block = self.tasks[k]
+        failed = next(show(block), None)
+        return "" if failed is None else f"{what} {grid.text(failed)}"
+
+    def _note(self, k: int, failed: str) -> None:
         if failed:
             case = ", ".join(
                 f"{p.name} = {v}"
                 for p, v in zip(self.model.facts.parameters, self.model.parameter, strict=True)
             )
             raise RejectedError(failed + (f" ({case})" if case else ""))
-
-
-_TASKS: list[tuple[str, Grid, Any, Any]] = []
-
-
-def _show(k: int) -> str:
-    """One task: empty, or what went wrong."""
-    what, grid, show, block = _TASKS[k]
-    failed = next(show(block), None)
-    return "" if failed is None else f"{what} {grid.text(failed)}"
+        self.done += self.work[k]
+        self.progress(self.done / sum(self.work))
 
 
 def _shown(show: Callable[[], None], _: Block) -> Iterator[Block]:

@@ -39,6 +39,7 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
+from soter.certificate.task_processes import UnderWay
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 from soter.diagnostics.current_phase import phase
@@ -136,24 +137,25 @@ def _check(
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
     covered: list[Facts | InductionFacts] = []
-    for k, entry in enumerate(modules):
-        share = partial(_share, progress, k, len(modules))
-        phase(f"checking module {k + 1} of {len(modules)}")
-        facts: Facts | InductionFacts
-        if isinstance(entry, dict) and "induction" in entry:
-            facts, module_report = _by_induction(checked, overrides, entry)
-        else:
-            facts = _facts(checked, overrides, entry)
-        if any(_key(f) == _key(facts) for f in covered):
-            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-        covered.append(facts)
-        if isinstance(facts, Facts):
-            module_report = _module(certificate, facts, entry, share, workers)
-        module_report.parameters = parameters_of(facts.flying)
-        module_report.otherwise, module_report.contradicted = otherwise_in_program(
-            checked, facts.flying
-        )
-        report.modules.append(module_report)
+    with UnderWay() as under_way:
+        for k, entry in enumerate(modules):
+            share = partial(_share, progress, k, len(modules))
+            phase(f"checking module {k + 1} of {len(modules)}")
+            facts: Facts | InductionFacts
+            if isinstance(entry, dict) and "induction" in entry:
+                facts, module_report = _by_induction(checked, overrides, entry)
+            else:
+                facts = _facts(checked, overrides, entry)
+            if any(_key(f) == _key(facts) for f in covered):
+                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+            covered.append(facts)
+            if isinstance(facts, Facts):
+                module_report = _module(certificate, facts, entry, share, workers, under_way)
+            module_report.parameters = parameters_of(facts.flying)
+            module_report.otherwise, module_report.contradicted = otherwise_in_program(
+                checked, facts.flying
+            )
+            under_way.afterwards(partial(report.modules.append, module_report))
     for facts in covered:
         _in_all_views(facts, covered)
     report.not_covered = uncovered(checked, overrides, covered)
@@ -235,6 +237,7 @@ def _module(
     entry: dict[str, Any],
     progress: Callable[[float], None],
     workers: int,
+    under_way: UnderWay,
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
@@ -271,15 +274,8 @@ def _module(
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
-    try:
-        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
-    except (RejectedError, NotRecheckedError):
-        if facts.times["d_ns"] == facts.own.delay:
-            raise
-        # older reads than there are may be too much for our bounds: those that there are count
-        facts.times["d_ns"] = facts.own.delay
-        phase(f"{name}: again, with reads as old as there are", anew=True)
-        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
+    asked = partial(_cases, facts, groups, extents, entry, claims, progress, workers=workers)
+    _with_reads_as_old(facts, partial(asked, law=law, under_way=under_way), under_way, name)
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
@@ -287,6 +283,25 @@ def _module(
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
     return report
+
+
+def _with_reads_as_old(
+    facts: Facts, cases: Callable[[], None], under_way: UnderWay, name: str
+) -> None:
+    """All cases; where there is a choice, with reads that are older than any, else with those."""
+    if facts.times["d_ns"] == facts.own.delay:
+        cases()
+        return
+    under_way.finish()
+    try:
+        cases()
+        under_way.finish()
+    except (RejectedError, NotRecheckedError):
+        # older reads than there are may be too much for our bounds: those that there are count
+        under_way.end()
+        facts.times["d_ns"] = facts.own.delay
+        phase(f"{name}: again, with reads as old as there are", anew=True)
+        cases()
 
 
 def _cases(
@@ -298,8 +313,12 @@ def _cases(
     progress: Callable[[float], None],
     workers: int,
     law: Law | None,
+    under_way: UnderWay,
 ) -> None:
-    """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
+    """Every claim, for every combination of parameter values; of the law that it keeps K_fs.
+
+    What begins here may be under way still when this ends.
+    """
     cases = list(facts.cases())
     for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
         model = CaseModel(facts, values, narrowed(extents, others))
@@ -310,7 +329,7 @@ def _cases(
             ruled = CaseModel(of_law, values, narrowed(extents, others))
             CaseCheck(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
             case.lawful = [_of_law(g, kept) for g in groups]
-        case.check()
+        under_way.begin(case)
 
 
 Law = tuple[Facts, list[list[GroupTables]]]

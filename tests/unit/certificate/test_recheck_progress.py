@@ -22,7 +22,7 @@ def told(*holds: np.ndarray | None) -> list[float]:
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
         case._add("nothing", Grid((edges, edges)), lambda _: iter(()), each)
-    case._run()
+    case._start_tasks()
     return shares
 
 

@@ -177,20 +177,12 @@ class BallArray:
         Of what is farther than `FAR` from 0 only that it is small: the quotient may underflow.
         """
         far = np.abs(self.centre) > FAR
-        if far.any():
-            near = BallArray(np.where(far, 1.0, self.centre), self.radius).inverse()
-            surely = (self.lower() > FAR) | (self.upper() < -FAR)
-            small = np.where(surely, 1.0 / FAR, np.inf)
-            return chosen(far, BallArray(np.zeros_like(small), small), near)
-        centre = 1.0 / self.centre
-        radius = np.abs(centre) * EPS
-        if self.radius is not None:
-            size = np.abs(self.centre)
-            nearest = size * (1.0 - 2.0**-50) - self.radius * GROWN
-            wide = self.radius / np.where(nearest > 0, nearest, 1.0) * np.abs(centre) * GROWN
-            radius = np.where(nearest > 0, radius + wide * GROWN, np.inf)
-        known = self.centre != 0
-        return BallArray(np.where(known, centre, 0.0), np.where(known, radius, np.inf))
+        if not far.any():
+            return _inverse(self)
+        near = _inverse(BallArray(np.where(far, 1.0, self.centre), self.radius))
+        surely = (self.lower() > FAR) | (self.upper() < -FAR)
+        small = np.where(surely, 1.0 / FAR, np.inf)
+        return chosen(far, BallArray(np.zeros_like(small), small), near)
 
     def sqrt(self) -> BallArray:
         """Of the x >= 0 of balls whose centre is positive; nothing is known of others."""
@@ -229,6 +221,19 @@ class BallArray:
 
     def __ge__(self, other: Operand) -> Truths:
         return self.lower() >= _balls(other).upper()
+
+
+def _inverse(x: BallArray) -> BallArray:
+    """1 / x of what is not farther from 0 than `FAR`."""
+    centre = 1.0 / x.centre
+    radius = np.abs(centre) * EPS
+    if x.radius is not None:
+        size = np.abs(x.centre)
+        nearest = size * (1.0 - 2.0**-50) - x.radius * GROWN
+        wide = x.radius / np.where(nearest > 0, nearest, 1.0) * np.abs(centre) * GROWN
+        radius = np.where(nearest > 0, radius + wide * GROWN, np.inf)
+    known = x.centre != 0
+    return BallArray(np.where(known, centre, 0.0), np.where(known, radius, np.inf))
 
 
 class Constant(BallArray):

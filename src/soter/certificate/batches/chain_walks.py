@@ -35,7 +35,7 @@ AT_ONCE = 4096
 """Blocks: so many that a call of numpy is worth it, and so few that they stay in the caches."""
 
 
-FEW = 24
+FEW = 8
 """A step of many forms takes as long as so many steps of one."""
 LITTLE, IDLE = 0.01, 2
 """Who shows less than this share of what is left, so often in a row, is not asked again."""

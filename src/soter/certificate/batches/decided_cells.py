@@ -9,10 +9,10 @@ that is left to Arb.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from flint import arb
 
 from soter.certificate.batches.ball_arrays import BallArray, no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of
@@ -20,8 +20,9 @@ from soter.certificate.inclusions.cell_sets import block_index, halves, volume
 from soter.certificate.terms.arb_balls import above, below
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
+    from flint import arb
     from numpy.typing import NDArray
 
     from soter.certificate.batches.ball_arrays import Floats, Truths
@@ -123,20 +124,43 @@ def _bits_of(decision: ArrayDecision, grid: Grid, blocks: Sequence[Block]) -> Se
     """The bits of blocks, each with all that lies beyond it where an axis has no ends."""
     if not blocks:
         return ()
-    answers = decision.of(decision.with_ranges(boxes_of(grid, blocks)))
-    owner, beyond = list[int](), list[list[tuple[arb, arb]]]()
-    for k, at in enumerate(blocks):
-        if _at_open_end(decision, grid, at):
-            boxes = grid.whole_boxes(at, decision.reads)[1:]
-            owner += [k] * len(boxes)
-            beyond += boxes
-    if beyond:
-        ends = [
-            (np.array([below(low) for low, _ in side]), np.array([above(high) for _, high in side]))
-            for side in zip(*beyond, strict=True)
-        ]
-        np.bitwise_or.at(answers, owner, decision.of(decision.with_ranges(ends)))
+    inside = boxes_of(grid, blocks)
+    answers = decision.of(decision.with_ranges(inside))
+    for first in range(0, len(blocks), AT_ONCE):
+        part = slice(first, first + AT_ONCE)
+        ends = [(low[part], high[part]) for low, high in inside]
+        for index, boxes in _beyond(decision, grid, blocks[part], ends):
+            np.bitwise_or.at(answers, first + index, decision.of(decision.with_ranges(boxes)))
     return [int(x) for x in answers]
+
+
+def _beyond(
+    decision: ArrayDecision, grid: Grid, blocks: Sequence[Block], inside: Boxes
+) -> Iterator[tuple[NDArray[np.intp], Boxes]]:
+    """Boxes of what lies beyond blocks, and the block of each (`Grid.whole_boxes`)."""
+    at = np.array(blocks, dtype=np.intp)
+    open_axes = [grid.has_no_ends(k) and reads for k, reads in enumerate(decision.reads)]
+    touches = np.stack(
+        [at[:, :, 0] == 0, at[:, :, 1] == np.array(grid.shape)], axis=2
+    ) & np.reshape(open_axes, (1, -1, 1))
+    kinds, kind_of = np.unique(touches.reshape(len(blocks), -1), axis=0, return_inverse=True)
+    for number, kind in enumerate(kinds):
+        index = np.flatnonzero(kind_of.reshape(-1) == number)
+        sides: list[Boxes] = []
+        for k, (low, high) in enumerate(inside):
+            away = grid.beyond(k, low=kind[2 * k], high=kind[2 * k + 1])
+            ends = [(np.full(index.size, below(a)), np.full(index.size, above(b))) for a, b in away]
+            sides.append([(low[index], high[index]), *ends])
+        others = list(product(*sides))[1:]
+        if others:
+            boxes = [
+                (
+                    np.concatenate([low for low, _ in axis]),
+                    np.concatenate([high for _, high in axis]),
+                )
+                for axis in zip(*others, strict=True)
+            ]
+            yield np.tile(index, len(others)), boxes
 
 
 def _at_open_end(decision: ArrayDecision, grid: Grid, block: Block) -> bool:

@@ -7,7 +7,6 @@ Non-goals: other functions.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from math import factorial
 from typing import TYPE_CHECKING
 
@@ -17,6 +16,8 @@ from soter.certificate.batches.ball_arrays import GROWN, BallArray, chosen
 from soter.certificate.terms.arb_balls import exact
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from soter.certificate.batches.ball_arrays import Floats
 
 PER_ONE = 32
@@ -28,6 +29,9 @@ DEGREE = 9
 INVERSE_FACTORIALS = [BallArray.of(1 / exact(float(factorial(k)))) for k in range(DEGREE)]
 NARROW = 1e-6
 """Radii up to which the slope does not matter."""
+KNOWN = [np.full((2, 2 * int(FARTHEST) * PER_ONE + 1), np.nan) for _ in range(4)]
+"""Centres and radii of the sine's derivatives at -FARTHEST, ... and FARTHEST, from place 0 on;
+those at places below 0 stand at the end, as an index of numpy has it."""
 LEFT_OUT = 2.0**-72
 """More than (1/64)^9/9!, what the next term may be."""
 
@@ -64,18 +68,24 @@ def _at(centre: Floats, turns: int) -> tuple[Floats, Floats]:
     centre = np.where(near, centre, 0.0)
     step = np.rint(centre * PER_ONE)
     off = BallArray(centre) - BallArray(step / PER_ONE)
-    places, known = np.unique(step.astype(np.int64), return_inverse=True)
+    places = step.astype(np.intp)
     total = BallArray(np.zeros(1))
     for k in range(DEGREE - 1, -1, -1):
-        values = [_derivative(int(p), (turns + k) % 4) for p in places]
-        factor = BallArray(*(np.array(v) for v in zip(*values, strict=True))).taken(known)
-        total = total * off + factor * INVERSE_FACTORIALS[k]
+        total = total * off + _derivatives(places, (turns + k) % 4) * INVERSE_FACTORIALS[k]
     assert total.radius is not None
     radius = (total.radius + LEFT_OUT) * GROWN
     return np.where(near, total.centre, 0.0), np.where(near, radius, 1.0)
 
 
-@lru_cache(maxsize=1 << 16)
+def _derivatives(places: NDArray[np.intp], turns: int) -> BallArray:
+    """The sine's derivative at known values, looked up; what was not asked for is computed."""
+    centres, radii = KNOWN[turns]
+    new = np.unique(places[np.isnan(centres[places])])
+    for place in new:
+        centres[place], radii[place] = _derivative(int(place), turns)
+    return BallArray(centres[places], radii[places])
+
+
 def _derivative(place: int, turns: int) -> tuple[float, float]:
     """Centre and radius of the sine's derivative at a known value."""
     x = exact(place / PER_ONE)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -105,14 +106,18 @@ class Grid:
         what is asked depends on its state; along others nothing lies beyond that would matter.
         """
         sides = []
-        for k, (inside, edges) in enumerate(zip(self.box(block), self.edges, strict=True)):
+        for k, inside in enumerate(self.box(block)):
             parts = [inside]
-            if self.has_no_ends(k) and reads[k] and block[k][0] == 0:
-                parts += [(-b, -a) for a, b in _outwards(-edges[0], edges[-1] - edges[0])]
-            if self.has_no_ends(k) and reads[k] and block[k][1] == len(edges) - 1:
-                parts += _outwards(edges[-1], edges[-1] - edges[0])
+            if self.has_no_ends(k) and reads[k]:
+                parts += self.beyond(k, low=block[k][0] == 0, high=block[k][1] == self.shape[k])
             sides.append(parts)
         return [list(box) for box in product(*sides)]
+
+    def beyond(self, axis: int, *, low: bool, high: bool) -> list[tuple[arb, arb]]:
+        """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
+        first, last = self.edges[axis][0], self.edges[axis][-1]
+        below_it = [(-b, -a) for a, b in _outwards(-first, last - first)] if low else []
+        return [*below_it, *(_outwards(last, last - first) if high else ())]
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
         """The box of a block of cells."""
@@ -132,7 +137,8 @@ def _width(edges: Sequence[float], cell: int) -> arb:
     return exact(edges[cell + 1]) - exact(edges[cell])
 
 
-def _outwards(end: float, width: float) -> list[tuple[arb, arb]]:
+@lru_cache(maxsize=64)
+def _outwards(end: float, width: float) -> Sequence[tuple[arb, arb]]:
     """Intervals from an end upwards to `FARTHEST`."""
     intervals, low, step = [], exact(end), exact(width)
     while low < FARTHEST:

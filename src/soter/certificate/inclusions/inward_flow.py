@@ -18,6 +18,7 @@ holds of the whole grid, with no condition.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -25,13 +26,15 @@ import numpy as np
 
 from soter.certificate.batches.ball_arrays import BallArray
 from soter.certificate.batches.chain_walks import ArrayStep
+from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions.cell_sets import finer
 from soter.certificate.inclusions.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from flint import arb
 
@@ -63,6 +66,23 @@ def led_out_by_scheme(model: CaseModel, states: Sequence[int]) -> bool:
         return False
     ends = [_ends(model, states, as_stepped=of) for of in (True, False)]
     return not all(low and high for low, high in ends[0]) and all(a and b for a, b in ends[1])
+
+
+@contextmanager
+def scheme_named(model: CaseModel, groups: Sequence[Sequence[int]]) -> Iterator[None]:
+    """RejectedError that names the scheme where a claim fails and it may lead out of a grid."""
+    try:
+        yield
+    except (RejectedError, NotRecheckedError) as error:
+        for states in groups:
+            if led_out_by_scheme(model, states):
+                names = ", ".join(model.facts.states[i].name for i in states)
+                why = (
+                    f"no command moves {names}; its differential equation keeps it in its "
+                    "grid, and that the scheme which integrates it does was not shown"
+                )
+                raise RejectedError(f"{why} ({error})") from None
+        raise
 
 
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:

@@ -8,12 +8,14 @@ Non-goals: chains and free phases (`group_claims.py`), which claims there are (`
 from __future__ import annotations
 
 from functools import reduce
+from itertools import pairwise
 from operator import or_
 from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import arb
 
+from soter.certificate.batches.cell_arrays import contained
 from soter.certificate.batches.decided_cells import HOLDS, NEITHER, ArrayDecision, decided
 from soter.certificate.inclusions.cell_sets import (
     Cells,
@@ -71,23 +73,31 @@ def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> 
     """
     bounds: list[float] = []
     for state, (low, high) in zip(group.states, box, strict=True):
-        if state not in model.facts.leaves:
-            bounds += model.extents[state]
-            continue
-        error = exact(error_of(model.facts, state))
-        if not error.is_zero():
-            error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
-        bounds += (below(low - error), above(high + error))
+        bounds += _estimates(model, state, low, high)
     return tuple(bounds)
+
+
+def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
+    """The same of one state between two numbers."""
+    if state not in model.facts.leaves:
+        return model.extents[state]
+    error = exact(error_of(model.facts, state))
+    if not error.is_zero():
+        error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
+    return below(low - error), above(high + error)
 
 
 def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
     grid = group.grid
+    cells = np.argwhere(level.members)
+    boxes = []
+    for k, (state, edges) in enumerate(zip(group.states, grid.edges, strict=True)):
+        pairs = pairwise(map(exact, edges))
+        ends = np.array([_estimates(model, state, low, high) for low, high in pairs])
+        boxes += [ends[cells[:, k], 0], ends[cells[:, k], 1]]
     members = np.zeros(grid.shape, dtype=np.bool_)
-    for cell in np.argwhere(level.members):
-        block = tuple((int(i), int(i) + 1) for i in cell)
-        members[tuple(cell)] = level.contains(around(model, group, grid.box(block)))
+    members[tuple(cells.T)] = contained(level, boxes)
     return Cells(grid, members)
 
 

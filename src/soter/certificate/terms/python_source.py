@@ -8,13 +8,16 @@ Non-goals: what is to be computed (`affine_forms.py`, `atom_code.py`).
 from __future__ import annotations
 
 import re
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from flint import arb
 
 from soter.certificate.batches.array_lines import NAMES
+from soter.certificate.batches.array_programs import ArrayFunction
 from soter.certificate.batches.ball_arrays import BallArray
+from soter.certificate.batches.recorded_arrays import RECORDED
 from soter.certificate.terms.arb_balls import (
     HALF,
     ONE,
@@ -172,8 +175,27 @@ class WrittenFunction:
                 lines.append(line)
         used = {w for line in lines for w in WORD.findall(line)} & self._names.keys()
         constants = {w: _as_arrays(self._names[w]) for w in used - NAMES.keys()}
-        function: Callable[..., tuple[Any, Truths]] = _compiled(lines, {**constants, **NAMES})
-        return function
+        names = {**constants, **NAMES}
+        key = tuple(lines), tuple((w, _content(self._names[w])) for w in sorted(constants))
+        if key not in _ARRAY_FUNCTIONS:
+            recorded = partial(_compiled, lines, {**names, **RECORDED})
+            _ARRAY_FUNCTIONS[key] = ArrayFunction(_compiled(lines, names), recorded)
+        return _ARRAY_FUNCTIONS[key]
+
+
+_ARRAY_FUNCTIONS: dict[object, ArrayFunction] = {}
+"""By all that they are made of: groups that are alike have them in common."""
+
+
+def _content(constant: Any) -> object:  # noqa: ANN401  as `_as_arrays`
+    """Equal for equal constants only; of what is no number or table equal to nothing else."""
+    if isinstance(constant, tuple):
+        return tuple(_content(x) for x in constant)
+    if isinstance(constant, arb) and constant.is_finite():
+        return key_of(constant)
+    if isinstance(constant, np.ndarray):
+        return constant.dtype.str, constant.shape, constant.tobytes()
+    return (type(constant), constant) if isinstance(constant, (int, float)) else object()
 
 
 def _compiled(lines: Sequence[str], names: dict[str, Any]) -> Any:  # noqa: ANN401  made from text

@@ -1,0 +1,260 @@
+"""Functions of many forms, compiled to programs that C runs (`soter_array_program.c`).
+
+Purpose: `ArrayFunction`: calls a function of arrays of balls with NumPy at first, then as what was
+recorded of it (`recorded_arrays.py`), with the same numbers, bit for bit.
+Non-goals: what has to be so of balls. Without a C compiler, and where a function cannot be
+recorded, NumPy does all.
+
+The first time that C runs a program NumPy does the same once more: where any number is another one,
+C is not asked again.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.batches.ball_arrays import BallArray, no_underflow
+from soter.certificate.batches.recorded_arrays import (
+    COPY,
+    REFUSED,
+    RecordedArray,
+    RecordedBits,
+    Recording,
+)
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.build import CHECK_FAILED, include_flags, objects
+from soter.native.cache import cached, digest
+from soter.native.cffi_interface import declarations, interface, opened
+from soter.native.compiler import STRICT, compile_with, find
+from soter.native.vector_instructions import vector_flags
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.batches.ball_arrays import Floats
+    from soter.certificate.batches.form_arrays import Forms
+
+    Function = Callable[[Forms], Any]
+
+HERE = Path(__file__).resolve().parent
+SOURCE, HEADER = HERE / "soter_array_program.c", HERE / "soter_array_program.h"
+FLAGS = (*STRICT, "-O3", "-fPIC")
+WIDE, ROWS_MAX = 64, 16384
+"""As in the C file."""
+CALLS = 2
+"""A function is recorded at this call: most of the others are never called so often."""
+NO_RADIUS = np.zeros(1)
+MESSAGE = "the C that runs array programs does not compile"
+
+
+@cache
+def _library() -> tuple[Any, Any] | None:
+    """Cffi and the library; None where there is no compiler."""
+    try:
+        compiler = find()
+        flags = (*FLAGS, *vector_flags())
+        texts = (SOURCE.read_text(encoding="utf-8"), HEADER.read_text(encoding="utf-8"))
+        content = digest((compiler.identity, *flags, *texts))
+        name = f"arrays-{content[:32]}.so"
+
+        def make(work: Path) -> None:
+            include = include_flags(HEADER)
+            made = objects((SOURCE, CHECK_FAILED), (*flags, *include))
+            command = (*compiler.command, "-shared", "-o", name, *map(str, made), "-lm")
+            compile_with(command, work, MESSAGE)
+
+        ffi = interface(declarations(HEADER))
+        return ffi, opened(ffi, cached("arrays", content, (name,), make) / name)
+    except SoterError:
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class Program:
+    """Operations as rows (code, to, a, b, c), and what is made of the outputs' rows."""
+
+    operations: NDArray[np.int32]
+    constants: Floats
+    inputs: int
+    outputs: int
+    between: int
+    template: Any
+    """As the function gives it, with recorded arrays for what differs from column to column."""
+    row_of: dict[int, int]
+    """Recorded value -> row of the outputs."""
+
+    def run(self, arrays: list[Floats], columns: int) -> Any:  # noqa: ANN401  as the function has it
+        """What the function gives of rows of so many numbers each, none of them strided.
+
+        FloatingPointError where something underflows.
+        """
+        library = _library()
+        assert library is not None
+        ffi, lib = library
+        out = np.empty((self.outputs, columns))
+        scratch = np.empty(max(self.between, 1) * WIDE)
+        at = np.array([a.__array_interface__["data"][0] for a in arrays], dtype=np.uint64)
+        failed = lib.soter_array_program(
+            ffi.cast("soter_array_operation *", self.operations.ctypes.data),
+            len(self.operations),
+            ffi.cast("double *", self.constants.ctypes.data),
+            self.inputs,
+            self.outputs,
+            self.between,
+            columns,
+            ffi.cast("double **", at.ctypes.data),
+            ffi.cast("double *", out.ctypes.data),
+            ffi.cast("double *", scratch.ctypes.data),
+        )
+        assert failed >= 0, "a program has no more rows than C knows"
+        if failed:
+            raise FloatingPointError("underflow")
+        return self._filled(self.template, out)
+
+    def _filled(self, x: Any, out: Floats) -> Any:  # noqa: ANN401  the template, or part of it
+        if isinstance(x, (tuple, list)):
+            return tuple(self._filled(y, out) for y in x)
+        if isinstance(x, RecordedBits):
+            fail, hold = (self._filled(y, out) for y in (x.may_fail, x.may_hold))
+            return np.asarray(fail + 2 * np.asarray(hold, dtype=np.uint8), dtype=np.uint8)
+        if isinstance(x, RecordedArray):
+            row = out[self.row_of[x.value]]
+            return row != 0 if x.is_truth else row
+        if isinstance(x, BallArray):
+            centre = self._filled(x.centre, out)
+            if x.radius is None:
+                return BallArray(centre)
+            centre, radius = np.broadcast_arrays(centre, self._filled(x.radius, out))
+            return BallArray(centre, radius)
+        return x[:1] if isinstance(x, np.ndarray) else x  # the same for all boxes
+
+
+def record(function: Function, length: int) -> Program | None:
+    """The program of a function of forms of so many balls; None where it cannot be recorded."""
+    recording = Recording(2 * length)
+    values: list[Any] = [RecordedArray(recording, k) for k in range(2 * length)]
+    form = tuple(BallArray(c, r) for c, r in zip(values[::2], values[1::2], strict=True))
+    try:
+        with no_underflow():
+            template = function(form)
+    except REFUSED:
+        return None
+    return _program(recording, template)
+
+
+def _recorded(x: Any) -> Iterator[RecordedArray]:  # noqa: ANN401  a template, or part of it
+    if isinstance(x, (tuple, list)):
+        for y in x:
+            yield from _recorded(y)
+    elif isinstance(x, RecordedArray):
+        yield x
+    elif isinstance(x, BallArray):
+        yield from _recorded((x.centre, x.radius))
+    elif isinstance(x, RecordedBits):
+        yield from _recorded((x.may_fail, x.may_hold))
+
+
+def _program(recording: Recording, template: Any) -> Program | None:  # noqa: ANN401  of a function
+    """What of the operations is needed, each value in a row that nobody needs any more."""
+    inputs, all_operations = recording.inputs, recording.operations
+    wanted = list(dict.fromkeys(x.value for x in _recorded(template)))
+    row_of = {v: i for i, v in enumerate(wanted)}
+    last = dict.fromkeys(wanted, len(all_operations))
+    """Of each value that is needed the last operation that needs it."""
+    for k in range(len(all_operations) - 1, -1, -1):
+        if inputs + k in last:
+            for v in all_operations[k][1:]:
+                if v not in last:
+                    last[v] = k
+    row = {v: v for v in range(inputs)}
+    free: list[int] = []
+    first = following = inputs + len(wanted)
+    operations = []
+    for k, (code, *operands) in enumerate(all_operations):
+        value = inputs + k
+        if value not in last:
+            continue
+        at = [row[v] if v >= 0 else v for v in operands]
+        if value in row_of:
+            to = inputs + row_of[value]
+        elif free:
+            to = free.pop()
+        else:
+            to, following = following, following + 1
+        row[value] = to
+        operations.append((code, to, *at))
+        free += {y for v, y in zip(operands, at, strict=True) if y >= first and last[v] == k}
+    as_they_are = [v for v in wanted if v < inputs]
+    operations += [(COPY, inputs + row_of[v], v, v, v) for v in as_they_are]
+    if following > ROWS_MAX:
+        return None
+    return Program(
+        np.array(operations, dtype=np.int32).reshape(-1, 5),
+        np.array(recording.constants or [0.0]),
+        inputs,
+        len(wanted),
+        following - first,
+        template,
+        row_of,
+    )
+
+
+class ArrayFunction:
+    """A function of forms of arrays of balls; `recorded` makes the same, to be recorded."""
+
+    def __init__(self, function: Function, recorded: Callable[[], Function]) -> None:
+        self._function, self._recorded = function, recorded
+        self._calls = 0
+        self._program: Program | None = None
+
+    def __call__(self, form: Forms) -> Any:  # noqa: ANN401  as the function has it
+        """What the function gives, by a program where there is one."""
+        columns = max((x.centre.size for x in form), default=1)
+        if columns > 1:
+            self._calls += 1
+            if self._calls == CALLS:
+                return self._first_recorded(form, columns)
+            if self._program is not None:
+                with suppress(FloatingPointError):  # a program takes both ways of a choice
+                    return self._program.run(_rows(form, columns), columns)
+        return self._function(form)
+
+    def _first_recorded(self, form: Forms, columns: int) -> Any:  # noqa: ANN401
+        """What NumPy gives; from now on a program is run, if it gives the same here."""
+        result = self._function(form)
+        program = record(self._recorded(), len(form)) if _library() is not None else None
+        if program is not None:
+            with suppress(FloatingPointError):
+                if same(program.run(_rows(form, columns), columns), result):
+                    self._program = program
+        return result
+
+
+def _rows(form: Forms, columns: int) -> list[Floats]:
+    """Centres and radii, each with a number for every box."""
+    return [
+        x if x.size == columns and x.flags.c_contiguous else np.full(columns, x)
+        for ball in form
+        for x in (ball.centre, NO_RADIUS if ball.radius is None else ball.radius)
+    ]
+
+
+def same(one: Any, other: Any) -> bool:  # noqa: ANN401  results
+    """Whether two results are the same numbers, bit for bit but for the sign of 0."""
+    if isinstance(one, (tuple, list)):
+        pairs = zip(one, other, strict=False)
+        return len(one) == len(other) and all(same(x, y) for x, y in pairs)
+    if isinstance(one, BallArray):
+        return same((one.centre, one.radius), (other.centre, other.radius))
+    if one is None or other is None:
+        return one is other
+    x, y = np.broadcast_arrays(one, other)
+    return np.array_equal(x, y, equal_nan=x.dtype.kind == "f")

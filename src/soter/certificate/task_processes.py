@@ -1,0 +1,164 @@
+"""Tasks that forked processes do while this one goes on.
+
+Purpose: `TaskProcesses`: some processes that take tasks one after the other and tell what came of
+each. They see what there was when they were forked; only answers come back. `UnderWay`: one piece
+of work is with them while the next one is prepared.
+Non-goals: what a task is (`case_check.py`). There is no thread: this process may fork again.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import struct
+from concurrent.futures import BrokenExecutor
+from multiprocessing.connection import wait
+from typing import TYPE_CHECKING, Any, Protocol
+
+from soter.workers.child_process import end_with
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from multiprocessing.connection import Connection
+
+    from typing_extensions import Self
+
+NUMBER = struct.Struct("<i")
+MOST = 16_000
+"""Tasks: their numbers stand in a pipe, all at once."""
+
+
+def can_fork() -> bool:
+    """Whether this system forks processes."""
+    return "fork" in multiprocessing.get_all_start_methods()
+
+
+class TaskProcesses:
+    """Processes at work on the tasks 0, 1, ..., of which `answer` tells what came of it."""
+
+    def __init__(self, tasks: int, answer: Callable[[int], str], workers: int) -> None:
+        """ValueError where there are more than `MOST` tasks."""
+        if tasks > MOST:
+            raise ValueError(f"more than {MOST:,} tasks")
+        fork = multiprocessing.get_context("fork")
+        self._numbers, write = os.pipe()
+        os.write(write, b"".join(map(NUMBER.pack, range(tasks))))
+        os.close(write)
+        self._left = tasks
+        self._processes: list[Any] = []
+        self._answers: list[Connection] = []
+        for _ in range(workers):
+            ours, theirs = fork.Pipe(duplex=False)
+            process = fork.Process(target=_work, args=(self._numbers, answer, theirs, os.getpid()))
+            process.start()
+            theirs.close()
+            self._processes.append(process)
+            self._answers.append(ours)
+
+    def answers(self) -> Iterator[tuple[int, str]]:
+        """Tasks that are done, with their answers, as they come; what one raised is raised here.
+
+        BrokenExecutor where a process ended before its time. Then, and when all is said, they end.
+        """
+        try:
+            while self._left:
+                ready = wait(self._answers)
+                for side in [x for x in self._answers if x in ready]:
+                    try:
+                        number, said = side.recv()
+                    except EOFError:
+                        self._answers.remove(side)
+                        continue
+                    if isinstance(said, BaseException):
+                        raise said
+                    self._left -= 1
+                    yield number, said
+                if self._left and not self._answers:
+                    raise BrokenExecutor("a process of the re-check was ended")
+        finally:
+            self.end()
+
+    def end(self) -> None:
+        """What still works is not waited for."""
+        for process in self._processes:
+            process.kill()
+            process.join()
+            process.close()
+        for side in self._answers:
+            side.close()
+        if self._processes:
+            os.close(self._numbers)
+        self._processes, self._answers = [], []
+
+
+def _work(numbers: int, answer: Callable[[int], str], to: Connection, parent: int) -> None:
+    end_with(parent)
+    while number := os.read(numbers, NUMBER.size):
+        (k,) = NUMBER.unpack(number)
+        try:
+            to.send((k, answer(k)))
+        except Exception as error:  # noqa: BLE001  whoever asked is told
+            to.send((k, error))
+            return
+
+
+class Work(Protocol):
+    """What is done in two parts, the second by other processes."""
+
+    def begin(self) -> None:
+        """What this process does; then others are at work."""
+
+    def finish(self) -> None:
+        """Wait for them."""
+
+    def end(self) -> None:
+        """Have them end."""
+
+
+class UnderWay:
+    """The case that is shown by other processes while this one reads and collects the next one."""
+
+    def __init__(self) -> None:
+        self._case: Work | None = None
+        self._afterwards: list[Callable[[], None]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, raised: object, *_: object) -> None:
+        try:
+            if raised is None:
+                self.finish()
+        finally:
+            self.end()
+
+    def begin(self, case: Work) -> None:
+        """Of a case; the one before is finished then. RejectedError of either."""
+        try:
+            case.begin()
+            self.finish()
+        except BaseException:
+            case.end()
+            raise
+        self._case = case
+
+    def finish(self) -> None:
+        """All of the case under way, and what is to be done then."""
+        if self._case is not None:
+            self._case.finish()
+        self._case = None
+        for then in self._afterwards:
+            then()
+        self._afterwards = []
+
+    def afterwards(self, then: Callable[[], None]) -> None:
+        """What is done when the case under way is finished; at once where there is none."""
+        self._afterwards.append(then)
+        if self._case is None:
+            self.finish()
+
+    def end(self) -> None:
+        """What still works is not waited for, and shows nothing."""
+        if self._case is not None:
+            self._case.end()
+        self._case, self._afterwards = None, []
