@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.batches.array_programs import LIBRARY
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
@@ -432,6 +433,7 @@ class CaseCheck:
         self.tasks, self.work = self.tasks[::-1], self.work[::-1]
         workers = min(self.workers, len(self.tasks))
         if workers > 1 and can_fork():
+            LIBRARY.function()  # loaded before processes are forked
             self.running = TaskProcesses(len(self.tasks), self._answer, workers)
             return
         for k in range(len(self.tasks)):

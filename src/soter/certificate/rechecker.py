@@ -19,6 +19,7 @@ import numpy as np
 
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
+from soter.certificate.batches.array_programs import LIBRARY
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.errors import RejectedError
@@ -115,6 +116,8 @@ def recheck(
         report.reason = f"not rechecked: the system ended a part of it: {error}"
     except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
         report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+    finally:
+        LIBRARY.end()
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -129,6 +132,7 @@ def _check(
         ("schema", "soter", "files", "main", "params", "modules", "program_sha256"),
         "the manifest",
     )
+    LIBRARY.begin()
     checked, overrides = program_of(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256
@@ -274,34 +278,58 @@ def _module(
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
-    asked = partial(_cases, facts, groups, extents, entry, claims, progress, workers=workers)
-    _with_reads_as_old(facts, partial(asked, law=law, under_way=under_way), under_way, name)
-    jumps = jumps_of(facts, groups, extents, claims)
-    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    asked = partial(_cases, facts, groups, extents, entry, claims, progress, workers, law)
+    _with_reads_as_old(facts, asked, under_way, name, apart=len(cases) > 1 or law is not None)
+    under_way.afterwards(partial(_complete, report, facts, groups, extents, claims))
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
     report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
-    report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
     return report
 
 
-def _with_reads_as_old(
-    facts: Facts, cases: Callable[[], None], under_way: UnderWay, name: str
+def _complete(
+    report: RecheckedModule,
+    facts: Facts,
+    groups: list[tuple[list[GroupTables], list[PolytopeTables]]],
+    extents: tuple[tuple[float, float], ...],
+    claims: set[str],
 ) -> None:
-    """All cases; where there is a choice, with reads that are older than any, else with those."""
-    if facts.times["d_ns"] == facts.own.delay:
-        cases()
-        return
-    under_way.finish()
-    try:
-        cases()
-        under_way.finish()
-    except (RejectedError, NotRecheckedError):
-        # older reads than there are may be too much for our bounds: those that there are count
-        under_way.end()
+    """What is said of a module whose claims are shown."""
+    jumps = jumps_of(facts, groups, extents, claims)
+    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
+
+
+def _with_reads_as_old(
+    facts: Facts,
+    cases: Callable[[UnderWay, Callable[[], None] | None], None],
+    under_way: UnderWay,
+    name: str,
+    *,
+    apart: bool,
+) -> None:
+    """All cases; where there is a choice, with reads that are older than any, else with those.
+
+    Older ones may be too much for our bounds. `apart`: they are several, which fail together.
+    """
+
+    def again() -> None:
         facts.times["d_ns"] = facts.own.delay
         phase(f"{name}: again, with reads as old as there are", anew=True)
-        cases()
+        with UnderWay() as alone:
+            cases(alone, None)
+
+    if facts.times["d_ns"] == facts.own.delay:
+        cases(under_way, None)
+    elif not apart:
+        cases(under_way, again)
+    else:
+        under_way.finish()
+        try:
+            with UnderWay() as alone:
+                cases(alone, None)
+        except (RejectedError, NotRecheckedError):
+            again()
 
 
 def _cases(
@@ -314,10 +342,11 @@ def _cases(
     workers: int,
     law: Law | None,
     under_way: UnderWay,
+    otherwise: Callable[[], None] | None,
 ) -> None:
     """Every claim, for every combination of parameter values; of the law that it keeps K_fs.
 
-    What begins here may be under way still when this ends.
+    What begins here may be under way still when this ends. `otherwise`: see `UnderWay.begin`.
     """
     cases = list(facts.cases())
     for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
@@ -329,7 +358,7 @@ def _cases(
             ruled = CaseModel(of_law, values, narrowed(extents, others))
             CaseCheck(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
             case.lawful = [_of_law(g, kept) for g in groups]
-        under_way.begin(case)
+        under_way.begin(case, otherwise)
 
 
 Law = tuple[Facts, list[list[GroupTables]]]

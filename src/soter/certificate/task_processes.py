@@ -15,6 +15,8 @@ from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any, Protocol
 
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 NUMBER = struct.Struct("<i")
+FAILURES = (RejectedError, NotRecheckedError)
 MOST = 16_000
 """Tasks: their numbers stand in a pipe, all at once."""
 
@@ -116,10 +119,11 @@ class Work(Protocol):
 
 
 class UnderWay:
-    """The case that is shown by other processes while this one reads and collects the next one."""
+    """The work that other processes do while this one prepares the next."""
 
     def __init__(self) -> None:
-        self._case: Work | None = None
+        self._work: Work | None = None
+        self._otherwise: Callable[[], None] | None = None
         self._afterwards: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
@@ -132,33 +136,52 @@ class UnderWay:
         finally:
             self.end()
 
-    def begin(self, case: Work) -> None:
-        """Of a case; the one before is finished then. RejectedError of either."""
+    def begin(self, work: Work, otherwise: Callable[[], None] | None = None) -> None:
+        """Begin some work, and then finish what was under way.
+
+        `otherwise` is what is done where a claim of this work fails; None: that is raised,
+        RejectedError or NotRecheckedError, here or when it is finished.
+        """
         try:
-            case.begin()
+            work.begin()
+        except FAILURES:
+            if otherwise is None:
+                raise
+            self.finish()
+            otherwise()
+            return
+        try:
             self.finish()
         except BaseException:
-            case.end()
+            work.end()
             raise
-        self._case = case
+        self._work, self._otherwise = work, otherwise
 
     def finish(self) -> None:
-        """All of the case under way, and what is to be done then."""
-        if self._case is not None:
-            self._case.finish()
-        self._case = None
-        for then in self._afterwards:
+        """Wait for what is under way, and do what is to be done then.
+
+        RejectedError, NotRecheckedError where a claim fails and nothing else is to be tried.
+        """
+        work, otherwise, afterwards = self._work, self._otherwise, self._afterwards
+        self._work, self._otherwise, self._afterwards = None, None, []
+        if work is not None:
+            try:
+                work.finish()
+            except FAILURES:
+                if otherwise is None:
+                    raise
+                otherwise()
+        for then in afterwards:
             then()
-        self._afterwards = []
 
     def afterwards(self, then: Callable[[], None]) -> None:
-        """What is done when the case under way is finished; at once where there is none."""
+        """What is done when what is under way is finished; at once where nothing is."""
         self._afterwards.append(then)
-        if self._case is None:
+        if self._work is None:
             self.finish()
 
     def end(self) -> None:
         """What still works is not waited for, and shows nothing."""
-        if self._case is not None:
-            self._case.end()
-        self._case, self._afterwards = None, []
+        if self._work is not None:
+            self._work.end()
+        self._work, self._otherwise, self._afterwards = None, None, []

@@ -13,8 +13,8 @@ from flint import arb
 from soter.certificate.batches import array_lines, array_programs, recorded_arrays
 from soter.certificate.batches.array_programs import (
     CALLS,
+    LIBRARY,
     ArrayFunction,
-    _library,
     _rows,
     record,
     same,
@@ -30,6 +30,7 @@ from soter.certificate.batches.ball_arrays import (
 from soter.certificate.terms import python_source
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.python_source import WrittenFunction
+from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +61,7 @@ BINARY: dict[str, Callable[[Any, Any], Any]] = {
     "square": lambda x, y: array_lines.line_square(x.min(y), x.max(y))[1],
     "noisy": lambda x, y: array_lines.line_noisy_max0(x.min(y), x.max(y), abs(x))[2],
 }
-pytestmark = pytest.mark.skipif(_library() is None, reason="there is no C compiler")
+pytestmark = pytest.mark.skipif(LIBRARY.function() is None, reason="there is no C compiler")
 
 
 def balls(draw: np.random.Generator, count: int) -> BallArray:
@@ -210,7 +211,11 @@ def test_a_program_that_gives_anything_else_is_not_run() -> None:
 
 
 def test_without_a_compiler_numpy_does_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(array_programs, "_library", lambda: None)
+    def none() -> None:
+        raise SoterError(())
+
+    monkeypatch.setattr(array_programs, "find", none)
+    monkeypatch.setattr(array_programs, "LIBRARY", array_programs._Library())
     function = ArrayFunction(lambda f: f[0] + 1, lambda: pytest.fail("asked"))
     form = (BallArray(np.arange(70.0)),)
     for _ in range(CALLS + 2):

@@ -11,10 +11,13 @@ C is not asked again.
 
 from __future__ import annotations
 
+import ctypes
+import os
+import subprocess
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,10 +31,8 @@ from soter.certificate.batches.recorded_arrays import (
     Recording,
 )
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.build import CHECK_FAILED, include_flags, objects
-from soter.native.cache import cached, digest
-from soter.native.cffi_interface import declarations, interface, opened
-from soter.native.compiler import STRICT, compile_with, find
+from soter.native.build import CHECK_FAILED, include_flags
+from soter.native.compiler import STRICT, find
 from soter.native.vector_instructions import vector_flags
 
 if TYPE_CHECKING:
@@ -45,36 +46,83 @@ if TYPE_CHECKING:
     Function = Callable[[Forms], Any]
 
 HERE = Path(__file__).resolve().parent
-SOURCE, HEADER = HERE / "soter_array_program.c", HERE / "soter_array_program.h"
-FLAGS = (*STRICT, "-O3", "-fPIC")
+SOURCE = HERE / "soter_array_program.c"
+FLAGS = (*STRICT, "-O2", "-ftree-vectorize", "-fPIC", "-shared")
+INT, LONG, AT = ctypes.c_int32, ctypes.c_int64, ctypes.c_void_p
+ARGUMENTS = (AT, INT, AT, INT, INT, INT, LONG, AT, AT, AT)
 WIDE, ROWS_MAX = 64, 16384
 """As in the C file."""
 CALLS = 2
 """A function is recorded at this call: most of the others are never called so often."""
 NO_RADIUS = np.zeros(1)
-MESSAGE = "the C that runs array programs does not compile"
 
 
-@cache
-def _library() -> tuple[Any, Any] | None:
-    """Cffi and the library; None where there is no compiler."""
-    try:
-        compiler = find()
-        flags = (*FLAGS, *vector_flags())
-        texts = (SOURCE.read_text(encoding="utf-8"), HEADER.read_text(encoding="utf-8"))
-        content = digest((compiler.identity, *flags, *texts))
-        name = f"arrays-{content[:32]}.so"
+class _Library:
+    """The library, compiled from the package's source for this process and its children alone.
 
-        def make(work: Path) -> None:
-            include = include_flags(HEADER)
-            made = objects((SOURCE, CHECK_FAILED), (*flags, *include))
-            command = (*compiler.command, "-shared", "-o", name, *map(str, made), "-lm")
-            compile_with(command, work, MESSAGE)
+    Nothing that was compiled before is loaded: whoever can write into a cache could accept.
+    """
 
-        ffi = interface(declarations(HEADER))
-        return ffi, opened(ffi, cached("arrays", content, (name,), make) / name)
-    except SoterError:
-        return None
+    def __init__(self) -> None:
+        self._work: TemporaryDirectory[str] | None = None
+        self._compiling: subprocess.Popen[bytes] | None = None
+        self._function: Any = None
+        self._told = False
+        """Whether it is known if there is one."""
+        self._owner = 0
+        """The process that has it compiled."""
+
+    def begin(self) -> None:
+        """Have it compiled while this process goes on."""
+        if self._work is not None or self._told:
+            return
+        try:
+            compiler = find()
+        except SoterError:  # there is none
+            self._told = True
+            return
+        self._work = TemporaryDirectory(prefix="soter-recheck-")
+        flags = (*FLAGS, *vector_flags(), *include_flags(SOURCE))
+        files = (str(SOURCE), str(CHECK_FAILED), "-o", self._at, "-lm")
+        self._owner = os.getpid()
+        self._compiling = subprocess.Popen(
+            (*compiler.command, *flags, *files),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+
+    @property
+    def _at(self) -> str:
+        assert self._work is not None
+        return str(Path(self._work.name) / "arrays.so")
+
+    def function(self) -> Any:  # noqa: ANN401  of ctypes
+        """`soter_array_program`; None where it could not be made, or was not before a fork."""
+        self.begin()
+        if self._owner not in (0, os.getpid()) and not self._told:
+            return None
+        if not self._told:
+            self._told = True
+            assert self._compiling is not None
+            if self._compiling.wait() == 0:
+                with suppress(OSError, AttributeError):
+                    self._function = ctypes.CDLL(self._at).soter_array_program
+                    self._function.argtypes = ARGUMENTS
+            self.end()
+        return self._function
+
+    def end(self) -> None:
+        """What is compiled still is not waited for; what is loaded stays."""
+        if self._compiling is not None:
+            self._compiling.kill()
+            self._compiling.wait()
+        if self._work is not None:
+            self._work.cleanup()
+        self._compiling = self._work = None
+
+
+LIBRARY = _Library()
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,23 +144,22 @@ class Program:
 
         FloatingPointError where something underflows.
         """
-        library = _library()
-        assert library is not None
-        ffi, lib = library
+        function = LIBRARY.function()
+        assert function is not None
         out = np.empty((self.outputs, columns))
         scratch = np.empty(max(self.between, 1) * WIDE)
         at = np.array([a.__array_interface__["data"][0] for a in arrays], dtype=np.uint64)
-        failed = lib.soter_array_program(
-            ffi.cast("soter_array_operation *", self.operations.ctypes.data),
+        failed = function(
+            self.operations.ctypes.data,
             len(self.operations),
-            ffi.cast("double *", self.constants.ctypes.data),
+            self.constants.ctypes.data,
             self.inputs,
             self.outputs,
             self.between,
             columns,
-            ffi.cast("double **", at.ctypes.data),
-            ffi.cast("double *", out.ctypes.data),
-            ffi.cast("double *", scratch.ctypes.data),
+            at.ctypes.data,
+            out.ctypes.data,
+            scratch.ctypes.data,
         )
         assert failed >= 0, "a program has no more rows than C knows"
         if failed:
@@ -132,7 +179,9 @@ class Program:
             centre = self._filled(x.centre, out)
             if x.radius is None:
                 return BallArray(centre)
-            centre, radius = np.broadcast_arrays(centre, self._filled(x.radius, out))
+            radius = self._filled(x.radius, out)
+            if centre.shape != radius.shape:
+                centre, radius = np.broadcast_arrays(centre, radius)
             return BallArray(centre, radius)
         return x[:1] if isinstance(x, np.ndarray) else x  # the same for all boxes
 
@@ -230,7 +279,7 @@ class ArrayFunction:
     def _first_recorded(self, form: Forms, columns: int) -> Any:  # noqa: ANN401
         """What NumPy gives; from now on a program is run, if it gives the same here."""
         result = self._function(form)
-        program = record(self._recorded(), len(form)) if _library() is not None else None
+        program = record(self._recorded(), len(form)) if LIBRARY.function() else None
         if program is not None:
             with suppress(FloatingPointError):
                 if same(program.run(_rows(form, columns), columns), result):

@@ -71,6 +71,8 @@ class Recording:
             if x.recording is not self or x.is_truth != truth:
                 raise TypeError("not an array of this kind")
             return x.value
+        if type(x) is float and not truth and x == x:  # noqa: PLR0124  no NaN
+            return self.constant(x)
         numbers = np.asarray(x)
         if (numbers.dtype.kind == "b") != truth or numbers.dtype.kind not in "bif":
             raise TypeError("not numbers of this kind")
@@ -89,8 +91,13 @@ def _operator(name: str, *, swapped: bool = False) -> Callable[..., RecordedArra
     code, is_truth = CODE_OF[name], name in COMPARED
 
     def operator(self: RecordedArray, other: Any) -> RecordedArray:  # noqa: ANN401  of numpy
-        x = (other, self) if swapped else (self, other)
-        return self._made(code, x, of_truths=False, is_truth=is_truth)
+        r = self.recording
+        a, b = self.value, r.operand(other, truth=False)
+        if self.is_truth:
+            raise TypeError("truths are no numbers")
+        if swapped:
+            a, b = b, a
+        return RecordedArray(r, r.result((code, a, b, b)), is_truth)
 
     return operator
 
@@ -110,7 +117,7 @@ class RecordedArray(NDArrayOperatorsMixin):
     __lt__, __le__ = _operator("less"), _operator("less_equal")
     __gt__, __ge__ = _operator("less", swapped=True), _operator("less_equal", swapped=True)
 
-    def __init__(self, recording: Recording, value: int, *, is_truth: bool = False) -> None:
+    def __init__(self, recording: Recording, value: int, is_truth: bool = False) -> None:
         self.recording, self.value, self.is_truth = recording, value, is_truth
 
     def __bool__(self) -> bool:

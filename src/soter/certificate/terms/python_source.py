@@ -155,7 +155,11 @@ class WrittenFunction:
 
     def __init__(self, lines: Sequence[str], names: dict[str, Any]) -> None:
         self._lines, self._names = lines, names
-        self._of_one = _compiled(lines, names)
+
+    @cached_property
+    def _of_one(self) -> Callable[[tuple[arb, ...]], Any]:
+        function: Callable[[tuple[arb, ...]], Any] = _compiled(self._lines, self._names)
+        return function
 
     def __call__(self, form: tuple[arb, ...]) -> Any:  # noqa: ANN401  made from text
         """What the lines make of a form."""
