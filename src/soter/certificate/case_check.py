@@ -114,8 +114,11 @@ class CaseCheck:
         if self.running is None:
             return
         with scheme_named(self.model, [g.states for g in self.groups]):
-            for k, failed in self.running.answers():
-                self._note(k, failed)
+            try:
+                for k, failed in self.running.answers():
+                    self._note(k, failed)
+            finally:
+                self.end()
 
     def end(self) -> None:
         """What still works is not waited for."""

@@ -10,14 +10,14 @@ import pytest
 
 from soter.certificate.batches import decided_cells
 from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
-from soter.certificate.batches.cell_arrays import contained, followed_beyond
+from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.chain_walks import ArrayChain, Walk, _Attempt, unkept, unled
 from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER, ArrayDecision
 from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.predicates import AdmitCheck, Decision, admitted
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.arb_balls import above, below, exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges
 
@@ -347,3 +347,27 @@ def test_where_a_step_is_not_defined_nothing_is_shown_of_cells_seen_to_be_within
     seen = np.full(grid.shape, 9, dtype=np.uint16)
     _Attempt(walk, [((k, k + 1),) for k in range(16)], left, seen).make()
     assert left.any() != defined
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_what_lies_beyond_many_blocks_is_what_lies_beyond_each(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    axes = int(draw.integers(1, 4))
+    edges = tuple(even_edges(-1.0, 2.0 + k, 4) for k in range(axes))
+    grid = Grid(edges, tuple(map(bool, draw.random(axes) < 0.6)))
+    reads = tuple(map(bool, draw.random(axes) < 0.8))
+    ends = np.sort(draw.integers(0, 5, (12, axes, 2)), axis=2)
+    ends[..., 1] = np.maximum(ends[..., 1], ends[..., 0] + 1).clip(max=4)
+    ends[..., 0] = np.minimum(ends[..., 0], ends[..., 1] - 1)
+    blocks = [tuple((int(a), int(b)) for a, b in block) for block in ends]
+    decision = ArrayDecision(lambda _: pytest.fail("asked"), (), reads)
+    found: dict[int, list[tuple[float, ...]]] = {}
+    for index, boxes in decided_cells._beyond(decision, grid, blocks, boxes_of(grid, blocks)):
+        for k, box in zip(
+            index, zip(*(x for pair in boxes for x in pair), strict=True), strict=True
+        ):
+            found.setdefault(int(k), []).append(tuple(map(float, box)))
+    for k, block in enumerate(blocks):
+        whole = grid.whole_boxes(block, reads)[1:]
+        wanted = [tuple(x for a, b in box for x in (below(a), above(b))) for box in whole]
+        assert sorted(found.get(k, [])) == sorted(wanted)

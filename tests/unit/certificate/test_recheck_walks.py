@@ -11,6 +11,7 @@ from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid, unshown, volume
 from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.inclusions.inward_flow import points_inwards
@@ -267,3 +268,24 @@ def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]
     rank[home] = 1
     left = list(ranked(check, none, whole))
     assert len(left) == home.sum(), "what leads to rank 1 is not below rank 1"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """All of them at once as each by itself; of the second state there is no estimate."""
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    draw = np.random.default_rng(seed)
+    error = float(draw.choice([0.03, 0.05, 0.12]))
+    monkeypatch.setitem(model.facts.leaves, 0, (0, ()))
+    monkeypatch.setattr(predicates, "error_of", lambda *_: error)
+    grid = Grid((groups[0].grid.edges[0], small_proofs.even_edges(*model.extents[1], 3)))
+    group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
+    level = Cells(grid, np.repeat(draw.random((40, 1)) < 0.9, 3, axis=1))
+    expected = np.zeros(grid.shape, dtype=np.bool_)
+    for cell in np.argwhere(level.members):
+        block = tuple((int(i), int(i) + 1) for i in cell)
+        expected[tuple(cell)] = level.contains(predicates.around(model, group, grid.box(block)))
+    assert np.array_equal(predicates.eroded(model, group, level).members, expected)
+    assert 0 < expected.sum() < level.members.sum()

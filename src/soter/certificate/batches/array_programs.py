@@ -5,8 +5,8 @@ recorded of it (`recorded_arrays.py`), with the same numbers, bit for bit.
 Non-goals: what has to be so of balls. Without a C compiler, and where a function cannot be
 recorded, NumPy does all.
 
-The first time that C runs a program NumPy does the same once more: where any number is another one,
-C is not asked again.
+The first call is NumPy's; at the second one the function is recorded, and C makes the first once
+more: where any number is another one, C is not asked again.
 """
 
 from __future__ import annotations
@@ -52,8 +52,6 @@ INT, LONG, AT = ctypes.c_int32, ctypes.c_int64, ctypes.c_void_p
 ARGUMENTS = (AT, INT, AT, INT, INT, INT, LONG, AT, AT, AT)
 WIDE, ROWS_MAX = 64, 16384
 """As in the C file."""
-CALLS = 2
-"""A function is recorded at this call: most of the others are never called so often."""
 NO_RADIUS = np.zeros(1)
 
 
@@ -261,30 +259,34 @@ class ArrayFunction:
 
     def __init__(self, function: Function, recorded: Callable[[], Function]) -> None:
         self._function, self._recorded = function, recorded
-        self._calls = 0
+        self._first: tuple[Forms, int, Any] | None = None
+        """The first form, its columns, and what NumPy gave."""
         self._program: Program | None = None
+        self._tried = False
 
     def __call__(self, form: Forms) -> Any:  # noqa: ANN401  as the function has it
         """What the function gives, by a program where there is one."""
         columns = max((x.centre.size for x in form), default=1)
-        if columns > 1:
-            self._calls += 1
-            if self._calls == CALLS:
-                return self._first_recorded(form, columns)
-            if self._program is not None:
-                with suppress(FloatingPointError):  # a program takes both ways of a choice
-                    return self._program.run(_rows(form, columns), columns)
-        return self._function(form)
-
-    def _first_recorded(self, form: Forms, columns: int) -> Any:  # noqa: ANN401
-        """What NumPy gives; from now on a program is run, if it gives the same here."""
+        if columns == 1:
+            return self._function(form)
+        if self._first is not None:
+            self._program, self._first = self._checked(*self._first), None
+        if self._program is not None:
+            with suppress(FloatingPointError):  # a program takes both ways of a choice
+                return self._program.run(_rows(form, columns), columns)
         result = self._function(form)
+        if not self._tried:
+            self._first, self._tried = (form, columns, result), True
+        return result
+
+    def _checked(self, form: Forms, columns: int, result: Any) -> Program | None:  # noqa: ANN401
+        """The program, if there is one and it gives what NumPy gave."""
         program = record(self._recorded(), len(form)) if LIBRARY.function() else None
         if program is not None:
             with suppress(FloatingPointError):
                 if same(program.run(_rows(form, columns), columns), result):
-                    self._program = program
-        return result
+                    return program
+        return None
 
 
 def _rows(form: Forms, columns: int) -> list[Floats]:
@@ -302,8 +304,7 @@ def same(one: Any, other: Any) -> bool:  # noqa: ANN401  results
         pairs = zip(one, other, strict=False)
         return len(one) == len(other) and all(same(x, y) for x, y in pairs)
     if isinstance(one, BallArray):
-        return same((one.centre, one.radius), (other.centre, other.radius))
-    if one is None or other is None:
-        return one is other
+        radii = (NO_RADIUS if x.radius is None else x.radius for x in (one, other))
+        return same(one.centre, other.centre) and same(*radii)
     x, y = np.broadcast_arrays(one, other)
     return np.array_equal(x, y, equal_nan=x.dtype.kind == "f")

@@ -123,6 +123,11 @@ def _to_try(left: Members, waiting: Sequence[tuple[Block, int]]) -> Iterator[Blo
     while stack:
         block, limit = stack.pop()
         wanted = left[block_index(block)]
+        if limit == 1:
+            first = [low for low, _ in block]
+            for cell in (np.argwhere(wanted) + first).tolist():
+                yield tuple((i, i + 1) for i in cell)
+            continue
         if not wanted.any():
             continue
         block = around(wanted, block)

@@ -56,7 +56,7 @@ LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
 LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
 """The same of many cells at once."""
-WHOLE = 16
+WHOLE = 8
 """So many cells are looked at with Arb before arrays look at parts of cells."""
 TOGETHER, ALONE = 256, 4
 """Cells of which parts are looked at together, at most, and so few that they are left to Arb."""
