@@ -18,7 +18,6 @@ from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
-    PIECES,
     ChainCheck,
     FreeCheck,
     GroupTables,
@@ -163,7 +162,7 @@ class CaseCheck:
         """Of a group; what is compiled is compiled before processes are forked."""
         if index not in self.checks:
             self.checks[index] = ChainCheck(self.model, self.groups[index])
-            self.checks[index].chain(PIECES[0])
+            self.checks[index].prepare()
         return self.checks[index]
 
     def _add(

@@ -262,7 +262,13 @@ class ArrayFunction:
         self._first: tuple[Forms, int, Any] | None = None
         """The first form, its columns, and what NumPy gave."""
         self._program: Program | None = None
+        self._prepared: Program | None = None
         self._tried = False
+
+    def prepare(self, length: int) -> None:
+        """Record it now, of forms of so many balls: whoever is forked later has it."""
+        if not self._tried and self._prepared is None:
+            self._prepared = record(self._recorded(), length)
 
     def __call__(self, form: Forms) -> Any:  # noqa: ANN401  as the function has it
         """What the function gives, by a program where there is one."""
@@ -281,7 +287,9 @@ class ArrayFunction:
 
     def _checked(self, form: Forms, columns: int, result: Any) -> Program | None:  # noqa: ANN401
         """The program, if there is one and it gives what NumPy gave."""
-        program = record(self._recorded(), len(form)) if LIBRARY.function() else None
+        if not LIBRARY.function():
+            return None
+        program = self._prepared or record(self._recorded(), len(form))
         if program is not None:
             with suppress(FloatingPointError):
                 if same(program.run(_rows(form, columns), columns), result):

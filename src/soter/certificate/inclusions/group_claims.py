@@ -26,9 +26,11 @@ from soter.certificate.inclusions.cell_sets import (
     unshown,
     volume,
 )
+from soter.certificate.inclusions.inward_flow import ClippedStep
 from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
 from soter.certificate.terms.arb_balls import HALF, above, below
 from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
+from soter.certificate.terms.python_source import WrittenFunction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
     from soter.certificate.terms.compile_terms import Step
 
 CELLS_AT_ONCE = 256
+RECORDED = 4_000
+"""Cells of a grid from which on steps are recorded before anybody asks for them."""
 PIECES = (1, 4)
 """Into how many pieces a tube is cut, first and where that was not enough."""
 FREE_PIECES = (4, 16)
@@ -118,6 +122,15 @@ class ChainCheck:
         if key not in self._chains:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
+
+    def prepare(self) -> None:
+        """What all processes need is compiled and recorded once, before they are forked."""
+        chain = self.chain(PIECES[0])
+        if self.group.core.size < RECORDED:
+            return
+        for step in (chain.first, chain.later, chain.last, *chain.bare):
+            if isinstance(step, (ClippedStep, WrittenFunction)):
+                step.prepare()
 
     @property
     def many(self) -> bool:

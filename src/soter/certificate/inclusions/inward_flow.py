@@ -31,6 +31,7 @@ from soter.certificate.inclusions.cell_sets import finer
 from soter.certificate.inclusions.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.python_source import WrittenFunction
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -181,6 +182,11 @@ class ClippedStep:
             if after and high is not None:
                 after[2 * i + 1] = after[2 * i + 1].min(exact(high))
         return tuple(after), tuple(boxes)
+
+    def prepare(self) -> None:
+        """As `WrittenFunction.prepare`."""
+        if isinstance(self._step, WrittenFunction):
+            self._step.prepare()
 
     def of_many(self, form: Forms) -> Image:
         """Of many forms."""

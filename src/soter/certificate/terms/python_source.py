@@ -37,12 +37,13 @@ from soter.certificate.terms.runtime_calls import bits, by_truth, corners, pick,
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.certificate.batches.ball_arrays import Truths
 
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 """A name in our own code; `.max` is none."""
 DEMAND = re.compile(r"if (\w+) != 2: return None$")
 """How `atom_code.demand` writes that something has to be certain."""
+FUNCTIONS_MAX = 1000
+"""Of arrays, that are remembered."""
 PLAIN = {"abs", "if", "else", "return", "None"}
 
 
@@ -165,8 +166,13 @@ class WrittenFunction:
         """What the lines make of a form."""
         return self._of_one(form)
 
+    def prepare(self) -> None:
+        """Record what `of_many` does, for all processes that are forked later."""
+        names, _, _ = self._lines[0].partition(" = form")
+        self.of_many.prepare(names.count(","))
+
     @cached_property
-    def of_many(self) -> Callable[[tuple[BallArray, ...]], tuple[Any, Truths]]:
+    def of_many(self) -> ArrayFunction:
         """The same lines over arrays of balls, and for which boxes none would give back None."""
         lines = ["sure = True"]
         for line in self._lines:
@@ -182,6 +188,8 @@ class WrittenFunction:
         names = {**constants, **NAMES}
         key = tuple(lines), tuple((w, _content(self._names[w])) for w in sorted(constants))
         if key not in _ARRAY_FUNCTIONS:
+            if len(_ARRAY_FUNCTIONS) == FUNCTIONS_MAX:
+                _ARRAY_FUNCTIONS.clear()
             recorded = partial(_compiled, lines, {**names, **RECORDED})
             _ARRAY_FUNCTIONS[key] = ArrayFunction(_compiled(lines, names), recorded)
         return _ARRAY_FUNCTIONS[key]
