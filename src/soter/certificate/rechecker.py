@@ -278,7 +278,7 @@ def _module(
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
-    asked = partial(_cases, facts, groups, extents, entry, claims, progress, workers, law)
+    asked = partial(partial(_cases, facts, groups, extents, entry), claims, progress, workers, law)
     _with_reads_as_old(facts, asked, under_way, name, apart=len(cases) > 1 or law is not None)
     under_way.afterwards(partial(_complete, report, facts, groups, extents, claims))
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)

@@ -16,6 +16,7 @@ import os
 import subprocess
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -48,11 +49,18 @@ if TYPE_CHECKING:
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE / "soter_array_program.c"
 FLAGS = (*STRICT, "-O2", "-ftree-vectorize", "-fPIC", "-shared")
-INT, LONG, AT = ctypes.c_int32, ctypes.c_int64, ctypes.c_void_p
-ARGUMENTS = (AT, INT, AT, INT, INT, INT, LONG, AT, AT, AT)
 WIDE, ROWS_MAX = 64, 16384
 """As in the C file."""
 NO_RADIUS = np.zeros(1)
+
+
+class _Record(ctypes.Structure):
+    """As `soter_array_program`."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("all", "constants")),
+        *((name, ctypes.c_int32) for name in ("operations", "inputs", "outputs", "between")),
+    )
 
 
 class _Library:
@@ -96,7 +104,7 @@ class _Library:
         return str(Path(self._work.name) / "arrays.so")
 
     def function(self) -> Any:  # noqa: ANN401  of ctypes
-        """`soter_array_program`; None where it could not be made, or was not before a fork."""
+        """`soter_array_run`; None where it could not be made, or was not before a fork."""
         self.begin()
         if self._owner not in (0, os.getpid()) and not self._told:
             return None
@@ -105,8 +113,9 @@ class _Library:
             assert self._compiling is not None
             if self._compiling.wait() == 0:
                 with suppress(OSError, AttributeError):
-                    self._function = ctypes.CDLL(self._at).soter_array_program
-                    self._function.argtypes = ARGUMENTS
+                    self._function = ctypes.CDLL(self._at).soter_array_run
+                    at = ctypes.c_void_p
+                    self._function.argtypes = (at, ctypes.c_int64, at, at, at)
             self.end()
         return self._function
 
@@ -137,6 +146,11 @@ class Program:
     row_of: dict[int, int]
     """Recorded value -> row of the outputs."""
 
+    @cached_property
+    def _as_c(self) -> _Record:
+        at = self.operations.ctypes.data, self.constants.ctypes.data
+        return _Record(*at, len(self.operations), self.inputs, self.outputs, self.between)
+
     def run(self, arrays: list[Floats], columns: int) -> Any:  # noqa: ANN401  as the function has it
         """What the function gives of rows of so many numbers each, none of them strided.
 
@@ -147,18 +161,8 @@ class Program:
         out = np.empty((self.outputs, columns))
         scratch = np.empty(max(self.between, 1) * WIDE)
         at = np.array([a.__array_interface__["data"][0] for a in arrays], dtype=np.uint64)
-        failed = function(
-            self.operations.ctypes.data,
-            len(self.operations),
-            self.constants.ctypes.data,
-            self.inputs,
-            self.outputs,
-            self.between,
-            columns,
-            at.ctypes.data,
-            out.ctypes.data,
-            scratch.ctypes.data,
-        )
+        record, data = ctypes.byref(self._as_c), at.ctypes.data
+        failed = function(record, columns, data, out.ctypes.data, scratch.ctypes.data)
         assert failed >= 0, "a program has no more rows than C knows"
         if failed:
             raise FloatingPointError("underflow")

@@ -92,19 +92,18 @@ static const double* row(int32_t at, const double* constants, double* const* row
   return at < 0 ? &constants[~at] : rows[at];
 }
 
-static void columns_of(const soter_array_operation* all, int32_t operations,
-                       const double* constants, double* const* rows, int n) {
+static void columns_of(const soter_array_program* p, double* const* rows, int n) {
   SOTER_CHECK(n >= 1 && n <= WIDE);
-  for (int32_t k = 0; k < operations; k++) {
-    const soter_array_operation* o = &all[k];
-    const double* a = row(o->a, constants, rows);
+  for (int32_t k = 0; k < p->operations; k++) {
+    const soter_array_operation* o = &p->all[k];
+    const double* a = row(o->a, p->constants, rows);
     if (o->code < UNARY) {
-      of_two(o->code, n, (o->a < 0 ? 1 : 0) | (o->b < 0 ? 2 : 0), a, row(o->b, constants, rows),
+      of_two(o->code, n, (o->a < 0 ? 1 : 0) | (o->b < 0 ? 2 : 0), a, row(o->b, p->constants, rows),
              rows[o->to]);
     } else if (o->code < WHERE) {
       of_one(o->code, n, a, rows[o->to]);
     } else {
-      where(n, a, o->b < 0, row(o->b, constants, rows), o->c < 0, row(o->c, constants, rows),
+      where(n, a, o->b < 0, row(o->b, p->constants, rows), o->c < 0, row(o->c, p->constants, rows),
             rows[o->to]);
     }
   }
@@ -112,14 +111,15 @@ static void columns_of(const soter_array_operation* all, int32_t operations,
 
 /* Each of `in` has `columns` numbers, `out` a row of as many for each output, `scratch` a row of
  * WIDE for each between. Gives -1 if there are too many rows, 1 if something underflowed. */
-int soter_array_program(const soter_array_operation* all, int32_t operations,
-                        const double* constants, int32_t inputs, int32_t outputs, int32_t between,
-                        int64_t columns, const double* const* in, double* out, double* scratch) {
+int soter_array_run(const soter_array_program* p, int64_t columns, const double* const* in,
+                    double* out, double* scratch) {
   double* rows[ROWS];
-  if (inputs + outputs + between > ROWS) {
+  const int32_t inputs = p->inputs, outputs = p->outputs;
+  SOTER_CHECK(columns >= 0);
+  if (inputs + outputs + p->between > ROWS) {
     return -1;
   }
-  for (int32_t k = 0; k < between; k++) {
+  for (int32_t k = 0; k < p->between; k++) {
     rows[inputs + outputs + k] = scratch + (int64_t)k * WIDE;
   }
   (void)feclearexcept(FE_UNDERFLOW);
@@ -130,8 +130,8 @@ int soter_array_program(const soter_array_operation* all, int32_t operations,
     for (int32_t k = 0; k < outputs; k++) {
       rows[inputs + k] = out + (int64_t)k * columns + at;
     }
-    columns_of(all, operations, constants, rows, columns - at < WIDE ? (int)(columns - at) : WIDE);
+    columns_of(p, rows, columns - at < WIDE ? (int)(columns - at) : WIDE);
   }
-  SOTER_CHECK(columns >= 0);
+  SOTER_CHECK(p->operations >= 0);
   return fetestexcept(FE_UNDERFLOW) != 0;
 }

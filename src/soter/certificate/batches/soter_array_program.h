@@ -11,8 +11,13 @@ typedef struct {
   int32_t code, to, a, b, c;
 } soter_array_operation;
 
-int soter_array_program(const soter_array_operation* all, int32_t operations,
-                        const double* constants, int32_t inputs, int32_t outputs, int32_t between,
-                        int64_t columns, const double* const* in, double* out, double* scratch);
+typedef struct {
+  const soter_array_operation* all;
+  const double* constants;
+  int32_t operations, inputs, outputs, between; /* rows of each kind */
+} soter_array_program;
+
+int soter_array_run(const soter_array_program* p, int64_t columns, const double* const* in,
+                    double* out, double* scratch);
 
 #endif
