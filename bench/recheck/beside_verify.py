@@ -101,7 +101,7 @@ def said_of(recheck: Spent) -> str:
     """What was not accepted, in words."""
     first = (recheck.output.strip().splitlines() or [""])[0]
     without = re.search(r"(without .*?)  ", first)
-    return "" if recheck.code == 0 else without[1] if without else first
+    return "" if recheck.code == 0 else without[1] if without else first.split(" ")[0]
 
 
 def line_of(row: Row) -> tuple[str, ...]:

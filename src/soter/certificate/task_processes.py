@@ -13,6 +13,7 @@ import os
 import struct
 from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.certificate.format.errors import RejectedError
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 NUMBER = struct.Struct("<i")
 FAILURES = (RejectedError, NotRecheckedError)
-MOST = 16_000
-"""Tasks: their numbers stand in a pipe, all at once."""
 
 
 def can_fork() -> bool:
@@ -40,19 +39,18 @@ class TaskProcesses:
     """Processes at work on the tasks 0, 1, ..., of which `answer` tells what came of it."""
 
     def __init__(self, tasks: int, answer: Callable[[int], str], workers: int) -> None:
-        """ValueError where there are more than `MOST` tasks."""
-        if tasks > MOST:
-            raise ValueError(f"more than {MOST:,} tasks")
         fork = multiprocessing.get_context("fork")
-        self._numbers, write = os.pipe()
-        os.write(write, b"".join(map(NUMBER.pack, range(tasks))))
-        os.close(write)
+        # processes that were forked share where they are in an open file
+        self._numbers = TemporaryFile(buffering=0)  # noqa: SIM115  until all is told
+        self._numbers.write(b"".join(map(NUMBER.pack, range(tasks))))
+        self._numbers.seek(0)
         self._left = tasks
         self._processes: list[Any] = []
         self._answers: list[Connection] = []
         for _ in range(workers):
             ours, theirs = fork.Pipe(duplex=False)
-            process = fork.Process(target=_work, args=(self._numbers, answer, theirs, os.getpid()))
+            given = self._numbers.fileno(), answer, theirs, os.getpid()
+            process = fork.Process(target=_work, args=given)
             process.start()
             theirs.close()
             self._processes.append(process)
@@ -89,8 +87,7 @@ class TaskProcesses:
             process.close()
         for side in self._answers:
             side.close()
-        if self._processes:
-            os.close(self._numbers)
+        self._numbers.close()
         self._processes, self._answers = [], []
 
 

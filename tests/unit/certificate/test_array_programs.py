@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -180,16 +180,42 @@ def test_what_depends_on_values_is_not_recorded(why: str) -> None:
     assert record(ASKS[why], 1) is None
 
 
-def test_an_underflow_is_one_in_c_too() -> None:
+@pytest.mark.parametrize("place", [3, 150, 299])
+@pytest.mark.parametrize(("size", "fails"), [(1e-140, False), (1e-170, True)])
+def test_an_underflow_is_one_in_c_too(size: float, place: int, *, fails: bool) -> None:
+    """Wherever it is among the boxes."""
     program = record(lambda f: f[0] * f[0], 1)
     assert program is not None
-    for size, fails in ((1e-140, False), (1e-170, True)):
-        form = (BallArray(np.array([1.0, 1.0, size])),)
-        if fails:
-            with pytest.raises(FloatingPointError):
-                program.run(_rows(form, 3), 3)
-        else:
-            program.run(_rows(form, 3), 3)
+    centre = np.ones(300)
+    centre[place] = size
+    rows = _rows((BallArray(centre),), 300)
+    with pytest.raises(FloatingPointError) if fails else nullcontext():
+        program.run(rows, 300)
+
+
+def test_rows_that_are_strided_are_copied() -> None:
+    both = np.arange(600.0)
+    form = (BallArray(both[::2], both[1::2] * 1e-9), BallArray(both[::-2]))
+    program = record(lambda f: f[0] * f[1], 2)
+    assert program is not None
+    assert same(program.run(_rows(form, 300), 300), form[0] * form[1])
+
+
+def test_what_is_demanded_has_to_be_certain_of_each_box() -> None:
+    """`if v1 != 2: return None`, of arrays: boxes around 1 may be above it."""
+    lines = [
+        "(l0, h0,) = form",
+        "v1 = bits(h0 <= K1, l0 > K1)",
+        "if v1 != 2: return None",
+        "return ((l0,), ())",
+    ]
+    written = WrittenFunction(lines, {"K1": exact(1.0), "bits": None})
+    centre = np.linspace(0.0, 2.0, 200)
+    form = (BallArray(centre), BallArray(centre + 0.02))
+    for _ in range(3):  # NumPy, then C
+        _, sure = written.of_many(form)
+        assert np.array_equal(sure, centre + 0.02 <= 1.0)
+    assert written.of_many._program is not None
 
 
 def test_a_far_inverse_is_recorded_with_both_ways() -> None:
@@ -222,7 +248,7 @@ def test_without_a_compiler_numpy_does_all(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_functions_are_shared_by_what_they_are_made_of() -> None:
-    lines = ["(l0, h0) = form", "v1 = K1*l0 + K2", "return (v1,), ()"]
+    lines = ["(l0, h0) = form", "v1 = K1*l0 + K2", "return ((v1,), ())"]
     one, other, third = (
         WrittenFunction(lines, {"K1": exact(a), "K2": b})
         for a, b in ((2.0, exact(1.0)), (2.0, exact(1.0)), (3.0, exact(1.0)))

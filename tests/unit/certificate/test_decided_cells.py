@@ -352,7 +352,7 @@ def test_where_a_step_is_not_defined_nothing_is_shown_of_cells_seen_to_be_within
 @pytest.mark.parametrize("seed", range(20))
 def test_what_lies_beyond_many_blocks_is_what_lies_beyond_each(seed: int) -> None:
     draw = np.random.default_rng(seed)
-    axes = int(draw.integers(1, 4))
+    axes = int(draw.integers(1, 3))
     edges = tuple(even_edges(-1.0, 2.0 + k, 4) for k in range(axes))
     grid = Grid(edges, tuple(map(bool, draw.random(axes) < 0.6)))
     reads = tuple(map(bool, draw.random(axes) < 0.8))
@@ -371,3 +371,33 @@ def test_what_lies_beyond_many_blocks_is_what_lies_beyond_each(seed: int) -> Non
         whole = grid.whole_boxes(block, reads)[1:]
         wanted = [tuple(x for a, b in box for x in (below(a), above(b))) for box in whole]
         assert sorted(found.get(k, [])) == sorted(wanted)
+
+
+@pytest.mark.parametrize("at_once", [1, 5, 4096])
+def test_blocks_are_decided_in_parts_as_all_at_once(
+    monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    """x <= 3 holds of no cell at the upper end of an axis without ends."""
+    monkeypatch.setattr(decided_cells, "AT_ONCE", at_once)
+    grid = Grid((even_edges(-1.0, 1.0, 8), even_edges(0.0, 1.0, 2)), (True, False))
+
+    def truth(form: Any) -> Any:
+        high = form[1].upper()
+        return (np.where(high <= 3.0, HOLDS, FAILS).astype(np.uint8),), True
+
+    decision = ArrayDecision(truth, (), (True, True))
+    blocks = [((i, i + 1), (j, j + 1)) for j in range(2) for i in range(8)]
+    bits = decided_cells._bits_of(decision, grid, blocks)
+    assert list(bits) == [HOLDS] * 7 + [HOLDS | FAILS] + [HOLDS] * 7 + [HOLDS | FAILS]
+
+
+def test_nothing_is_kept_by_a_step_that_underflows() -> None:
+    class Underflows(Shift):
+        def of_many(self, form: Any) -> Any:
+            raise FloatingPointError(form)
+
+    grid = Grid((even_edges(-2.0, 2.0, 16),))
+    cells = every(grid)
+    step = Underflows(0.0)
+    assert unkept(step, 1, cells, cells, grid.whole, 1).all()
+    assert unkept(Shift(0.0), 1, cells, cells, grid.whole, 1).sum() == 2  # at the ends, by rounding

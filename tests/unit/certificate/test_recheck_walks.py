@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -289,3 +290,45 @@ def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
         expected[tuple(cell)] = level.contains(predicates.around(model, group, grid.box(block)))
     assert np.array_equal(predicates.eroded(model, group, level).members, expected)
     assert 0 < expected.sum() < level.members.sum()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_levels_of_two_estimated_states_lose_cells_on_either_axis(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    """Counted out on the edges, which are dyadic as the errors are: nothing is rounded."""
+    model, _ = lag(tmp_path, "4.0", "d", 1.13)
+    draw = np.random.default_rng(seed)
+    errors = (0.25, 0.125)
+    for state in range(2):
+        monkeypatch.setitem(model.facts.leaves, state, (0, ()))
+    monkeypatch.setattr(predicates, "error_of", lambda _, state: errors[state])
+    edges = (tuple(k * 0.1875 for k in range(13)), tuple(k * 0.25 for k in range(9)))
+    grid = Grid(edges)
+    group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
+    level = Cells(grid, draw.random(grid.shape) < 0.95)
+    left = predicates.eroded(model, group, level).members
+    for at in np.ndindex(*grid.shape):
+        touched, met = (cells_around(edges, errors, at, closed=c) for c in (False, True))
+        assert level.members[np.ix_(*touched)].all() or not left[at]
+        # rounding outwards may cost a cell whose error ends on an edge, or on the grid's end
+        ends = [(e[n] - d, e[n + 1] + d) for e, d, n in zip(edges, errors, at, strict=True)]
+        inner = all(e[0] < a and b < e[-1] for e, (a, b) in zip(edges, ends, strict=True))
+        assert left[at] or not (inner and level.members[np.ix_(*met)].all())
+        outside = any(a < e[0] or b > e[-1] for e, (a, b) in zip(edges, ends, strict=True))
+        assert not (outside and left[at])
+    assert 0 < left.sum() < level.members.sum()
+
+
+def cells_around(
+    edges: Sequence[tuple[float, ...]], errors: Sequence[float], at: Sequence[int], *, closed: bool
+) -> list[list[int]]:
+    """By axis the cells that have a point nearer to a cell than the error; `closed`: or as near."""
+    found = []
+    for e, d, n in zip(edges, errors, at, strict=True):
+        a, b = e[n] - d, e[n + 1] + d
+        pairs = list(enumerate(pairwise(e)))
+        found.append(
+            [k for k, (x, y) in pairs if (y >= a and x <= b if closed else y > a and x < b)]
+        )
+    return found

@@ -121,6 +121,8 @@ class _Library:
 
     def end(self) -> None:
         """What is compiled still is not waited for; what is loaded stays."""
+        if self._owner != os.getpid():
+            return
         if self._compiling is not None:
             self._compiling.kill()
             self._compiling.wait()
