@@ -401,3 +401,92 @@ def test_nothing_is_kept_by_a_step_that_underflows() -> None:
     step = Underflows(0.0)
     assert unkept(step, 1, cells, cells, grid.whole, 1).all()
     assert unkept(Shift(0.0), 1, cells, cells, grid.whole, 1).sum() == 2  # at the ends, by rounding
+
+
+class Bare(Shift):
+    """The same without the boxes on the way."""
+
+    def of_many(self, form: Any) -> Any:
+        (after, _), sure = super().of_many(form)
+        return (after, []), sure
+
+
+class Last(Shift):
+    """A last step with boxes at so many distances."""
+
+    def __init__(self, *distances: float) -> None:
+        super().__init__(0.0)
+        self.distances = distances
+
+    def of_many(self, form: Any) -> Any:
+        boxes = [end for d in self.distances for end in (form[0].lower() + d, form[1].upper() + d)]
+        return (form, boxes), np.ones(1, dtype=np.bool_)
+
+
+CELL, FIRST = 0.25, 4
+"""Not at the end of the grid: boxes are rounded outwards."""
+
+
+def left_of_walk(
+    blocks: list[tuple[int, int]],
+    *,
+    holds: list[int],
+    seen: list[int] | None = None,
+    within: range = range(16),
+    last: Last | None = None,
+    highest: float = np.inf,
+) -> list[int]:
+    """Cells that blocks of 16 cells from -2 on leave, each hold of which moves them one cell up.
+
+    Shown is what ends below `highest`. `holds`, `seen`: of the cells from `FIRST` on.
+    """
+    grid = Grid((even_edges(-2.0, 2.0, 16),))
+    members = np.isin(np.arange(16), within)
+    step, bare = Shift(CELL), Bare(CELL)
+    walk = Walk(
+        ArrayChain(1, step, step, last, (bare, bare)),
+        Cells(grid, members),
+        np.array([1] * FIRST + holds + [1] * (16 - FIRST - len(holds)), dtype=np.uint8),
+        np.ones(16, dtype=np.int64),
+        lambda box: np.where(box[1] < highest, 0, 5),
+    )
+    left = np.zeros(16, dtype=np.bool_)
+    for first, end in blocks:
+        left[first:end] = True
+    seen_until = np.zeros(16, dtype=np.uint16)
+    seen_until[FIRST : FIRST + len(seen or [])] = seen or []
+    _Attempt(walk, [(b,) for b in blocks], left, seen_until).make()
+    return [int(k) for k in np.flatnonzero(left)]
+
+
+def test_a_cell_is_shown_after_its_own_number_of_holds() -> None:
+    """Two cells in a block: after one hold both end low enough, after two they do not."""
+    assert left_of_walk([(4, 6)], holds=[1, 2], highest=-0.1) == [5]
+    assert left_of_walk([(4, 6)], holds=[1, 2], highest=0.1) == []
+    assert left_of_walk([(4, 6)], holds=[2, 2], highest=-0.1) == [4, 5]
+
+
+def test_a_block_was_seen_within_as_long_as_all_of_its_cells_were() -> None:
+    outside = range(3, 6)
+    assert left_of_walk([(4, 6)], holds=[1, 1], seen=[9, 9], within=outside) == []
+    assert left_of_walk([(4, 6)], holds=[1, 1], seen=[9, 0], within=outside) == [4, 5]
+    assert left_of_walk([(4, 6)], holds=[1, 1], seen=[0, 9], within=outside) == [4, 5]
+
+
+def test_a_block_that_was_seen_within_says_nothing_of_another() -> None:
+    """The first was; the second leaves on the way."""
+    blocks, within = [(4, 6), (8, 10)], range(3, 10)
+    assert left_of_walk(blocks, holds=[1], seen=[9, 9], within=within) == [8, 9]
+    assert left_of_walk(blocks, holds=[1], seen=[9] * 6, within=within) == []
+
+
+def test_every_box_in_which_a_state_may_be_at_last_counts() -> None:
+    for distances, shown in (((0.0, 0.0), True), ((1.0, 0.0), False), ((0.0, 1.0), False)):
+        left = left_of_walk([(4, 6)], holds=[1, 1], last=Last(*distances), highest=-0.1)
+        assert left == ([] if shown else [4, 5])
+
+
+def test_every_box_of_the_last_step_lies_within() -> None:
+    for distances, shown in (((0.0, 0.0), True), ((1.0, 0.0), False), ((0.0, 1.0), False)):
+        left = left_of_walk([(4, 6)], holds=[1, 1], last=Last(*distances), within=range(3, 9))
+        assert left == ([] if shown else [4, 5])
