@@ -310,7 +310,7 @@ def _timing(facts: Facts) -> Iterator[RecheckAssumption]:
     yield RecheckAssumption(
         "order", "commands of AC and SC act in the order in which they were published"
     )
-    if verify.dropout is None:
+    if not facts.setting.silent:  # nothing declared, or `dropout 0ms`
         yield RecheckAssumption(
             "no dropout", "sensors never drop out: for SC no runtime enforces an age"
         )
