@@ -271,16 +271,25 @@ def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]
     assert len(left) == home.sum(), "what leads to rank 1 is not below rank 1"
 
 
+def estimated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *errors: float
+) -> tuple[CaseModel, list[GroupTables]]:
+    """A model whose first states have estimates, off by these errors at most."""
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    for state in range(len(errors)):
+        monkeypatch.setitem(model.facts.leaves, state, (0, ()))
+    monkeypatch.setattr(predicates, "error_of", lambda _, state: errors[state])
+    return model, groups
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
     """All of them at once as each by itself; of the second state there is no estimate."""
-    model, groups = lag(tmp_path, "4.0", "d", 1.13)
     draw = np.random.default_rng(seed)
     error = float(draw.choice([0.03, 0.05, 0.12]))
-    monkeypatch.setitem(model.facts.leaves, 0, (0, ()))
-    monkeypatch.setattr(predicates, "error_of", lambda *_: error)
+    model, groups = estimated(tmp_path, monkeypatch, error)
     grid = Grid((groups[0].grid.edges[0], small_proofs.even_edges(*model.extents[1], 3)))
     group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
     level = Cells(grid, np.repeat(draw.random((40, 1)) < 0.9, 3, axis=1))
@@ -297,12 +306,8 @@ def test_levels_of_two_estimated_states_lose_cells_on_either_axis(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
     """Counted out on the edges, which are dyadic as the errors are: nothing is rounded."""
-    model, _ = lag(tmp_path, "4.0", "d", 1.13)
-    draw = np.random.default_rng(seed)
-    errors = (0.25, 0.125)
-    for state in range(2):
-        monkeypatch.setitem(model.facts.leaves, state, (0, ()))
-    monkeypatch.setattr(predicates, "error_of", lambda _, state: errors[state])
+    draw, errors = np.random.default_rng(seed), (0.25, 0.125)
+    model, _ = estimated(tmp_path, monkeypatch, *errors)
     edges = (tuple(k * 0.1875 for k in range(13)), tuple(k * 0.25 for k in range(9)))
     grid = Grid(edges)
     group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))

@@ -15,6 +15,7 @@ import numpy as np
 from soter.certificate.batches.ball_arrays import BallArray, larger, no_underflow, smaller
 from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.form_arrays import behind, box_of, of_boxes, taken
+from soter.certificate.terms.compile_terms import states_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -173,7 +174,7 @@ class _Parts:
         whole, cut = np.flatnonzero(~due), np.flatnonzero(due)
         new, owners = [taken(form, whole)], [of[whole]]
         part, own = taken(form, cut), of[cut]
-        count = (len(form) + n * n) // (4 + 2 * n)
+        count = states_of(len(form), n)
         rest = 2 * count + count + count * n
         widths = np.stack(
             [
@@ -196,7 +197,7 @@ class _Parts:
 
 def halved(form: Forms, n: int, axis: int, side: BallArray) -> Forms:
     """The parts of forms in which the beta of a state lies on one side (`compile_terms.halved`)."""
-    count = (len(form) + n * n) // (4 + 2 * n)
+    count = states_of(len(form), n)
     new = list(form)
     centre, symbols = 2 * count, 3 * count
     rest = symbols + count * n
