@@ -21,6 +21,7 @@ from soter.gym import array_mapping
 from soter.gym.disturbance_explanation import SessionPlant, modelled, tolerances, why_not
 from soter.gym.info_keys import known_keys
 from soter.gym.outside_roles import chosen_plant, wrong_choice
+from soter.gym.python_methods import NO_NUMBERS
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
     warn_of_no_control,
@@ -56,7 +57,6 @@ AS_TOLD = -2
 """`SOTER_AS_TOLD`: the agent is due, and all but the margin is as it was told the last time."""
 NO_STATES = -1
 """`SOTER_NO_STATES`: what was given is no state of the plant."""
-ndarray = np.ndarray
 
 NOT_COPIED = (
     "session",
@@ -136,7 +136,6 @@ class EnvironmentGuard:
         self._moves_numbers = self._observe is None and made.moves_numbers
         self._acts_numbers = self._act is None and made.acts_numbers
         self.asked = self._asks(made)
-        self._action_shape, self._moved_shape = session.action.shape, session.moved.shape
         self._plant = session.plant.index
         self._direct = session.alone and self._moves_numbers and self._acts_numbers
         self._info_by_flags: dict[int, dict[str, Any]] = {}
@@ -220,10 +219,8 @@ class EnvironmentGuard:
             raise wrong_choice(what, "call reset() first")
         session, taker, direct = self.session, self._taker, self._direct
         plant = self._plant
-        if direct and type(action) is ndarray and action.shape == self._action_shape:
-            session.action[...] = action
-            due = session.act_directly()
-        else:
+        due = session.act_directly(action) if direct else NO_NUMBERS
+        if due == NO_NUMBERS:
             due = self._answered(action)
         reward, ended, cut = 0.0, False, False
         given: dict[str, Any] = {}
@@ -233,13 +230,11 @@ class EnvironmentGuard:
             last, gained, ended, cut, given = env.step(taken)
             self._last = last
             reward += float(gained)
-            if direct and type(last) is ndarray and last.shape == self._moved_shape:
-                session.moved[...] = last
-                due = session.move_directly()
-                if due == NO_STATES or self.judged is not None:
-                    self._tell(last, due)
-            else:
+            due = session.move_directly(last) if direct else NO_NUMBERS
+            if due == NO_NUMBERS:
                 due = self._moved(last)
+            elif due == NO_STATES or self.judged is not None:
+                self._tell(last, due)
         if due == AS_TOLD:
             self._over = ended or cut
             info = self._told.copy()

@@ -90,7 +90,7 @@ class Session:
             setattr(o, name, ffi.cast("double *", getattr(self, name).ctypes.data))
         o.states = ffi.cast("double *", self.moved.ctypes.data)
         self.act_directly, self.move_directly = step_calls(ffi, lib, o)
-        """The calls themselves, of `outside`: for those to whom no other extern is due."""
+        """Answer with an array, if C reads it (`step_calls`): where no other extern is due."""
 
     def _begin(self, seed: int) -> None:
         self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)

@@ -155,8 +155,9 @@ typedef struct {
 } soter_outside;
 
 /* In the place of an index. */
-#define SOTER_NO_STATES (-1) /* what was given is no state of the plant */
-#define SOTER_AS_TOLD (-2)   /* the agent is due, and flags and violations are as told */
+#define SOTER_NO_STATES (-1)  /* what was given is no state of the plant */
+#define SOTER_AS_TOLD (-2)    /* the agent is due, and flags and violations are as told */
+#define SOTER_NO_NUMBERS (-3) /* what was given is no array that is read as it is */
 
 /* All of these run until an extern is due and give its index. */
 int32_t soter_outside_go(soter_outside* o);
@@ -183,11 +184,21 @@ uint32_t soter_outside_violations(const soter_outside* o);
  * the facts where it cannot. soter_outside_move does so itself. */
 void soter_outside_judge(const soter_outside* o);
 
-/* soter_gym_python.c: PyLong_FromLong and PyLong_AsVoidPtr; then soter_outside_act and
- * soter_outside_move_on as PyCFunctions whose `self` is an int, the address of a soter_outside. */
-void soter_python_given(void* int_of, void* address_of);
-void* soter_python_act(void* self, void* nothing);
-void* soter_python_move(void* self, void* nothing);
+/* soter_gym_python.c: what it needs of Python. */
+typedef struct {
+  void* int_of;         /* PyLong_FromLong */
+  void* address_of;     /* PyLong_AsVoidPtr */
+  void* buffer_of;      /* PyObject_GetBuffer */
+  void* buffer_release; /* PyBuffer_Release */
+  void* clear_error;    /* PyErr_Clear */
+} soter_python;
+
+void soter_python_given(const soter_python* python);
+
+/* soter_outside_act and soter_outside_move_on as PyCFunctions whose `self` is an int, the address
+ * of a soter_outside, and whose argument the array of numbers; or SOTER_NO_NUMBERS, and no step. */
+void* soter_python_act(void* self, void* action);
+void* soter_python_move(void* self, void* states);
 
 /* Whether some disturbances within their bounds lead the model's plant from `origin` to `to`, at
  * the time of a state of the world and with its topics. */
