@@ -532,24 +532,6 @@ static void expand_layer(worker* w) {
   w->rest = w->expanded < w->layer && !over(w) && !pause;
 }
 
-static void wait_for_others(layered* all) {
-  if (all->threads == 1U) {
-    return;
-  }
-  (void)pthread_mutex_lock(&all->mutex);
-  const uint32_t turn = all->turns;
-  SOTER_CHECK(all->waiting < all->threads);
-  if (++all->waiting == all->threads) {
-    all->waiting = 0U;
-    all->turns++;
-    (void)pthread_cond_broadcast(&all->turn);
-  }
-  while (turn == all->turns) {
-    (void)pthread_cond_wait(&all->turn, &all->mutex);
-  }
-  (void)pthread_mutex_unlock(&all->mutex);
-}
-
 static void receive(worker* w) {
   w->waiting_ns = w->expanded < w->layer ? w->here_ns : SOTER_NO_DEADLINE;
   for (uint32_t k = 0; k < w->all->threads; k++) {
@@ -651,17 +633,11 @@ static void save(layered* all) {
   }
 }
 
-/* The first worker opens the gate, when it is known how many there are. */
-static void wait_at_the_gate(worker* w) {
-  layered* const all = w->all;
-  if (w->id == 0U) {
-    return;
-  }
-  (void)pthread_mutex_lock(&all->mutex);
-  while (!all->open) {
-    (void)pthread_cond_wait(&all->turn, &all->mutex);
-  }
-  (void)pthread_mutex_unlock(&all->mutex);
+/* What comes after a layer, or a part of one, while nobody works. */
+static void decide_and_save(void* to) {
+  layered* const all = to;
+  decide(all);
+  save(all);
 }
 
 /* Forgets the table of a layer, or keeps it for who wants to see it. */
@@ -717,22 +693,21 @@ static bool any_rest(const layered* all) {
 static void* work(void* argument) {
   worker* const w = argument;
   layered* const all = w->all;
-  wait_at_the_gate(w);
+  if (w->id > 0U) {
+    soter_barrier_enter(&all->barrier);
+  }
   while (!all->done) {
     bool more = true;
     while (more) {
       expand_layer(w);
-      wait_for_others(all);
+      soter_barrier_wait(&all->barrier, NULL, NULL);
       more = any_rest(all); /* all say the same: nobody goes on before the next wait */
       receive(w);
-      wait_for_others(all);
+      if (!more) {
+        tell(w);
+      }
+      soter_barrier_wait(&all->barrier, more ? NULL : decide_and_save, all);
     }
-    tell(w);
-    if (w->id == 0U) {
-      decide(all);
-      save(all);
-    }
-    wait_for_others(all);
     if (all->whole && !all->done) {
       turn_over(w);
     }
@@ -898,23 +873,18 @@ static void run(layered* all) {
   pthread_t other[THREADS];
   const uint32_t wanted = all->threads;
   uint32_t made = 1U;
-  (void)pthread_mutex_init(&all->mutex, NULL);
-  (void)pthread_cond_init(&all->turn, NULL);
+  soter_barrier_open(&all->barrier);
   while (made < wanted && pthread_create(&other[made], NULL, work, &all->w[made]) == 0) {
     made++;
   }
   all->threads = made;
   begin(all);
-  (void)pthread_mutex_lock(&all->mutex);
-  all->open = true;
-  (void)pthread_cond_broadcast(&all->turn);
-  (void)pthread_mutex_unlock(&all->mutex);
+  soter_barrier_begin(&all->barrier, made);
   (void)work(&all->w[0]);
   for (uint32_t k = 1; k < made; k++) {
     (void)pthread_join(other[k], NULL);
   }
-  (void)pthread_cond_destroy(&all->turn);
-  (void)pthread_mutex_destroy(&all->mutex);
+  soter_barrier_close(&all->barrier);
 }
 
 static void sum_up(layered* all, soter_explore_result* r) {

@@ -5,11 +5,11 @@
 #ifndef SOTER_EXPLORE_BFS_H
 #define SOTER_EXPLORE_BFS_H
 
-#include <pthread.h>
-
+#include "soter_explore_barrier.h"
 #include "soter_explore_dfs.h"
 
 #define THREADS SOTER_THREADS
+#define SOTER_APART 128U /* two lines: some machines fetch them together */
 
 /* A layer at a beginning of the calendar: the sum of its configurations' numbers, times aside. */
 typedef struct {
@@ -86,6 +86,7 @@ typedef struct worker {
   bool same;
   soter_row
       links; /* one thread: configurations as they came, each with the number of the one before */
+  uint8_t apart[SOTER_APART]; /* no line of the machine's memory is two workers' */
 } worker;
 
 typedef struct layered {
@@ -97,10 +98,7 @@ typedef struct layered {
   bool tables;  /* and is what is expanded then: rows are for traces and for fingerprints */
   uint64_t most_bytes, most_table, most_rows; /* when it took most */
   worker w[THREADS];
-  pthread_mutex_t mutex;
-  pthread_cond_t turn;
-  uint32_t waiting, turns; /* a barrier: not every system has one */
-  bool open;               /* the workers may begin */
+  soter_barrier barrier;
   bool done;
   bool saves; /* it may be asked to write itself down */
   bool born;  /* all that there is at the start was taken in */

@@ -1,0 +1,91 @@
+/* soter_explore_barrier.c: see soter_explore_barrier.h.
+ *
+ * Purpose: where layers are small the others come within microseconds, and waking a thread takes
+ * longer: who waits looks for a while whether they have, and sleeps then.
+ * Non-goals: what is done between two waits (soter_explore_bfs.c).
+ */
+#define _POSIX_C_SOURCE 200809L
+#include "soter_explore_barrier.h"
+
+#include <unistd.h>
+
+#define SPINS 4000U /* looks, some 100 us, before a thread sleeps */
+
+/* A thread that waits awake would only keep others from a processor where there are too few. */
+static uint32_t spins_of(uint32_t threads) {
+  long processors = 1;
+#ifdef _SC_NPROCESSORS_ONLN
+  processors = sysconf(_SC_NPROCESSORS_ONLN);
+#endif
+  return (long)threads <= processors ? SPINS : 0U;
+}
+
+void soter_barrier_open(soter_barrier* b) {
+  b->threads = b->waiting = b->turns = b->spins = 0U;
+  (void)pthread_mutex_init(&b->mutex, NULL);
+  (void)pthread_cond_init(&b->turn, NULL);
+}
+
+void soter_barrier_close(soter_barrier* b) {
+  SOTER_CHECK(b->waiting == 0U);
+  (void)pthread_cond_destroy(&b->turn);
+  (void)pthread_mutex_destroy(&b->mutex);
+}
+
+void soter_barrier_begin(soter_barrier* b, uint32_t threads) {
+  SOTER_CHECK(threads > 0U);
+  (void)pthread_mutex_lock(&b->mutex);
+  b->threads = threads;
+  b->spins = spins_of(threads);
+  __atomic_store_n(&b->turns, 1U, __ATOMIC_RELEASE);
+  (void)pthread_cond_broadcast(&b->turn);
+  (void)pthread_mutex_unlock(&b->mutex);
+}
+
+/* Whether all have come since: written under the mutex, and read by those who look without it. */
+static bool turned(const soter_barrier* b, uint32_t turn) {
+  return __atomic_load_n(&b->turns, __ATOMIC_ACQUIRE) != turn;
+}
+
+static void wait_for_turn(soter_barrier* b, uint32_t turn, uint32_t spins) {
+  for (uint32_t k = 0; k < spins && !turned(b, turn); k++) {
+#if defined(__x86_64__)
+    __builtin_ia32_pause();
+#elif defined(__aarch64__)
+    __asm volatile("yield");
+#endif
+  }
+  if (turned(b, turn)) {
+    return;
+  }
+  (void)pthread_mutex_lock(&b->mutex);
+  while (!turned(b, turn)) {
+    (void)pthread_cond_wait(&b->turn, &b->mutex);
+  }
+  (void)pthread_mutex_unlock(&b->mutex);
+}
+
+/* Awake at first: the system gave it a processor of its own as it was made. */
+void soter_barrier_enter(soter_barrier* b) {
+  wait_for_turn(b, 0U, SPINS);
+}
+
+static void arrive(soter_barrier* b, void (*last)(void* to), void* to) {
+  SOTER_CHECK(b->waiting < b->threads);
+  if (++b->waiting == b->threads) {
+    b->waiting = 0U;
+    if (last != NULL) {
+      last(to);
+    }
+    __atomic_store_n(&b->turns, b->turns + 1U, __ATOMIC_RELEASE);
+    (void)pthread_cond_broadcast(&b->turn);
+  }
+}
+
+void soter_barrier_wait(soter_barrier* b, void (*last)(void* to), void* to) {
+  (void)pthread_mutex_lock(&b->mutex);
+  const uint32_t turn = b->turns;
+  arrive(b, last, to);
+  (void)pthread_mutex_unlock(&b->mutex);
+  wait_for_turn(b, turn, b->spins);
+}
