@@ -229,14 +229,34 @@ def lean(polytope: Polytope) -> Polytope:
 
 
 def inner_point(p: Polytope) -> Array | None:
-    """A point (n,) that surely lies in a polytope: the middle of extreme ones; None without any."""
+    """A point (n,) that surely lies in a polytope; None without any.
+
+    The middle of the ends along all axes, or of the largest box, in the proportions of the ranges,
+    where that lies on a half-space.
+    """
     program = LinearProgram(p)
     if program.empty:
         return None
     eye = np.eye(len(p.low))
-    rows = np.concatenate([eye, -eye, p.rows])
-    point = np.mean([program.greatest(row)[1] for row in rows], axis=0)
+    point = np.mean([program.greatest(row)[1] for row in (*eye, *-eye)], axis=0)
+    inner = p.shrunk(SLACK * (p.high - p.low))
+    if not (np.isfinite(point).all() and (inner.rows @ point < inner.bounds).all()):
+        point = _middle_of_largest_box(p)
     return point if surely_inside(p, point) else None
+
+
+def _middle_of_largest_box(p: Polytope) -> Array:
+    """x, (n,), of the greatest t at which x - t w and x + t w lie inside, w the ranges."""
+    width = p.high - p.low
+    width = np.where(np.isfinite(width), width, 1.0)
+    rows, bounds = p.faces
+    boxes = Polytope(
+        np.append(p.low, 0.0),
+        np.append(p.high, 1.0),
+        np.column_stack([rows, np.abs(rows) @ width]),
+        bounds,
+    )
+    return LinearProgram(boxes).greatest(np.append(np.zeros(len(width)), 1.0))[1][:-1]
 
 
 def surely_inside(p: Polytope, x: Array) -> bool:

@@ -8,9 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from soter.verify.polytope.ball_matrices import Array, exponential
-from soter.verify.polytope.half_spaces import Bounds, LinearProgram, Polytope
+from soter.verify.polytope.half_spaces import Bounds, LinearProgram, Polytope, inner_point
 from soter.verify.polytope.linear_group import LinearGroup
 from soter.verify.polytope.proofs import NotProvedError, PolytopeSets, Windows, compute, prove
 
@@ -285,3 +287,39 @@ def test_five_states_are_proved() -> None:
     fast = np.zeros((1, 5))
     fast[0, 1] = 1.0
     assert sets.ttf.contains(fast).all(), "AC may cross the centre line at 1 m/s"
+
+
+# ---------------------------------------------------------------- a point inside
+
+
+@given(st.integers(1, 6), st.integers(0, 12), st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_an_inner_point_lies_inside_and_on_no_half_space(n: int, cuts: int, seed: int) -> None:
+    chance = np.random.default_rng(seed)
+    size = 10.0 ** chance.uniform(-3, 3, n)
+    inside = chance.uniform(-0.5, 0.5, n) * size
+    rows = chance.normal(size=(cuts, n)) / size
+    room = 10.0 ** chance.uniform(-3, 0, cuts)
+    point = inner_point(Polytope(-size, size, rows, rows @ inside + room))
+    assert point is not None
+    assert (rows @ point < rows @ inside + room).all()
+    assert (np.abs(point) <= size).all()
+
+
+def test_an_inner_point_lies_on_no_half_space_though_the_ends_of_all_axes_do() -> None:
+    # of the triangle (0, 0), (1, 1), (0.6, 0.5) the least and the greatest x and y lie on x = y
+    rows = np.array([[-1.0, 1.0], [0.5, -0.6], [1.25, -1.0]])
+    triangle = Polytope(np.zeros(2), np.ones(2), rows, np.array([0.0, 0.0, 0.25]))
+    point = inner_point(triangle)
+    assert point is not None
+    assert (rows @ point < triangle.bounds - 1e-3).all()
+
+
+def test_a_flat_set_has_an_inner_point_and_an_empty_one_has_none() -> None:
+    low, high = np.array([0.0, 0.5]), np.array([1.0, 0.5])
+    flat = Polytope(low, high, np.array([[1.0, 1.0]]), np.array([1.25]))
+    point = inner_point(flat)
+    assert point is not None
+    assert point[1] == 0.5
+    assert 0.0 < point[0] < 0.75
+    assert inner_point(flat.with_rows(np.array([[1.0, 0.0]]), np.array([-0.1]))) is None
