@@ -82,7 +82,7 @@ proofs:  ## the theorem of docs/proof.md, checked by Coq (needs coqc), in build/
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py
 
-bench-quick: $(VENV)/.dev  ## five minutes: what people wait for, beside its targets and its peers
+bench-quick: $(VENV)/.dev  ## 15 seconds: what people wait for, beside its targets; bench/quick.py --help
 	$(PY) bench/quick.py
 
 vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)

@@ -1,8 +1,9 @@
-"""All ratios of speed that people feel, beside their peers, in one run of five minutes.
+"""All ratios of speed that people feel, beside their peers, in one short run.
 
     make bench-quick      (or: .venv/bin/python bench/quick.py [--peer PYTHON] [--only WORD])
 
-Purpose: a row a figure: what was measured, beside what, the target. Commands are whole processes,
+Purpose: a row a figure: what was measured, beside what, the target; some 15 seconds, a minute with
+`--peer`, minutes with `--sizes`. Commands are whole processes,
 their processor time (median), so that others on the machine matter less; steps and flights are
 processor time of this process, in turns with their peers. `--peer`: a Python with
 run-time-assurance (bench/running/simplex_peer.py). What takes minutes each has a command of its own
@@ -50,7 +51,7 @@ DRONE = EXAMPLES / "drone"
 SECOND = 10**9
 TURNS = 5
 NODES = 1000
-ELSEWHERE = """not in these five minutes: `verify` and `recheck` of the examples
+ELSEWHERE = """measured elsewhere, in minutes each: `verify` and `recheck` of the examples
 (bench/verify/time_to_verdict.py, bench/recheck/time_to_recheck.py), sets beside hj-reachability
 (bench/verify/reach_sets.py), the explorer and SPIN (bench/testing/size.py, spin.py)"""
 
@@ -115,14 +116,14 @@ def many_nodes(count: int) -> str:
 def commands() -> Iterator[Row]:
     """The command line."""
     drone = str(DRONE / "motion_primitive.soter")
-    yield Row("check of motion_primitive, process", processor_s("check", drone), "s", 0.35)
+    yield Row("soter check motion_primitive.soter", processor_s("check", drone), "s", 0.35)
     cart = str(EXAMPLES / "wall" / "cart.soter")
-    yield Row("run of the cart, compiled before", processor_s("run", cart), "s", 0.4)
+    yield Row("soter run cart.soter, compiled before", processor_s("run", cart), "s", 0.4)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "many.soter"
         path.write_text(many_nodes(NODES), encoding="utf-8")
         first = processor_s("run", str(path), turns=1, cache=str(Path(folder) / "cache"))
-        yield Row(f"first run of {NODES:,} nodes", first, "s", 4.0)
+        yield Row(f"soter run, first time, {NODES:,} nodes", first, "s", 4.0)
 
 
 def keystrokes() -> Iterator[Row]:
@@ -135,7 +136,9 @@ def keystrokes() -> Iterator[Row]:
         began = time.process_time()
         check_file(str(path), typed, reading=reading)
         times.append(time.process_time() - began)
-    yield Row("a key in the corridor, diagnostics", 1e3 * statistics.median(times[1:]), "ms", 80.0)
+    yield Row(
+        "diagnostics after a key, corridor.soter", 1e3 * statistics.median(times[1:]), "ms", 80.0
+    )
 
 
 # ---------------------------------------------------------------- learning
@@ -159,7 +162,7 @@ def learning(peer: str) -> Iterator[Row]:
     took = turns_of({"bare": one(cliff_env.make()), "protected": one(protected)})
     over = took["protected"] / took["bare"]
     beside = f"{1e3 * took['protected']:.2f} us beside {1e3 * took['bare']:.2f} us bare"
-    yield Row("a protected step / a bare one", over, "x", 2.0, beside)
+    yield Row("a protected Gymnasium step / a bare one", over, "x", 2.0, beside)
     count = 4096
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 1))
     took = turns_of(
@@ -169,7 +172,14 @@ def learning(peer: str) -> Iterator[Row]:
         }
     )
     beside = f"the same plant and loop, bare: {count / took['bare'] / 1e6:.1f} M"
-    yield Row("steps of vectors", count / took["protected"] / 1e6, "M/s", 5.0, beside, most=False)
+    yield Row(
+        "steps of ProtectedVector, 4,096 worlds",
+        count / took["protected"] / 1e6,
+        "M/s",
+        5.0,
+        beside,
+        most=False,
+    )
     yield first_environment()
     if peer:
         yield from simplex_peer(peer)
@@ -226,7 +236,8 @@ def flights() -> Iterator[Row]:
     fleet = Fleet(faultless(flat), length_s * SECOND)
     took = turns_of({"stack": lambda: fleet.fly(range(count), first_seed=1)}, TURNS)
     hours_s = 104 * 3600 / (count * length_s / took["stack"])
-    yield Row("104 h of the stack, one core", hours_s, "s", 25.0, "goal 8")
+    beside = f"scaled up from {count} flights of {length_s} s; goal 8 s"
+    yield Row("104 h of the surveillance drone, one core", hours_s, "s", 25.0, beside)
     protected = soter.load(DRONE / "motion_primitive.soter").flat("Protected")
     alone, together = NativeProgram(protected), Fleet(protected, 14 * SECOND)
     count = 100
@@ -239,7 +250,9 @@ def flights() -> Iterator[Row]:
     )
     speed = {name: count * 14 / took[name] for name in took}
     beside = f"a lap by itself: {speed['alone']:,.0f} x"
-    yield Row("laps, real-time factor", speed["together"], "x", 25_000.0, beside, most=False)
+    yield Row(
+        "laps of the drone, times real time", speed["together"], "x", 25_000.0, beside, most=False
+    )
 
 
 # ---------------------------------------------------------------- the disk
@@ -275,10 +288,7 @@ def main() -> int:
     for name, part in parts.items():
         if given.only in name:
             rows += part()
-    shown = [
-        (r.name, f"{r.value:,.3g} {r.unit}", target_of(r), "" if r.met else "missed", r.beside)
-        for r in rows
-    ]
+    shown = [(r.name, f"{r.value:,.3g} {r.unit}", target_of(r), met_of(r), r.beside) for r in rows]
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors; times are of processors")
     print(table(("figure", "measured", "target", "", "beside"), shown, color=False))
     print(ELSEWHERE)
@@ -290,6 +300,13 @@ def target_of(row: Row) -> str:
     if row.target is None:
         return ""
     return f"{'<=' if row.most else '>='} {row.target:,g} {row.unit}"
+
+
+def met_of(row: Row) -> str:
+    """Whether it is what it is to be, in a word."""
+    if row.target is None:
+        return ""
+    return "met" if row.met else "missed"
 
 
 if __name__ == "__main__":

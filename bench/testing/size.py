@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore import methods
 from soter.explore.engine.explorer_library import Engine, EngineSettings
+from soter.explore.engine.reduction_choice import explored
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
@@ -54,6 +55,8 @@ if TYPE_CHECKING:
 
 BEFORE = "before"
 APART = "apart"
+CHOSEN = "chosen"
+"""As `soter test` does: it may end where configurations come again."""
 MEMORY = 2 << 30
 TICK_NS = 10_000_000
 EFFICIENCY = 0.8
@@ -68,9 +71,11 @@ SHARED = (
     ("One", 200, "parts"),
     ("One", 200, "all"),
     ("Both", 3, "ample"),
+    ("token_ring GoesRound", 1, CHOSEN),
+    ("three_modules Battery", 1, CHOSEN),
 )
-"""Model, its horizon in ticks (of `spin.py`: how many times as long), reduction. `Both` has
-configurations of two words, the others of one."""
+"""Model, its horizon in ticks (of other files: how many times as long), reduction. `Both` has
+configurations of two words, GoesRound of three, the others of one."""
 VIOLATED = tuple(("Low", 20, how) for how in ("none", "sleep", "ample", "all"))
 ROWS = (
     ("One", 35, BEFORE, "bfs"),
@@ -332,9 +337,15 @@ def missed(rows: list[Row]) -> int:
 
 
 def system_of(name: str, ticks: int) -> System:
-    """A test of `PROGRAM`, or a model of `spin.py`, whose horizon is `ticks` times as long."""
+    """A test of `PROGRAM`, of an example, or a model of `spin.py`, `ticks` times as long."""
     model = next((m for m in MODELS if m.name == name), None)
-    if model is None:
+    file, _, test = name.partition(" ")
+    if test:
+        (path,) = (ROOT / "examples").glob(f"*/{file}.soter")
+        system = system_of_test(check_file(str(path)), test)
+        assert system.test is not None
+        horizon = system.test.horizon_ns
+    elif model is None:
         system, horizon = system_of_test(check_file("robots.soter", PROGRAM), name), TICK_NS
     else:
         system = system_of_test(check_file(str(model.program)), model.test)
@@ -362,15 +373,19 @@ class OnThreads:
 
 
 def on_threads(engine: Engine, reduction: str, runs: int) -> OnThreads:
-    """Turn by turn; nobody looks for what comes again, and no choice is made beforehand."""
+    """Turn by turn; but where it is `CHOSEN` nobody looks for what comes again."""
     cpu: tuple[list[float], list[float]] = ([], [])
     wall: tuple[list[float], list[float]] = ([], [])
     last = {}
     for _ in range(runs):
         for threads in (1, 2):
-            settings = EngineSettings(reduction=reduction, threads=threads, memory=MEMORY)
+            settings = EngineSettings(threads=threads, memory=MEMORY)
             before = time.process_time()
-            last[threads] = outcome = engine.explore(settings)
+            if reduction == CHOSEN:
+                outcome = explored(engine, replace(settings, closes=True))
+            else:
+                outcome = engine.explore(replace(settings, reduction=reduction))
+            last[threads] = outcome
             cpu[threads - 1].append(time.process_time() - before)
             wall[threads - 1].append(outcome.seconds)
     states, status = (last[1].states, last[2].states), (last[1].status, last[2].status)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import struct
 from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
@@ -93,6 +94,7 @@ class TaskProcesses:
 
 def _work(numbers: int, answer: Callable[[int], str], to: Connection, parent: int) -> None:
     end_with(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted ends this one
     while number := os.read(numbers, NUMBER.size):
         (k,) = NUMBER.unpack(number)
         try:

@@ -221,10 +221,16 @@ class Diagnostics:
 class SoterError(Exception):
     """A user's mistake found by any room; carries diagnostics, never shown as a traceback."""
 
-    def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
-        super().__init__("; ".join(f"[{d.code}] {d.message}" for d in diagnostics))
-        self.diagnostics = diagnostics
-        self.__notes__ = [f"help: {h}" for d in diagnostics for h in d.helps]  # of a traceback
+    def __init__(self, diagnostics: tuple[Diagnostic, ...] | SoterError) -> None:
+        """`diagnostics`: or those of another one, as whoever raises it again may give it."""
+        self.diagnostics: tuple[Diagnostic, ...] = (
+            diagnostics.diagnostics  # gymnasium.vector: `raise type(error)(error)`
+            if isinstance(diagnostics, SoterError)
+            else diagnostics
+        )
+        super().__init__("; ".join(f"[{d.code}] {d.message}" for d in self.diagnostics))
+        self.__notes__ = [f"help: {h}" for d in self.diagnostics for h in d.helps]
+        """What a traceback says."""
 
     def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
         """Crosses from process to process: `args` hold the text, not what it is made of."""

@@ -59,14 +59,34 @@ def topics_published(system: System, node: Component) -> list[Topic]:
     return [system.topics[node.scope.topics[t]] for t in node.node.publishes]
 
 
+NUMBERS = "biufO"
+"""Kinds of NumPy's types whose values may be real numbers."""
+
 # ---------------------------------------------------------------- values and flat arrays
 
 
+def doubles(given: object, what: str) -> npt.NDArray[np.float64]:
+    """The numbers of an array, a list or whatever NumPy takes for one, in its shape.
+
+    SoterError U001 for text, complex numbers, mappings, and what is too large for a double.
+    """
+    why = "it has other values than real numbers"
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind in NUMBERS:
+            return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        why = str(error)
+    message = f"{what} is no array of numbers: {str(given)[:40]}"
+    raise wrong_choice(message, why, "give a function that maps it")
+
+
 def assembled(shapes: Shapes, flat: object, what: str) -> list[Value]:
-    """One value per shape from the numbers of an array; SoterError U001 for another count."""
-    numbers = iter(np.asarray(flat, dtype=np.float64).reshape(-1).tolist())
+    """One value per shape from the numbers of an array; SoterError U001 also for another count."""
+    array = doubles(flat, what)
+    numbers = iter(array.reshape(-1).tolist())
     needed = sum(1 for _, t in shapes for _ in leaves(t))
-    count = np.asarray(flat).size
+    count = array.size
     if needed != count:
         raise wrong_count(shapes, count, what)
     return [_value(t, numbers) for _, t in shapes]
@@ -181,7 +201,7 @@ def require_no_batch(space: spaces.Space[Any], action: Any) -> None:  # noqa: AN
 
     A number stands for an array of one, and one of those for a number.
     """
-    axes = np.ndim(action)
+    axes = doubles(action, "an action").ndim
     if axes > 1 and axes > len(space.shape or ()):
         own = f"those of the space {space.shape}"
         message = f"an action has the shape {np.shape(action)}, and {own}"

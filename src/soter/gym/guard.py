@@ -272,7 +272,7 @@ class EnvironmentGuard:
         if not self._acts_numbers:
             session.act(self._values_of(action))
             return session.go()
-        count = numbers(action, session.action)
+        count = numbers(action, session.action, "an action")
         if count is not None:
             raise array_mapping.wrong_count(self._outputs, count, "an action")
         return session.act_numbers()
@@ -323,11 +323,11 @@ class EnvironmentGuard:
             self.judged(self.asked)
 
     def _in_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
-        return numbers(observation, self.session.moved) is None
+        return numbers(observation, self.session.moved, "an observation") is None
 
     def _no_states(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
         """Why an observation is no state of the plant."""
-        count = numbers(observation, self.session.moved)
+        count = numbers(observation, self.session.moved, "an observation")
         if count is not None:
             return array_mapping.wrong_count(self._states, count, "an observation")
         try:

@@ -14,6 +14,7 @@ import numpy as np
 
 from soter.api.arguments import complete
 from soter.core.layout import decode_from, encode_into
+from soter.gym.array_mapping import doubles
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, refuse_call
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
 from soter.gym.python_methods import step_calls
@@ -276,9 +277,12 @@ class Session:
         self.seen_bytes[:] = saved[1]
 
 
-def numbers(given: object, into: npt.NDArray[np.float64]) -> int | None:
-    """Copy the numbers of an array into `into` (n,); where there are not n of them, how many."""
-    array = np.asarray(given, dtype=np.float64)
+def numbers(given: object, into: npt.NDArray[np.float64], what: str) -> int | None:
+    """Copy the numbers of an array into `into` (n,); where there are not n of them, how many.
+
+    SoterError U001 as `doubles`.
+    """
+    array = doubles(given, what)
     if array.shape != into.shape:
         if array.size != into.size:
             return int(array.size)

@@ -186,7 +186,7 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     def _actions(self, actions: Any) -> Array:  # noqa: ANN401 - NumPy, torch, lists
         """Actions as doubles, (num_envs, numbers); no copy of doubles that lie in order."""
         given = actions.detach().cpu() if hasattr(actions, "detach") else actions
-        rows = np.asarray(given, dtype=np.float64)
+        rows = array_mapping.doubles(given, "an array of actions")
         needed = self.worlds.action_numbers
         if rows.shape == (self.num_envs,) and needed == 1:
             rows = rows.reshape(self.num_envs, 1)

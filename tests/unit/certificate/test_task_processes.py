@@ -64,6 +64,15 @@ def test_one_process_of_two_that_is_ended_leaves_its_task_unshown() -> None:
         list(TaskProcesses(40, answer, 2).answers())
 
 
+def test_an_interrupt_is_for_who_waits_not_for_those_who_work() -> None:
+    def answer(task: int) -> str:
+        if task == 7:
+            os.kill(os.getpid(), signal.SIGINT)  # as a terminal sends it to all of them
+        return str(task)
+
+    assert len(list(TaskProcesses(20, answer, 2).answers())) == 20
+
+
 def test_tasks_may_be_more_than_a_pipe_holds() -> None:
     assert len(list(TaskProcesses(50_000, lambda _: "", 2).answers())) == 50_000
 

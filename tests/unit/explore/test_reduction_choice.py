@@ -82,17 +82,25 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
     ids=str,
 )
 def test_whoever_asks_for_something_gets_it(asked: dict[str, object]) -> None:
-    engine = engine_of("bench/testing/spin_models/token_ring.soter", "SomebodyHasAToken")
-    assert may_choose(engine, DEFAULT)
-    assert not may_choose(engine, replace(DEFAULT, **asked))  # type: ignore[arg-type]
+    assert may_choose(DEFAULT)
+    assert not may_choose(replace(DEFAULT, **asked))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("threads", [2, 3])
-def test_threads_change_nothing_of_the_choice(threads: int) -> None:
-    engine = engine_of("bench/testing/spin_models/tank.soter", "NeverFull")
-    settings = EngineSettings()
+@pytest.mark.parametrize(
+    ("program", "test", "closes"),
+    [
+        ("bench/testing/spin_models/tank.soter", "NeverFull", False),
+        ("examples/testing/three_modules.soter", "Battery", True),
+    ],
+)
+def test_threads_change_nothing_of_the_choice(
+    program: str, test: str, closes: bool, threads: int
+) -> None:
+    engine = engine_of(program, test)
+    settings = EngineSettings(closes=closes)
     one, more = explored(engine, settings), explored(engine, replace(settings, threads=threads))
-    assert one.states == more.states
+    assert (one.states, one.closed_ns) == (more.states, more.closed_ns)
 
 
 @pytest.mark.parametrize("seed", range(PROGRAMS))
@@ -107,7 +115,9 @@ def test_random_programs_are_told_the_same_either_way(
     bound = replace(DEFAULT, memory=1 << 28)
     ends = engine.explore(bound)
     assert said(explored(engine, bound)) == said(ends)
-    assert said(engine.explore(between(engine, bound))) == said(ends)
+    middle = between(engine, bound)
+    for threads in (1, 2, 3):
+        assert said(engine.explore(replace(middle, threads=threads))) == said(ends)
 
 
 def test_where_memory_is_short_only_ends_are_stored_after_all() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 from typing import TYPE_CHECKING, Any
 
+import gymnasium
 import numpy as np
 import pytest
 from gym_cart import CART, Cart  # type: ignore[import-not-found]
@@ -143,3 +144,35 @@ def fresh() -> Any:
     env = Protected(CART, Cart())
     env.reset(seed=1)
     return env.guard.session
+
+
+NO_NUMBER: dict[str, Any] = {
+    "text": "left",
+    "a number as text": ["0.5"],
+    "a mapping": {"accel": 0.5},
+    "complex": [0.5 + 1j],
+    "too large": [10**400],
+    "ragged": [[1.0], [1.0, 2.0]],
+    "a date": np.array(["2026-01-01"], dtype="datetime64[D]"),
+}
+
+
+@pytest.mark.parametrize("action", NO_NUMBER.values(), ids=NO_NUMBER.keys())
+def test_what_is_no_array_of_numbers_is_the_callers_mistake(action: Any) -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    with pytest.raises(SoterError, match="an action is no array of numbers") as raised:
+        env.step(action)
+    assert raised.value.diagnostics[0].code == "U001"
+    assert env.step(np.ones(1))[-1]["cause"] is None, "the step was not taken"
+
+
+@pytest.mark.filterwarnings("ignore:.*Traceback:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*Received the following error:UserWarning")
+@pytest.mark.filterwarnings("ignore:.*Raising the last exception:UserWarning")
+def test_a_mistake_in_a_process_is_the_same_mistake_outside() -> None:
+    env = gymnasium.vector.AsyncVectorEnv([lambda: Protected(CART, Cart())] * 2)
+    env.reset(seed=1)
+    with pytest.raises(SoterError, match="2 numbers"):
+        env.step(np.zeros((2, 2), dtype=np.float32))
+    env.close(terminate=True)

@@ -33,17 +33,15 @@ SHORT_OF_MEMORY = ("memory", "no_memory")
 CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
 
-def may_choose(engine: Engine, s: EngineSettings) -> bool:
+def may_choose(s: EngineSettings) -> bool:
     """Whether a search leaves it open which of the two it is.
 
     Not where somebody asked for one, or for what depends on what is stored: a bound on
-    configurations, all of them kept, what is noted of ends. Ends that come again are looked for in
-    what one thread owns.
+    configurations, all of them kept, what is noted of ends.
     """
     asked = s.reduction != "all" or s.strategy != STRATEGIES[0] or s.storage != STORAGES[0]
     stored = s.max_states or s.keep or s.go_on or s.known or s.noted is not None
-    shared = s.threads > 1 and s.closes and engine.plan.repeats
-    return not (asked or stored or shared or s.plainly)
+    return not (asked or stored or s.plainly)
 
 
 def explored(
@@ -64,7 +62,7 @@ def explored(
     def ran(how: EngineSettings) -> Searched:
         return engine.explore(how, look, left())
 
-    chosen = _chosen(engine, s, left_s) if may_choose(engine, s) else s
+    chosen = _chosen(engine, s, left_s) if may_choose(s) else s
     result = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
     if result.status in SHORT_OF_MEMORY and chosen != s:
         ends = ran(s)

@@ -1,7 +1,8 @@
 /* soter_explore_barrier.c: see soter_explore_barrier.h.
  *
  * Purpose: where layers are small the others come within microseconds, and waking a thread takes
- * longer: who waits looks for a while whether they have, and sleeps then.
+ * longer: who waits looks for a while whether they have, and sleeps then. Who has slept a few times
+ * on end, because others have the processors, looks rarely.
  * Non-goals: what is done between two waits (soter_explore_bfs.c).
  */
 #define _POSIX_C_SOURCE 200809L
@@ -9,7 +10,9 @@
 
 #include <unistd.h>
 
-#define SPINS 4000U /* looks, some 100 us, before a thread sleeps */
+#define SPINS 4000U /* looks, some 100 us, before a thread sleeps, */
+#define FEW 4U      /* unless so many were in vain: then only at every */
+#define RARELY 64U  /* such wait */
 
 /* A thread that waits awake would only keep others from a processor where there are too few. */
 static uint32_t spins_of(uint32_t threads) {
@@ -47,7 +50,7 @@ static bool turned(const soter_barrier* b, uint32_t turn) {
   return __atomic_load_n(&b->turns, __ATOMIC_ACQUIRE) != turn;
 }
 
-static void wait_for_turn(soter_barrier* b, uint32_t turn, uint32_t spins) {
+static bool spin(const soter_barrier* b, uint32_t turn, uint32_t spins) {
   for (uint32_t k = 0; k < spins && !turned(b, turn); k++) {
 #if defined(__x86_64__)
     __builtin_ia32_pause();
@@ -55,9 +58,10 @@ static void wait_for_turn(soter_barrier* b, uint32_t turn, uint32_t spins) {
     __asm volatile("yield");
 #endif
   }
-  if (turned(b, turn)) {
-    return;
-  }
+  return turned(b, turn);
+}
+
+static void sleep_until(soter_barrier* b, uint32_t turn) {
   (void)pthread_mutex_lock(&b->mutex);
   while (!turned(b, turn)) {
     (void)pthread_cond_wait(&b->turn, &b->mutex);
@@ -67,25 +71,40 @@ static void wait_for_turn(soter_barrier* b, uint32_t turn, uint32_t spins) {
 
 /* Awake at first: the system gave it a processor of its own as it was made. */
 void soter_barrier_enter(soter_barrier* b) {
-  wait_for_turn(b, 0U, SPINS);
-}
-
-static void arrive(soter_barrier* b, void (*last)(void* to), void* to) {
-  SOTER_CHECK(b->waiting < b->threads);
-  if (++b->waiting == b->threads) {
-    b->waiting = 0U;
-    if (last != NULL) {
-      last(to);
-    }
-    __atomic_store_n(&b->turns, b->turns + 1U, __ATOMIC_RELEASE);
-    (void)pthread_cond_broadcast(&b->turn);
+  if (!spin(b, 0U, SPINS)) {
+    sleep_until(b, 0U);
   }
 }
 
-void soter_barrier_wait(soter_barrier* b, void (*last)(void* to), void* to) {
+/* Whether it is the last one that arrives. */
+static bool arrive(soter_barrier* b, void (*last)(void* to), void* to) {
+  SOTER_CHECK(b->waiting < b->threads);
+  if (++b->waiting < b->threads) {
+    return false;
+  }
+  b->waiting = 0U;
+  if (last != NULL) {
+    last(to);
+  }
+  __atomic_store_n(&b->turns, b->turns + 1U, __ATOMIC_RELEASE);
+  (void)pthread_cond_broadcast(&b->turn);
+  return true;
+}
+
+void soter_barrier_wait(soter_barrier* b, soter_patience* patience, void (*last)(void* to),
+                        void* to) {
+  const bool looks = *patience < FEW || *patience % RARELY == 0U;
   (void)pthread_mutex_lock(&b->mutex);
   const uint32_t turn = b->turns;
-  arrive(b, last, to);
+  const bool was_last = arrive(b, last, to);
   (void)pthread_mutex_unlock(&b->mutex);
-  wait_for_turn(b, turn, b->spins);
+  if (was_last) {
+    return;
+  }
+  if (spin(b, turn, looks ? b->spins : 0U)) {
+    *patience = looks ? 0U : *patience;
+  } else {
+    *patience += 1U;
+    sleep_until(b, turn);
+  }
 }

@@ -19,6 +19,9 @@ typedef struct {
   uint32_t spins; /* looks at `turns` before a thread sleeps */
 } soter_barrier;
 
+/* How often on end a thread looked in vain, and slept. */
+typedef uint32_t soter_patience;
+
 void soter_barrier_open(soter_barrier* b);
 void soter_barrier_close(soter_barrier* b);
 
@@ -27,7 +30,9 @@ void soter_barrier_begin(soter_barrier* b, uint32_t threads);
 void soter_barrier_enter(soter_barrier* b);
 
 /* Waits until all have come; the last one calls `last`, if it is not NULL, before anybody goes on.
- * What a thread wrote before, all others see afterwards. */
-void soter_barrier_wait(soter_barrier* b, void (*last)(void* to), void* to);
+ * What a thread wrote before, all others see afterwards. `patience` is the thread's own, 0 first.
+ */
+void soter_barrier_wait(soter_barrier* b, soter_patience* patience, void (*last)(void* to),
+                        void* to);
 
 #endif

@@ -693,6 +693,7 @@ static bool any_rest(const layered* all) {
 static void* work(void* argument) {
   worker* const w = argument;
   layered* const all = w->all;
+  soter_patience patience = 0U;
   if (w->id > 0U) {
     soter_barrier_enter(&all->barrier);
   }
@@ -700,13 +701,13 @@ static void* work(void* argument) {
     bool more = true;
     while (more) {
       expand_layer(w);
-      soter_barrier_wait(&all->barrier, NULL, NULL);
+      soter_barrier_wait(&all->barrier, &patience, NULL, NULL);
       more = any_rest(all); /* all say the same: nobody goes on before the next wait */
       receive(w);
       if (!more) {
         tell(w);
       }
-      soter_barrier_wait(&all->barrier, more ? NULL : decide_and_save, all);
+      soter_barrier_wait(&all->barrier, &patience, more ? NULL : decide_and_save, all);
     }
     if (all->whole && !all->done) {
       turn_over(w);

@@ -751,7 +751,7 @@ static bool segment_is_in(const soter_store* s, uint32_t segment, const soter_st
 bool soter_store_same(const soter_store* s, const soter_store* other, uint64_t calendar) {
   bool same = s->count == other->count && s->bytes == other->bytes && s->layer && other->layer;
   if (calendar != 0U) {
-    return same && is_in(s, other, calendar);
+    return same && (other->count == 0U || is_in(s, other, calendar));
   }
   for (uint32_t g = 0; same && g < s->segments; g++) {
     same = segment_is_in(s, g, other);
