@@ -571,7 +571,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "soter test: two threads",
-        ("bench/testing/size.py", "--two-threads", "--runs", "7"),
+        ("bench/testing/two_threads.py", "--runs", "7"),
         "One thread beside two, least of seven runs each, in turns: the same states, steps and "
         "executions. `efficiency` is wall time on one thread over twice that on two, so the "
         "machine has to be free. Target: 0.8 from a million states on.",
