@@ -271,6 +271,8 @@ class Case:
     """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None
     """The attempt on the declared grid, where this one is on a finer one."""
+    tell: Tell | None = None
+    """Told how far it is."""
 
     @property
     def sets(self) -> CaseSets:
@@ -304,8 +306,12 @@ class Case:
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
+STAGE = {"P2a": "safe", "P3": "tubes", "ttf": "ttf", "safer": "safer", "P2b": "way"}
+"""Where a claim begins, for who is told of it (`STAGES` of verify_module.py)."""
+
+
 class ClaimTimer:
-    """Adds the seconds of a `with` block to a claim."""
+    """Adds the seconds of a `with` block to a claim, and tells that it begins."""
 
     def __init__(self, case: Case, claim: str) -> None:
         self.case, self.claim = case, claim
@@ -313,6 +319,8 @@ class ClaimTimer:
 
     def __enter__(self) -> None:
         phase(f"{self.case.problem.name}: {self.claim}")
+        if self.case.tell is not None and self.claim in STAGE:
+            self.case.tell(STAGE[self.claim], 0.0)
         self.began = time.perf_counter()
 
     def __exit__(self, *_: object) -> None:

@@ -52,7 +52,7 @@ def open_case(
     Of an earlier attempt `before`, groups that are the same keep their sets and their failures: the
     analysis of a group looks at the ranges of the others only.
     """
-    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
+    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter), tell=tell)
     for i, group in enumerate(in_order(groups)):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
