@@ -247,8 +247,8 @@ def _figures(test: TestResult) -> str:
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
     how += f", {test.threads} thread{'s'[: test.threads > 1]}"
-    if options.why_fewer:
-        how += f" of {options.threads} asked for: {options.why_fewer}"
+    if test.threads_fewer:
+        how += f" of {options.threads} asked for: {test.threads_fewer}"
     if test.quantum_ns is not None:
         how += f"; times at multiples of {show_ns(test.quantum_ns)}"
     return f"{', '.join(parts)}\n{how}{test.divided}"
@@ -343,7 +343,7 @@ TEST = JsonObject(
     "name system=system.name verdict bound violated=broken.text violated_there others others_bound "
     f"states transitions runs seconds states_per_s depth {TRACE} {OPTIONS} parts equal_instances "
     "contracts quantum_ns covered_ns closed_ns checkpoint short_of threads "
-    "threads_fewer=options.why_fewer? memory coverage robustness vacuous assumptions",
+    "threads_fewer? memory coverage robustness vacuous assumptions",
     MADE,
     verdict=VERDICTS,
     bound=one_of(*BOUNDS, None),

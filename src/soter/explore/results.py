@@ -187,6 +187,11 @@ class TestResult:
     """Why that may not be all of them; None: the search for more ended, or there was none."""
 
     @property
+    def threads_fewer(self) -> str:
+        """Why fewer threads searched than were asked for; "" where as many did."""
+        return self.options.why_fewer(self.threads)
+
+    @property
     def states_per_s(self) -> float:
         """Configurations stored, or executions' steps where nothing is, per second."""
         count = self.states or self.transitions

@@ -143,19 +143,15 @@ class SearchOptions:
     bug_depth: int = 3
     unguided: bool = False
 
-    @property
-    def threads_run(self) -> int:
-        """How many threads search, of those asked for."""
-        return min(self.threads, THREADS_BFS if self.strategy == "bfs" else 1)
-
-    @property
-    def why_fewer(self) -> str:
-        """Why fewer threads search than were asked for; "" where as many do."""
-        if self.threads_run == self.threads:
+    def why_fewer(self, ran: int) -> str:
+        """Why `ran` threads searched and not as many as were asked for; "" where as many did."""
+        if ran == self.threads:
             return ""
-        if self.strategy == "bfs":
+        if self.strategy != "bfs":
+            return f"only bfs searches on more than one, {self.strategy} does not"
+        if ran == THREADS_BFS:
             return f"breadth first searches on at most {THREADS_BFS}"
-        return f"only bfs searches on more than one, {self.strategy} does not"
+        return "its first steps were all that it took, or the machine gave no more"
 
 
 class SearchKeywords(TypedDict, total=False):
