@@ -231,24 +231,41 @@ def lean(polytope: Polytope) -> Polytope:
 def inner_point(p: Polytope) -> Array | None:
     """A point (n,) that surely lies in a polytope; None without any.
 
-    The middle of the ends along all axes, or of the largest box, in the proportions of the ranges,
-    where that lies on a half-space.
+    The middle of the ends along all axes; where that lies on a half-space the middle of the largest
+    box, in the proportions of the ranges; where that does, too, as in a flat set, either, or the
+    middle of the ends along all half-spaces.
     """
     program = LinearProgram(p)
     if program.empty:
         return None
     eye = np.eye(len(p.low))
-    point = np.mean([program.greatest(row)[1] for row in (*eye, *-eye)], axis=0)
-    inner = p.shrunk(SLACK * (p.high - p.low))
-    if not (np.isfinite(point).all() and (inner.rows @ point < inner.bounds).all()):
-        point = _middle_of_largest_box(p)
-    return point if surely_inside(p, point) else None
+    inner = p.shrunk(SLACK * _ranges(p))
+
+    def clear(x: Array) -> bool:
+        """On no half-space."""
+        return bool((inner.rows @ x < inner.bounds).all()) and surely_inside(p, x)
+
+    ends = [program.greatest(row)[1] for row in (*eye, *-eye)]
+    middle: Array = np.mean(ends, axis=0)
+    if clear(middle):
+        return middle
+    box = _middle_of_largest_box(p)
+    if clear(box):
+        return box
+    ends += [program.greatest(row)[1] for row in p.rows]
+    points = (middle, box, np.mean(ends, axis=0))
+    return next((point for point in points if surely_inside(p, point)), None)
+
+
+def _ranges(p: Polytope) -> Array:
+    """The widths of the box, (n,); 1 where it has no ends."""
+    width = p.high - p.low
+    return np.where(np.isfinite(width), width, 1.0)
 
 
 def _middle_of_largest_box(p: Polytope) -> Array:
     """x, (n,), of the greatest t at which x - t w and x + t w lie inside, w the ranges."""
-    width = p.high - p.low
-    width = np.where(np.isfinite(width), width, 1.0)
+    width = _ranges(p)
     rows, bounds = p.faces
     boxes = Polytope(
         np.append(p.low, 0.0),
@@ -260,10 +277,14 @@ def _middle_of_largest_box(p: Polytope) -> Array:
 
 
 def surely_inside(p: Polytope, x: Array) -> bool:
-    """Whether a point (n,) lies in a polytope; in rationals where floats could err."""
-    if not np.isfinite(x).all():
-        return False
+    """Whether a point (n,) lies in a polytope; in rationals where floats could err.
+
+    Not where a half-space is NaN.
+    """
     rows, limits = p.faces
+    if not (np.isfinite(x).all() and np.isfinite(rows).all() and (limits > -np.inf).all()):
+        return False
+    rows, limits = rows[limits < np.inf], limits[limits < np.inf]
     excess, size = rows @ x - limits, np.abs(rows) @ np.abs(x) + np.abs(limits)
     close = np.abs(excess) <= CLOSE * size + 2.0**-1000
     if (excess[~close] > 0).any():

@@ -12,7 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soter.verify.polytope.ball_matrices import Array, exponential
-from soter.verify.polytope.half_spaces import Bounds, LinearProgram, Polytope, inner_point
+from soter.verify.polytope.half_spaces import (
+    Bounds,
+    LinearProgram,
+    Polytope,
+    inner_point,
+    surely_inside,
+)
 from soter.verify.polytope.linear_group import LinearGroup
 from soter.verify.polytope.proofs import NotProvedError, PolytopeSets, Windows, compute, prove
 
@@ -323,3 +329,48 @@ def test_a_flat_set_has_an_inner_point_and_an_empty_one_has_none() -> None:
     assert point[1] == 0.5
     assert 0.0 < point[0] < 0.75
     assert inner_point(flat.with_rows(np.array([[1.0, 0.0]]), np.array([-0.1]))) is None
+
+
+def polytope(low: list[float], high: list[float], *cuts: tuple[list[float], float]) -> Polytope:
+    rows = np.array([row for row, _ in cuts]).reshape(-1, len(low))
+    return Polytope(np.array(low), np.array(high), rows, np.array([b for _, b in cuts]))
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        polytope([0.0, 0.0], [6.0, 6.0], ([3.0, 1.0], 7.0), ([-3.0, -1.0], -7.0)),
+        polytope([0.0, 0.0], [7.0, 7.0], ([-3.0, -3.0], -10.0), ([2.0, 0.0], 0.0)),
+        polytope([-0.007], [0.007], ([3e11], -1e8), ([-9e-11], 2e-13)),
+    ],
+)
+def test_a_set_without_an_inside_still_has_a_point(flat: Polytope) -> None:
+    point = inner_point(flat)
+    assert point is not None
+    assert surely_inside(flat, point)
+
+
+def test_no_point_is_given_that_does_not_surely_lie_inside() -> None:
+    # x = 1/3 is no double
+    thirds = polytope([0.0, 0.0], [1.0, 1.0], ([3.0, 0.0], 1.0), ([-3.0, 0.0], -1.0))
+    assert inner_point(thirds) is None
+
+
+def test_the_middle_of_the_largest_box_is_in_proportion_to_the_ranges() -> None:
+    # of the triangle (0, 0), (1, 1), (0.6, 0.5), a thousand times as wide as high
+    rows = [([-1.0, 1e3], 0.0), ([0.5, -0.6e3], 0.0), ([1.25, -1e3], 0.25e3)]
+    point = inner_point(polytope([0.0, 0.0], [1e3, 1.0], *rows))
+    assert point is not None
+    x, y = point[0] / 1e3, point[1]
+    least = min((x - y) / 2.0, (0.6 * y - 0.5 * x) / 1.1, (0.25 + y - 1.25 * x) / 2.25)
+    t = 0.011  # the largest one is 0.0116 of the ranges from each side
+    assert least > t
+
+
+def test_half_spaces_without_end_cut_nothing_and_those_of_nan_are_in_no_set() -> None:
+    wide = polytope([-np.inf, 0.0], [np.inf, 1.0], ([1.0, 0.0], 2.0), ([-1.0, 0.0], np.inf))
+    assert surely_inside(wide, np.array([1.0, 0.5]))
+    assert not surely_inside(wide, np.array([2.5, 0.5]))
+    assert not surely_inside(polytope([0.0], [1.0], ([np.nan], 1.0)), np.array([0.5]))
+    assert not surely_inside(polytope([0.0], [1.0], ([1.0], np.nan)), np.array([0.5]))
+    assert not surely_inside(polytope([0.0], [1.0], ([0.0], -np.inf)), np.array([0.5]))

@@ -5,9 +5,10 @@
  * on end, because others have the processors, looks rarely.
  * Non-goals: what is done between two waits (soter_explore_bfs.c).
  */
-#define _POSIX_C_SOURCE 200809L
+#define _GNU_SOURCE /* the processors that this process may use */
 #include "soter_explore_barrier.h"
 
+#include <sched.h>
 #include <unistd.h>
 
 #define SPINS 4000U /* looks, some 100 us, before a thread sleeps, */
@@ -17,7 +18,10 @@
 /* A thread that waits awake would only keep others from a processor where there are too few. */
 static uint32_t spins_of(uint32_t threads) {
   long processors = 1;
-#ifdef _SC_NPROCESSORS_ONLN
+#if defined(__linux__)
+  cpu_set_t usable;
+  processors = sched_getaffinity(0, sizeof usable, &usable) == 0 ? CPU_COUNT(&usable) : 1;
+#elif defined(_SC_NPROCESSORS_ONLN)
   processors = sysconf(_SC_NPROCESSORS_ONLN);
 #endif
   return (long)threads <= processors ? SPINS : 0U;

@@ -307,7 +307,7 @@ static void hand_on_short(worker* w) {
     end[k] = soter_row_at(&w->out[k], w->out[k].count);
   }
   for (uint32_t k = 0; k < h->count; k++) {
-    *end[soter_owner_of_short(all, h->packed[k])]++ = h->packed[k];
+    *end[soter_owner_of_short(all, &w->store, h->packed[k])]++ = h->packed[k];
   }
   for (uint32_t k = 0; k < all->threads; k++) {
     const uint64_t* const first = soter_row_at(&w->out[k], w->out[k].count);
@@ -329,7 +329,7 @@ static void hand_over(worker* w) {
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
     const uint64_t* const key = w->key + (size_t)k * words;
-    const uint32_t owner = soter_owner_of(all, packed, key);
+    const uint32_t owner = soter_owner_of(all, &w->store, packed, key);
     SOTER_CHECK(owner < all->threads && own <= k);
     if (owner != w->id) {
       w->full = !soter_row_put(&w->out[owner], packed, h->sleep[k], 0U);
@@ -633,9 +633,13 @@ static void save(layered* all) {
   }
 }
 
-/* What comes after a layer, or a part of one, while nobody works. */
+/* What comes after a layer, or a part of one, while nobody works: what all have taken in is known.
+ */
 static void decide_and_save(void* to) {
   layered* const all = to;
+  for (uint32_t k = all->threads; k-- > 0U;) {
+    tell(&all->w[k]); /* the first one, last, adds up */
+  }
   decide(all);
   save(all);
 }
@@ -704,9 +708,6 @@ static void* work(void* argument) {
       soter_barrier_wait(&all->barrier, &patience, NULL, NULL);
       more = any_rest(all); /* all say the same: nobody goes on before the next wait */
       receive(w);
-      if (!more) {
-        tell(w);
-      }
       soter_barrier_wait(&all->barrier, &patience, more ? NULL : decide_and_save, all);
     }
     if (all->whole && !all->done) {
@@ -825,7 +826,7 @@ static bool take_births(void* to) {
       soter_fold(all->s->o, packed);
     }
     soter_store_key(&first->store, stands_for(first, packed, room), key);
-    worker* const owner = &all->w[soter_owner_of(all, packed, key)];
+    worker* const owner = &all->w[soter_owner_of(all, &first->store, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
       tell(owner);

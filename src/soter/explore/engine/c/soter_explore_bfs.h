@@ -112,21 +112,22 @@ typedef struct layered {
 
 /* Whose a configuration of a word is: by what the table tells apart, but for its place in the
  * calendar where layers are compared whose places differ: what comes again has the same owner. */
-SOTER_INLINE uint32_t soter_owner_of_short(const layered* all, uint64_t packed) {
-  const uint64_t x = (packed & ~all->closing.calendar) >> all->w[0].store.common | 1U;
+SOTER_INLINE uint32_t soter_owner_of_short(const layered* all, const soter_store* s,
+                                           uint64_t packed) {
+  const uint64_t x = (packed & ~all->closing.calendar) >> s->common | 1U;
   const uint64_t h = (x ^ x >> 32) * UINT64_C(0x9e3779b97f4a7c15);
   return (uint32_t)((h >> 32) * all->threads >> 32);
 }
 
-/* Whose a configuration is: as the table knows it, or as above. */
-SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* packed,
-                                     const uint64_t* key) {
-  const soter_store* const s = &all->w[0].store;
+/* Whose a configuration is: as the table knows it, or as above. `s`: a table that nobody else
+ * opens or closes meanwhile; they are alike. */
+SOTER_INLINE uint32_t soter_owner_of(const layered* all, const soter_store* s,
+                                     const uint64_t* packed, const uint64_t* key) {
   const uint64_t calendar = all->closing.calendar; /* then the table has all of a configuration */
   uint64_t h = 0U;
   SOTER_CHECK(all->threads <= THREADS);
   if (soter_store_is_short(s)) {
-    return soter_owner_of_short(all, packed[0]);
+    return soter_owner_of_short(all, s, packed[0]);
   }
   for (uint32_t k = 0; all->threads > 1U && k < s->words; k++) {
     const uint64_t word = calendar == 0U ? key[k] : k == 0U ? packed[0] & ~calendar : packed[k];

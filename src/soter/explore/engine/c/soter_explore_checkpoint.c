@@ -252,7 +252,7 @@ static bool get_row(reader* r, layered* all, row_of* row, uint64_t width) {
     (void)memcpy(item, from, width * sizeof *item);
     from += width * sizeof *item;
     soter_store_key(&all->w[0].store, item, key);
-    const uint32_t owner = soter_owner_of(all, item, key);
+    const uint32_t owner = soter_owner_of(all, &all->w[0].store, item, key);
     const uint64_t only = width > all->words + 1U ? item[all->words + 1U] : 0U;
     if (!soter_row_put(row(all, owner), item, width > all->words ? item[all->words] : 0U, only)) {
       all->w[owner].full = all->w[owner].torn = true;
@@ -303,7 +303,7 @@ static soter_store* anchor_of(worker* w, int64_t** time) {
 
 static void put_entry(layered* all, table_of* table, uint32_t segment, soter_entry* e) {
   int64_t* time;
-  worker* const w = &all->w[soter_owner_of(all, e->packed, e->key)];
+  worker* const w = &all->w[soter_owner_of(all, &all->w[0].store, e->packed, e->key)];
   soter_store* const s = table(w, &time);
   if (w->full || !soter_store_put_entry(s, segment, e)) {
     w->full = w->torn = true;
