@@ -13,7 +13,7 @@
 
 #define SPINS 4000U /* looks, some 100 us, before a thread sleeps, */
 #define FEW 4U      /* unless so many were in vain: then only at every */
-#define RARELY 64U  /* such wait */
+#define RARELY 16U  /* such wait */
 
 /* A thread that waits awake would only keep others from a processor where there are too few. */
 static uint32_t spins_of(uint32_t threads) {
