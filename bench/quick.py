@@ -116,14 +116,14 @@ def many_nodes(count: int) -> str:
 def commands() -> Iterator[Row]:
     """The command line."""
     drone = str(DRONE / "motion_primitive.soter")
-    yield Row("soter check motion_primitive.soter", processor_s("check", drone), "s", 0.35)
+    yield Row("check of motion_primitive.soter", processor_s("check", drone), "s", 0.35)
     cart = str(EXAMPLES / "wall" / "cart.soter")
-    yield Row("soter run cart.soter, compiled before", processor_s("run", cart), "s", 0.4)
+    yield Row("run of cart.soter, compiled before", processor_s("run", cart), "s", 0.4)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "many.soter"
         path.write_text(many_nodes(NODES), encoding="utf-8")
         first = processor_s("run", str(path), turns=1, cache=str(Path(folder) / "cache"))
-        yield Row(f"soter run, first time, {NODES:,} nodes", first, "s", 4.0)
+        yield Row(f"first run of a program of {NODES:,} nodes", first, "s", 4.0)
 
 
 def keystrokes() -> Iterator[Row]:

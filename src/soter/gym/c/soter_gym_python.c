@@ -45,17 +45,24 @@ void soter_python_given(const soter_python* python) {
   soter_clear_error = (void (*)(void))(uintptr_t)python->clear_error;
 }
 
-/* The numbers of an array with one axis; whether it has `count` of them, of a type that is read. */
+/* The type of the numbers of an array with one axis that has `count` of them; 0: they are not read.
+ */
+static char soter_type_of(const soter_buffer* b, uint32_t count) {
+  const char type =
+      b->format != NULL && b->format[0] != '\0' && b->format[1] == '\0' ? b->format[0] : '\0';
+  const bool fits = b->axes == 1 && b->shape[0] == (intptr_t)count;
+  return fits && (type == 'f' || type == 'd') ? type : '\0';
+}
+
+/* The numbers of such an array; false: they are not read. */
 static bool soter_numbers_of(void* array, uint32_t count, double* into) {
   soter_buffer b;
   if (soter_buffer_of(array, &b, SOTER_BUFFER_FORMAT | SOTER_BUFFER_STRIDES) != 0) {
     soter_clear_error();
     return false;
   }
-  const char type =
-      b.format != NULL && b.format[0] != '\0' && b.format[1] == '\0' ? b.format[0] : '?';
-  const bool read = b.axes == 1 && b.shape[0] == (intptr_t)count && (type == 'f' || type == 'd');
-  for (uint32_t i = 0; i < count && read; i++) {
+  const char type = soter_type_of(&b, count);
+  for (uint32_t i = 0; i < count && type != '\0'; i++) {
     const uint8_t* const at = b.data + (intptr_t)i * b.strides[0];
     if (type == 'd') {
       (void)memcpy(&into[i], at, sizeof into[i]);
@@ -66,7 +73,7 @@ static bool soter_numbers_of(void* array, uint32_t count, double* into) {
     }
   }
   soter_buffer_release(&b);
-  return read;
+  return type != '\0';
 }
 
 void* soter_python_act(void* self, void* action) {
