@@ -52,8 +52,8 @@ SECOND = 10**9
 TURNS = 5
 NODES = 1000
 ELSEWHERE = """measured elsewhere, in minutes each: `verify` and `recheck` of the examples
-(bench/verify/time_to_verdict.py, bench/recheck/time_to_recheck.py), sets beside hj-reachability
-(bench/verify/reach_sets.py), the explorer and SPIN (bench/testing/size.py, spin.py)"""
+(bench/recheck/beside_verify.py), sets beside hj-reachability
+(bench/verify/reach_sets.py), the explorer (bench/testing/two_threads.py, size.py, spin.py)"""
 
 
 @dataclass(frozen=True)
