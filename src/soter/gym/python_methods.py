@@ -1,8 +1,8 @@
 """Calls of a step without a foreign-function interface (`c/soter_gym_python.c`).
 
 Purpose: `step_calls`: functions of an array that answer for the agent and for the plant of one
-`soter_outside`. C reads the array where it lies: of the two calls of a step, each takes half a
-microsecond less than a copy by NumPy and a call by cffi.
+`soter_outside`. C reads the array where it lies: of the two calls of a step, each takes a
+third of a microsecond less than a copy by NumPy and a call by cffi.
 Non-goals: any other call.
 """
 

@@ -388,7 +388,7 @@ static void tell(worker* w) {
   w->full = w->full || (s->o->max_states > 0U && states >= s->o->max_states);
 }
 
-/* Heirs of one configuration, or of a few, go to their owners; false: no more are wanted. */
+/* Successors of one configuration, or of a few, go to their owners; false: no more are wanted. */
 static bool take_away(void* to) {
   worker* const w = to;
   if (more_keys(w, w->expander.successors.count)) {
@@ -426,7 +426,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 }
 
 /* Whether configurations of the frontier are expanded many at a time. */
-static bool in_batchs(const worker* w) {
+static bool in_batches(const worker* w) {
   const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
   return fine && w->batch > 0U && soter_store_is_short(&w->before);
 }
@@ -475,7 +475,7 @@ static uint64_t expand_some(worker* w, uint64_t first) {
   SOTER_CHECK(first < w->layer);
   soter_forget(&w->expander);
   w->first = first;
-  i += in_batchs(w) ? expand_batch(w, first) : 0U;
+  i += in_batches(w) ? expand_batch(w, first) : 0U;
   if (i > first) {
     (void)take_away(w);
     return i - first;

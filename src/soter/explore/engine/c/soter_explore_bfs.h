@@ -76,7 +76,7 @@ typedef struct worker {
   uint32_t batch;     /* of which so many are expanded at once, 0: one by one; */
   uint64_t expanded;  /* of which so many are, and lost no successor, */
   uint64_t made;      /* with so many transitions; */
-  bool rest;          /* others are to be, when what is tsuccessors was taken in */
+  bool rest;          /* others are to be, when what is theirs was taken in */
   uint64_t fresh;     /* and so many are in the next */
   uint64_t culprit;   /* links: the entry whose move breaks something */
   uint64_t last;      /* links: or the entry that is broken */

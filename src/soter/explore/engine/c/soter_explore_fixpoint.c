@@ -117,7 +117,7 @@ static void look_back(layered* all) {
   c->turn[c->turns++] = now;
 }
 
-/* All workers have compared tsuccessors. */
+/* All workers have compared theirs. */
 static void agree(layered* all) {
   soter_closing* const c = &all->closing;
   bool same = true;
