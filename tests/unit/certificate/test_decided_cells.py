@@ -12,7 +12,12 @@ from soter.certificate.batches import decided_cells
 from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.chain_walks import ArrayChain, Walk, _Attempt, unkept, unled
-from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER, ArrayDecision
+from soter.certificate.batches.decided_cells import (
+    FAILS,
+    HOLDS,
+    NEITHER,
+    ArrayDecision,
+)
 from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
@@ -177,26 +182,6 @@ def test_of_few_cells_no_arrays_are_made(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(predicates, "decided", None)
     block = ((0, 7), (0, 9))
     assert (decision_of("stops").decided(every(GRID), block, 8) == NEITHER).all()
-
-
-def test_certain_cells_are_those_of_arb_alone_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With arrays and without; where arrays are asked Arb is asked about what they leave."""
-    group: Any = SimpleNamespace(grid=GRID, states=(0, 1))
-    model: Any = SimpleNamespace(extents=EXTENTS)
-    for name, proposition in PROPOSITIONS.items():
-        members = []
-        for few in (predicates.FEW, GRID.shape[0] * GRID.shape[1] + 1):
-            monkeypatch.setattr(predicates, "FEW", few)
-            terms = Terms()
-            states = [
-                terms.input("state", n, *map(exact, e)) for n, e in zip("xv", EXTENTS, strict=True)
-            ]
-            e = terms.input("box", "e", exact(-ERROR), exact(ERROR))
-            truth = proposition(terms, states[0], states[1], e)
-            atoms = [next(iter(s.terms)) for s in states]
-            members.append(predicates._certain_cells(model, group, terms, atoms, truth).members)
-        assert not (members[1] & ~members[0]).any(), name
-        assert members[0].sum() - members[1].sum() <= 0.1 * members[0].size, name
 
 
 def test_runs_from_beyond_are_followed_as_one_by_one() -> None:

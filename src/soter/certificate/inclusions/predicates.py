@@ -29,6 +29,7 @@ from soter.certificate.inclusions.group_claims import CELLS_AT_ONCE, FREE_PIECES
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.python_source import content_of
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,
@@ -43,6 +44,8 @@ from soter.certificate.terms.terms import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
 
     from soter.certificate.batches.decided_cells import Bits
     from soter.certificate.inclusions.cell_sets import Block, Grid
@@ -62,6 +65,8 @@ SPLITS_TO_DECIDE = 8
 """The same of arrays, which also find a part on which the predicate certainly fails."""
 FEW = 64
 """Cells, of fewer of which arrays are not asked."""
+CERTAIN_CELLS_MAX = 100
+"""Sets of cells that are remembered."""
 
 # ---------------------------------------------------------------- computed predicates
 
@@ -216,6 +221,11 @@ class Decision:
         self.reads = tuple(a in read for a in places)
         self._written = compile_truths(terms, [*places, *free], [truth], boxes)
 
+    @property
+    def content(self) -> object:
+        """Equal for decisions only that say the same of every box."""
+        return self._written.content, content_of(tuple(self.ranges)), self.reads
+
     def of(self, box: list[tuple[arb, arb]]) -> int:
         """Its bits on a box: it may fail, it may hold."""
         bits: int = self._written(form_of_box(box, symbols=False))[0]
@@ -249,11 +259,25 @@ def _certain_cells(
     model: CaseModel, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Proposition
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
-    grid = group.grid
     decision = Decision(model, group.states, terms, atoms, truth)
+    key = decision.content, group.grid.edges, group.grid.unbounded
+    if key not in _CERTAIN_CELLS:
+        if len(_CERTAIN_CELLS) == CERTAIN_CELLS_MAX:
+            _CERTAIN_CELLS.clear()
+        _CERTAIN_CELLS[key] = _decided_cells(decision, group.grid)
+    return Cells(group.grid, _CERTAIN_CELLS[key])
+
+
+_CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
+"""By what is asked and the grid: parameters and modules often differ in neither."""
+
+
+def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
+    """The same of one decision and grid; Arb is asked of cells that arrays did not look at."""
     every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
     known = decision.decided(every, grid.whole, SPLITS_TO_DECIDE)
-    members, left = known == HOLDS, Cells(grid, known == NEITHER)
+    members: NDArray[np.bool_] = known == HOLDS
+    left = Cells(grid, known == NEITHER)
     waiting = [grid.whole]
     while waiting:
         block = waiting.pop()
@@ -265,7 +289,7 @@ def _certain_cells(
             waiting.extend(halves(block))
         elif bits == HOLDS or (bits == NEITHER and decision.holds_in(grid, block, SPLITS_OF_SETS)):
             members[block_index(block)] = True
-    return Cells(grid, members)
+    return members
 
 
 class AdmitCheck:

@@ -83,7 +83,7 @@ def key_of(x: arb) -> object:
     """What is equal for equal balls only."""
     if not x.is_finite():
         return (arb, id(x))
-    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
+    return (arb, *x.mid().man_exp(), *x.rad().man_exp())
 
 
 def magnitude(x: arb) -> arb:

@@ -172,8 +172,22 @@ class WrittenFunction:
         self.of_many.prepare(names.count(","))
 
     @cached_property
+    def content(self) -> object:
+        """Equal for functions of the same lines and constants only."""
+        used = {w for line in self._lines for w in WORD.findall(line)} & self._names.keys()
+        constants = sorted(used - NAMES.keys())
+        return tuple(self._lines), tuple((w, content_of(self._names[w])) for w in constants)
+
+    @cached_property
     def of_many(self) -> ArrayFunction:
         """The same lines over arrays of balls, and for which boxes none would give back None."""
+        if self.content not in _ARRAY_FUNCTIONS:
+            if len(_ARRAY_FUNCTIONS) == FUNCTIONS_MAX:
+                _ARRAY_FUNCTIONS.clear()
+            _ARRAY_FUNCTIONS[self.content] = self._as_array_function()
+        return _ARRAY_FUNCTIONS[self.content]
+
+    def _as_array_function(self) -> ArrayFunction:
         lines = ["sure = True"]
         for line in self._lines:
             demanded = DEMAND.match(line)
@@ -186,28 +200,23 @@ class WrittenFunction:
         used = {w for line in lines for w in WORD.findall(line)} & self._names.keys()
         constants = {w: _as_arrays(self._names[w]) for w in used - NAMES.keys()}
         names = {**constants, **NAMES}
-        key = tuple(lines), tuple((w, _content(self._names[w])) for w in sorted(constants))
-        if key not in _ARRAY_FUNCTIONS:
-            if len(_ARRAY_FUNCTIONS) == FUNCTIONS_MAX:
-                _ARRAY_FUNCTIONS.clear()
-            recorded = partial(_compiled, lines, {**names, **RECORDED})
-            _ARRAY_FUNCTIONS[key] = ArrayFunction(_compiled(lines, names), recorded)
-        return _ARRAY_FUNCTIONS[key]
+        recorded = partial(_compiled, lines, {**names, **RECORDED})
+        return ArrayFunction(_compiled(lines, names), recorded)
 
 
 _ARRAY_FUNCTIONS: dict[object, ArrayFunction] = {}
 """By all that they are made of: groups that are alike have them in common."""
 
 
-def _content(constant: Any) -> object:  # noqa: ANN401  as `_as_arrays`
+def content_of(constant: Any) -> object:  # noqa: ANN401  as `_as_arrays`
     """Equal for equal constants only; of what is no number or table equal to nothing else."""
     if isinstance(constant, tuple):
-        return tuple(_content(x) for x in constant)
+        return tuple(content_of(x) for x in constant)
     if isinstance(constant, arb) and constant.is_finite():
         return key_of(constant)
     if isinstance(constant, np.ndarray):
         return constant.dtype.str, constant.shape, constant.tobytes()
-    return (type(constant), constant) if isinstance(constant, (int, float)) else object()
+    return (type(constant), repr(constant)) if isinstance(constant, (int, float)) else object()
 
 
 def _compiled(lines: Sequence[str], names: dict[str, Any]) -> Any:  # noqa: ANN401  made from text
