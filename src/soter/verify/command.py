@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import shlex
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,20 +16,22 @@ from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.language.model.system import claims_nothing
-from soter.verify.claims.results import VerifyReport
+from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
+    from concurrent.futures import Executor, Future
     from pathlib import Path
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
     from soter.verify.induction.refute import Search
+    from soter.verify.module_methods import ModuleMethod
     from soter.verify.problem.problem import Problem
 
     Progress = Callable[[float], None]
@@ -57,8 +60,6 @@ def verify(
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
     `verify_by_induction`.
     """
-    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
-
     began = time.perf_counter()
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
@@ -71,16 +72,7 @@ def verify(
             without = Assumption("no faults", NO_FAULTS.format(flat.name))
             problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
-    results = []
-    for i, problem in enumerate(problems):
-        share = _part(progress, i, len(problems))
-        # a run of a view, or of a plant that others move as they like, is none of the vehicle; one
-        # of another AC, or of an SC that nobody takes control from, is none of a tower
-        whole = not (problem.view or problem.influences)
-        attack = refute and whole and not (problem.above or problem.below)
-        prove = module_method(problem).verify
-        why = (refute and whole) if explain is None else explain
-        results.append(prove(problem, refute=attack, explain=why, progress=share, search=search))
+    results = _proved(problems, refute, explain, progress, search)
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -103,6 +95,47 @@ def verify(
         write_report(verification, report)
     verification.page = _page
     return verification
+
+
+def _proved(
+    problems: Sequence[Problem],
+    refute: bool,
+    explain: bool | None,
+    progress: Progress | None,
+    search: Search | None,
+) -> list[ModuleResult]:
+    """One after the other; of the next one the enclosures may be compiled meanwhile."""
+    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
+
+    results = []
+    with ThreadPoolExecutor(1) as beside:
+        for i, problem in enumerate(problems):
+            share = _part(progress, i, len(problems))
+            # a run of a view, or of a plant that others move as they like, is none of the vehicle;
+            # one of another AC, or of an SC that nobody takes control from, is none of a tower
+            whole = not (problem.view or problem.influences)
+            attack = refute and whole and not (problem.above or problem.below)
+            method = module_method(problem)
+            why = (refute and whole) if explain is None else explain
+            ahead = _compiled_ahead(beside, method, problems[i + 1 : i + 2])
+            results.append(
+                method.verify(problem, refute=attack, explain=why, progress=share, search=search)
+            )
+            if ahead is not None:
+                ahead.exception()  # the proof that needs it says what is wrong
+    return results
+
+
+def _compiled_ahead(
+    beside: Executor, method: ModuleMethod, following: Sequence[Problem]
+) -> Future[object] | None:
+    """What the following proof needs, compiled during one that has nothing compiled itself."""
+    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
+
+    for problem in following if method.compiled is None else ():
+        if (compiled := module_method(problem).compiled) is not None:
+            return beside.submit(compiled, problem)
+    return None
 
 
 def _page(report: VerifyReport) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.deploy import deployed_sensors
+from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.induction import certificate_entry, inputs_from_outside
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.sets_certificate_entry import entry_over_sets
@@ -35,9 +36,11 @@ class ModuleMethod:
     """(result, system, stem of its files, files) -> the module in a manifest."""
     covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]
     """(deployed system, proved one, problem, diagnostics) -> what is covered, and assumed."""
+    compiled: Callable[[Problem], object] | None = None
+    """What a proof has compiled first, and finds in the cache where it was compiled before."""
 
 
-SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers)
+SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers, library_of)
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
