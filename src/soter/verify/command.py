@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,14 +24,12 @@ from soter.verify.scope import coverage_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
-    from concurrent.futures import Executor, Future
     from pathlib import Path
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
     from soter.verify.induction.refute import Search
-    from soter.verify.module_methods import ModuleMethod
     from soter.verify.problem.problem import Problem
 
     Progress = Callable[[float], None]
@@ -72,7 +70,8 @@ def verify(
             without = Assumption("no faults", NO_FAULTS.format(flat.name))
             problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
-    results = _proved(problems, refute, explain, progress, search)
+    externs = any(c.extern for flat, _ in chosen for c in flat.components)
+    results = _proved(problems, refute, explain, progress, search, externs=externs)
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -103,39 +102,45 @@ def _proved(
     explain: bool | None,
     progress: Progress | None,
     search: Search | None,
+    *,
+    externs: bool,
 ) -> list[ModuleResult]:
-    """One after the other; of the next one the enclosures may be compiled meanwhile."""
+    """One after the other; what the next ones need is compiled meanwhile, in the same order.
+
+    `externs`: whether a system has any, which runs that refute may ask in other processes.
+    """
     from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
 
     results = []
-    with ThreadPoolExecutor(1) as beside:
-        for i, problem in enumerate(problems):
+    methods = [module_method(p) for p in problems]
+    beside = ThreadPoolExecutor(1)
+    try:
+        needed = [
+            None if m.compiled is None else beside.submit(m.compiled, p)
+            for m, p in zip(methods, problems, strict=True)
+        ]
+        for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
             share = _part(progress, i, len(problems))
             # a run of a view, or of a plant that others move as they like, is none of the vehicle;
             # one of another AC, or of an SC that nobody takes control from, is none of a tower
             whole = not (problem.view or problem.influences)
             attack = refute and whole and not (problem.above or problem.below)
-            method = module_method(problem)
             why = (refute and whole) if explain is None else explain
-            ahead = _compiled_ahead(beside, method, problems[i + 1 : i + 2])
+            if attack and externs:
+                wait(filter(None, needed))  # its runs may fork, which no other thread may be beside
             results.append(
-                method.verify(problem, refute=attack, explain=why, progress=share, search=search)
+                methods[i].verify(
+                    problem,
+                    refute=attack,
+                    explain=why,
+                    progress=share,
+                    search=search,
+                    compiled=None if job is None else job.result(),
+                )
             )
-            if ahead is not None:
-                ahead.exception()  # the proof that needs it says what is wrong
+    finally:
+        beside.shutdown(cancel_futures=True)
     return results
-
-
-def _compiled_ahead(
-    beside: Executor, method: ModuleMethod, following: Sequence[Problem]
-) -> Future[object] | None:
-    """What the following proof needs, compiled during one that has nothing compiled itself."""
-    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
-
-    for problem in following if method.compiled is None else ():
-        if (compiled := module_method(problem).compiled) is not None:
-            return beside.submit(compiled, problem)
-    return None
 
 
 def _page(report: VerifyReport) -> str:

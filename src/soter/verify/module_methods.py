@@ -31,13 +31,13 @@ class ModuleMethod:
     """What a method does with problems of its kind, and with its own results."""
 
     verify: Callable[..., ModuleResult]
-    """(problem, refute=, explain=, progress=, search=) -> every property, a verdict each."""
+    """(problem, refute=, explain=, progress=, search=, compiled=) -> verdicts of all properties."""
     entry: Callable[[Any, str, str, dict[str, bytes]], dict[str, object]]
     """(result, system, stem of its files, files) -> the module in a manifest."""
     covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]
     """(deployed system, proved one, problem, diagnostics) -> what is covered, and assumed."""
     compiled: Callable[[Problem], object] | None = None
-    """What a proof has compiled first, and finds in the cache where it was compiled before."""
+    """What `verify` needs as `compiled`, and makes itself where it is None."""
 
 
 SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers, library_of)

@@ -1,8 +1,7 @@
 """Verify one module over sets of states: every property, a verdict each.
 
 Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
-what is not proved, and put it all into a `ModuleResult`. Whatever could not be bounded is
-undecided.
+what is not proved: a `ModuleResult`. Whatever could not be bounded is undecided.
 Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`).
 """
 
@@ -86,15 +85,16 @@ def verify_module(
     explain: bool | None = None,
     progress: Progress | None = None,
     search: Search | None = None,
+    compiled: tuple[ReachLibrary, tuple[str, ...]] | None = None,
 ) -> ModuleResult:
     """Everything about one module. `SoterError` R... where a program cannot be enclosed.
 
-    `explain`: measure why something stays undecided; None: where `refute` is. `search`: as every
-    method takes it; these runs are looked for without it.
+    `explain`: measure why something stays undecided; None: where `refute` is. `compiled`: what
+    `library_of` gives. `search`, as every method takes it: these runs are looked for without.
     """
     del search
     began = time.perf_counter()
-    library, prelude = library_of(problem)
+    library, prelude = compiled or library_of(problem)
     announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
     cpu = time.process_time()
     done = _all_cases(problem, library, _upto(progress, CASES))

@@ -3,110 +3,121 @@
 from __future__ import annotations
 
 import threading
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.front_end import check_file
-from soter.verify import module_methods
-from soter.verify.command import verify
+from soter.verify import command, module_methods
 from soter.verify.module_methods import ModuleMethod
-from unit.verify.test_asked import CART, TWO
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 PATIENCE_S = 60.0
-FIRST, SECOND = "r[0].Guard", "r[1].Guard"
-
-
-class ProofError(Exception):
-    """No proof is made in these tests: it ends here."""
+FIRST, SECOND = "Planner", "Guard"
+PROBLEMS: Any = [
+    SimpleNamespace(name=name, view="", influences=(), above=None, below=())
+    for name in (FIRST, SECOND)
+]
 
 
 def proofs(
     monkeypatch: pytest.MonkeyPatch,
-    *,
-    first: Callable[[], None],
-    second: Callable[[], None],
+    prove: dict[str, Callable[[object], None]],
     compiled: dict[str, Callable[[Any], object] | None],
+    *,
+    refute: bool = False,
+    externs: bool = False,
 ) -> None:
-    """Two modules, of which only this is done; `compiled` is what each has compiled."""
+    """Two modules: what is compiled for each, and what is done with it in place of a proof."""
 
     def method(problem: Any) -> ModuleMethod:
-        def prove(problem: Any, **_: object) -> Any:
-            (first if problem.name == FIRST else second)()
+        def verify(problem: Any, *, compiled: object, **_: object) -> Any:
+            prove[problem.name](compiled)
 
         unused: Any = None
-        return ModuleMethod(prove, unused, unused, compiled[problem.name])
+        return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
     monkeypatch.setattr(module_methods, "module_method", method)
-    checked = check_file("two.soter", CART + TWO)
-    verify(checked, system="Two")
+    command._proved(PROBLEMS, refute, None, None, None, externs=externs)
 
 
-def over() -> None:
-    raise ProofError
+def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    proving, compiling = threading.Event(), threading.Event()
+    got: list[object] = []
 
-
-def test_it_is_compiled_meanwhile_and_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    proving, compiling, made = threading.Event(), threading.Event(), threading.Event()
-
-    def first() -> None:
+    def first(compiled: object) -> None:
+        assert compiled is None
         proving.set()
         assert compiling.wait(PATIENCE_S), "nothing is compiled during the first proof"
 
-    def compile_second(problem: Any) -> None:
-        assert problem.name == SECOND
+    def compile_second(problem: Any) -> str:
         compiling.set()
         assert proving.wait(PATIENCE_S)
-        threading.Event().wait(0.2)  # longer than the first proof takes
-        made.set()
+        return f"code of {problem.name}"
 
-    def second() -> None:
-        assert made.is_set(), "the second proof would compile it once more"
-        over()
-
-    with pytest.raises(ProofError):
-        proofs(
-            monkeypatch,
-            first=first,
-            second=second,
-            compiled={FIRST: None, SECOND: compile_second},
-        )
+    proofs(monkeypatch, {FIRST: first, SECOND: got.append}, {FIRST: None, SECOND: compile_second})
+    assert got == [f"code of {SECOND}"]
 
 
-def test_what_cannot_be_compiled_is_said_by_the_proof_that_needs_it(
+def test_one_thing_is_compiled_at_a_time_in_the_order_of_the_proofs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    proved: list[str] = []
+    """What two modules have in common is found in the cache by the second."""
+    said: list[str] = []
+
+    def compile_slowly(problem: Any) -> str:
+        said.append(f"begin {problem.name}")
+        threading.Event().wait(0.05)
+        said.append(f"end {problem.name}")
+        return str(problem.name)
+
+    def nothing(_: object) -> None:
+        pass
+
+    modules = (FIRST, SECOND)
+    proofs(monkeypatch, dict.fromkeys(modules, nothing), dict.fromkeys(modules, compile_slowly))
+    assert said == [f"{what} {name}" for name in modules for what in ("begin", "end")]
+
+
+def test_what_cannot_be_compiled_is_said_in_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    proved: list[object] = []
 
     def refused(_: object) -> None:
         raise SoterError((Diagnostic("R007", "cannot be enclosed"),))
 
-    def second() -> None:
-        assert proved == ["first"]
-        over()
-
-    with pytest.raises(ProofError):
+    with pytest.raises(SoterError, match="R007"):
         proofs(
             monkeypatch,
-            first=lambda: proved.append("first"),
-            second=second,
-            compiled={FIRST: None, SECOND: refused},
+            {FIRST: proved.append, SECOND: proved.append},
+            {FIRST: None, SECOND: refused},
         )
+    assert proved == [None]
 
 
-def test_nothing_is_compiled_beside_a_proof_that_compiles_itself(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize(("refute", "extern"), [(True, True), (True, False), (False, True)])
+def test_nothing_is_compiled_beside_runs_that_may_fork(
+    monkeypatch: pytest.MonkeyPatch, *, refute: bool, extern: bool
 ) -> None:
-    asked: list[object] = []
-    with pytest.raises(ProofError):
-        proofs(
-            monkeypatch,
-            first=lambda: None,
-            second=over,
-            compiled=dict.fromkeys((FIRST, SECOND), asked.append),
-        )
-    assert not asked
+    """A thread that holds a lock of Python at a fork holds it for ever in the child."""
+    proving, made = threading.Event(), threading.Event()
+    alone: list[bool] = []
+
+    def first(_: object) -> None:
+        alone.append(made.is_set())
+        proving.set()
+
+    def compile_second(_: object) -> None:
+        proving.wait(0.3 if refute and extern else PATIENCE_S)
+        made.set()
+
+    proofs(
+        monkeypatch,
+        {FIRST: first, SECOND: lambda _: None},
+        {FIRST: None, SECOND: compile_second},
+        refute=refute,
+        externs=extern,
+    )
+    assert alone == [refute and extern]

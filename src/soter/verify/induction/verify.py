@@ -66,13 +66,14 @@ def verify_by_induction(
     explain: bool | None = None,
     progress: Callable[[float], None] | None = None,
     search: Search | None = None,
+    compiled: object = None,
 ) -> InductionResult:
     """Everything about one module. `SoterError` D007 where the solver is not installed.
 
-    `explain`: as every method takes it; an induction says what it knows without it.
+    `explain`, `compiled`: as every method takes them; an induction says what it knows without.
     `search`: finds runs that refute, where `refute`; None: nobody looks for one.
     """
-    del explain
+    del explain, compiled
     began = time.perf_counter()
     induction = induct(problem, progress)
     result = InductionResult(problem, {}, [])
