@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
+from soter.workers.forks_wait import forks_wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -70,8 +71,7 @@ def verify(
             without = Assumption("no faults", NO_FAULTS.format(flat.name))
             problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
-    externs = any(c.extern for flat, _ in chosen for c in flat.components)
-    results = _proved(problems, refute, explain, progress, search, externs=externs)
+    results = _proved(problems, refute, explain, progress, search)
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -102,13 +102,8 @@ def _proved(
     explain: bool | None,
     progress: Progress | None,
     search: Search | None,
-    *,
-    externs: bool,
 ) -> list[ModuleResult]:
-    """One after the other; what the next ones need is compiled meanwhile, in the same order.
-
-    `externs`: whether a system has any, which runs that refute may ask in other processes.
-    """
+    """One after the other; what the next ones need is compiled meanwhile, in the same order."""
     from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
 
     results = []
@@ -116,7 +111,7 @@ def _proved(
     beside = ThreadPoolExecutor(1)
     try:
         needed = [
-            None if m.compiled is None else beside.submit(m.compiled, p)
+            None if m.compiled is None else beside.submit(_compiled, m.compiled, p)
             for m, p in zip(methods, problems, strict=True)
         ]
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
@@ -126,8 +121,6 @@ def _proved(
             whole = not (problem.view or problem.influences)
             attack = refute and whole and not (problem.above or problem.below)
             why = (refute and whole) if explain is None else explain
-            if attack and externs:
-                wait(filter(None, needed))  # its runs may fork, which no other thread may be beside
             results.append(
                 methods[i].verify(
                     problem,
@@ -141,6 +134,11 @@ def _proved(
     finally:
         beside.shutdown(cancel_futures=True)
     return results
+
+
+def _compiled(compile_for: Callable[[Problem], object], problem: Problem) -> object:
+    with forks_wait:  # runs that refute may ask externs in processes of their own
+        return compile_for(problem)
 
 
 def _page(report: VerifyReport) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -27,9 +28,6 @@ def proofs(
     monkeypatch: pytest.MonkeyPatch,
     prove: dict[str, Callable[[object], None]],
     compiled: dict[str, Callable[[Any], object] | None],
-    *,
-    refute: bool = False,
-    externs: bool = False,
 ) -> None:
     """Two modules: what is compiled for each, and what is done with it in place of a proof."""
 
@@ -41,7 +39,7 @@ def proofs(
         return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
     monkeypatch.setattr(module_methods, "module_method", method)
-    command._proved(PROBLEMS, refute, None, None, None, externs=externs)
+    command._proved(PROBLEMS, False, None, None, None)
 
 
 def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -97,27 +95,27 @@ def test_what_cannot_be_compiled_is_said_in_its_turn(monkeypatch: pytest.MonkeyP
     assert proved == [None]
 
 
-@pytest.mark.parametrize(("refute", "extern"), [(True, True), (True, False), (False, True)])
-def test_nothing_is_compiled_beside_runs_that_may_fork(
-    monkeypatch: pytest.MonkeyPatch, *, refute: bool, extern: bool
-) -> None:
-    """A thread that holds a lock of Python at a fork holds it for ever in the child."""
-    proving, made = threading.Event(), threading.Event()
-    alone: list[bool] = []
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_who_forks_waits_for_what_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A lock of Python that a thread holds at a fork stays locked in the child for ever."""
+    compiling, made = threading.Event(), threading.Event()
+    status = []
 
     def first(_: object) -> None:
-        alone.append(made.is_set())
-        proving.set()
+        assert compiling.wait(PATIENCE_S)
+        child = os.fork()
+        if child == 0:
+            os._exit(0 if made.is_set() else 1)
+        status.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
     def compile_second(_: object) -> None:
-        proving.wait(0.3 if refute and extern else PATIENCE_S)
+        compiling.set()
+        threading.Event().wait(0.2)
         made.set()
 
     proofs(
         monkeypatch,
         {FIRST: first, SECOND: lambda _: None},
         {FIRST: None, SECOND: compile_second},
-        refute=refute,
-        externs=extern,
     )
-    assert alone == [refute and extern]
+    assert status == [0]
