@@ -92,7 +92,7 @@ def folder_for(page: str, folder: Path) -> dict[str, str]:
     nothing yet.
     """
     for proof in CACHE.glob("proof-*"):
-        shutil.rmtree(proof)
+        shutil.rmtree(proof, ignore_errors=True)  # another page may be at it
     shutil.copytree(ROOT / "examples", folder / "examples")
     for name, text in files(page).items():
         (folder / name).write_text(text, encoding="utf-8")

@@ -75,11 +75,14 @@ def test_the_re_checker_confirms_samples_of_every_view(
     draw = np.random.default_rng(2)
     asked = []
 
-    def some(case: CaseCheck, what: str, grid: Grid, show: Show) -> None:
+    def some(
+        case: CaseCheck, what: str, grid: Grid, show: Show, *_rest: object, **__: object
+    ) -> None:
         for _ in range(BLOCKS):
             low = [int(draw.integers(n)) for n in grid.shape]
             at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
             case.tasks.append((what, grid, show, at))
+            case.work.append(1.0)
         asked.append(what)
 
     monkeypatch.setattr(CaseCheck, "_add", some)

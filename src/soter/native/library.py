@@ -76,7 +76,7 @@ class Library:
         return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
 
     def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
-        """A value from outside, measured at `time_ns`; 0, or the fault for which it is refused."""
+        """A value from outside, measured at `time_ns`; 0, or why not. `state`: (bytes,)."""
         given = self.ffi.cast("void *", self.ffi.from_buffer(value))
         return int(
             self.lib.soter_publish(self._program, self._pointer(state), topic, given, time_ns)

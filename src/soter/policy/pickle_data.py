@@ -189,7 +189,7 @@ def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 
 
 def array_of(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
-    """The array that a pickle makes, little-endian; PickleError where it makes none."""
+    """The array that a pickle makes, of its shape, little-endian; PickleError: it makes none."""
     made = value if isinstance(value, Made) else Made("", ())
     shape: Any = ()
     order: Any = "C"

@@ -113,7 +113,7 @@ class CompiledSafe:
             self._table = address(library.ffi, path, name, "const soter_property_info *")
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """As `SafeJudge` says; `states` lie in order."""
+        """As `SafeJudge` says; `states`, (n,), lie in order."""
         if module not in self._row:
             return None
         judge, size = self._table[self._row[module]].violated, states.dtype.itemsize
@@ -132,7 +132,7 @@ class InterpretedSafe:
         self._holds = [explainer.safe(m.index) for m in system.modules]
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """As `SafeJudge` says."""
+        """As `SafeJudge` says, of `states`, (n,)."""
         holds = self._holds[module]
         return None if holds is None else [not holds(states[row].tobytes()) for row in rows]
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.types import DURATION
@@ -119,9 +120,8 @@ def _what_fails(flat: System, module: Module, acts_ns: int) -> str:
     at = module.symbol.verify.span or module.symbol.span
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))
-    modules = tuple(changed if m is module else m for m in flat.modules)
     try:
-        problem = extract(replace(flat, modules=modules), changed)
+        problem = extract(derived_systems.with_module(flat, changed), changed)
         result = module_method(problem).verify(problem, refute=False, explain=False)
     except SoterError as error:
         first = error.diagnostics[0]

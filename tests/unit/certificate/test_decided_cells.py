@@ -296,6 +296,23 @@ def test_cells_at_an_end_that_is_none_are_shown_where_runs_from_beyond_are_follo
         assert set(np.flatnonzero(unkept(step, 1, cells, cells, grid.whole, 1))) == missed
 
 
+@pytest.mark.parametrize("at", [0, 63])
+def test_of_a_block_without_cells_that_are_asked_for_nothing_is_left(at: int) -> None:
+    grid = Grid((even_edges(-2.0, 2.0, 64),))
+    step = Shift(0.0)
+    walk = Walk(
+        ArrayChain(1, step, step, None, (step, step)),
+        every(grid),
+        np.ones(grid.shape, dtype=np.uint8),
+        np.ones(grid.shape, dtype=np.int64),
+        lambda box: np.zeros(len(box[0]), dtype=np.int64),
+    )
+    todo = np.zeros(grid.shape, dtype=np.bool_)
+    todo[at] = True
+    left, _ = unled(walk, todo, ((1, 63),), 16)
+    assert not left.any()
+
+
 def test_a_box_far_beyond_an_end_that_is_none_lies_in_no_cell() -> None:
     grid = Grid((even_edges(-2.0, 2.0, 16),), (True,))
     ends = np.array([-6.5, -6.0, -2.5, 0.0, 5.9, 6.1, np.nan])

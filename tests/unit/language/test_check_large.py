@@ -13,6 +13,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
 from soter.language.check import constants
+from soter.language.elaborate.lints import step_ranges
 from soter.language.front_end import CheckResult, check_file, system_of
 
 if TYPE_CHECKING:
@@ -305,3 +306,31 @@ def test_names_are_looked_at_only_while_somebody_reads_the_suggestions() -> None
     for i in range(10_000):
         diagnostics.did_you_mean(f"alhpa{i}", names())
     assert looked < FEW
+
+
+STEP = """soter 1;
+input topic speed: float in [-2.0, 2.0] = 0.0;
+topic turn: float in [-1.0, 1.0] = 0.0;
+node Fast period 10ms {
+  subscribes speed; publishes turn;
+  step {
+    if speed > 3.0 { publish turn = 1.0; } elseif speed + speed < -5.0 { publish turn = 0.5; }
+    publish turn = speed * 0.25;
+  }
+}
+system S { node Fast; until 1s; }
+"""
+
+
+def test_looking_through_a_step_may_become_too_hard_anywhere(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where it does, fewer conditions are doubted, and nothing else happens."""
+    said = []
+    for budget in range(60):
+        monkeypatch.setattr(step_ranges, "BUDGET", budget)
+        checked = check_file("step.soter", STEP)
+        assert checked.ok, checked.diagnostics.items
+        said.append([d.code for d in checked.diagnostics.items].count("W026"))
+    assert said == sorted(said)
+    assert {0, 1, 2} == set(said)

@@ -225,7 +225,7 @@ def swept(
     own: BallArray,
     grown: BallArray,
 ) -> tuple[Floats, Floats]:
-    """The ends of a state between two instants."""
+    """The ends of a state between two instants, one a box."""
     rate = own * between + rest
     rising, falling = rate >= 0, rate <= 0
     down, up = BallArray((own * low + rest).lower()), BallArray((own * high + rest).upper())
@@ -238,18 +238,18 @@ def swept(
 
 
 def pick(values: NDArray[np.float64], *ends: Floats) -> tuple[BallArray, BallArray]:
-    """The range of a table between positions: that of all of it."""
+    """The range of a table, (n,), between positions: that of all of it."""
     del ends
     return BallArray.of(float(values.min())), BallArray.of(float(values.max()))
 
 
 def bits(yes: Truths, no: Truths) -> Bits:
-    """The bits of a proposition: 0: may be false, 1: may be true."""
+    """The bits of a proposition, one for each box: 0: may be false, 1: may be true."""
     return np.where(yes, 2, np.where(no, 1, 3)).astype(np.uint8)
 
 
 def by_truth(truth: Bits, yes: Any, no: Any, both: Any) -> BallArray:  # noqa: ANN401
-    """What is so where a proposition is true, where it is false, and where neither is certain."""
+    """What is so where a proposition is true, false, or neither for certain; one a box."""
     balls = [x if isinstance(x, BallArray) else BallArray.of(x) for x in (yes, no, both)]
     return chosen(truth == 2, balls[0], chosen(truth == 1, balls[1], balls[2]))
 

@@ -154,7 +154,7 @@ class Program:
         return _Record(*at, len(self.operations), self.inputs, self.outputs, self.between)
 
     def run(self, arrays: list[Floats], columns: int) -> Any:  # noqa: ANN401  as the function has it
-        """What the function gives of rows of so many numbers each, none of them strided.
+        """What the function gives of rows (columns,), none of them strided.
 
         FloatingPointError where something underflows.
         """

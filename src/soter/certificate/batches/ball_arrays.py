@@ -75,12 +75,12 @@ class BallArray:
 
     @staticmethod
     def between(low: Floats, high: Floats) -> BallArray:
-        """The balls over [low, high]."""
+        """The balls over [low, high], of their shape."""
         centre = low * 0.5 + high * 0.5
         return BallArray(centre, np.maximum(high - centre, centre - low) * GROWN)
 
     def taken(self, index: NDArray[np.intp]) -> BallArray:
-        """Those of some boxes."""
+        """Those of some boxes, (index,)."""
         if self.centre.shape[-1] == 1:
             return self
         return BallArray(
@@ -94,14 +94,14 @@ class BallArray:
     # ------------------------------------------------------------ ends
 
     def lower(self) -> Floats:
-        """No larger than anything in the ball."""
+        """No larger than anything in the ball; of its shape."""
         if self.radius is None:
             return self.centre
         low = self.centre - self.radius
         return np.where(self.radius > 0, low - np.abs(low) * EPS, low)
 
     def upper(self) -> Floats:
-        """No smaller than anything in the ball."""
+        """No smaller than anything in the ball; of its shape."""
         if self.radius is None:
             return self.centre
         high = self.centre + self.radius
@@ -286,7 +286,7 @@ def _wider(one: Floats | None, other: Floats | None) -> Floats | None:
 
 
 def chosen(where: Truths, one: BallArray, other: BallArray) -> BallArray:
-    """One where it says so, else the other."""
+    """One where it says so, else the other; all of one shape."""
     radius = None
     if one.radius is not None or other.radius is not None:
         a = 0.0 if one.radius is None else one.radius

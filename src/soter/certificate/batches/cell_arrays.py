@@ -49,7 +49,7 @@ def cells_of(grid: Grid, box: Sequence[Floats]) -> tuple[Truths, list[tuple[Indi
 
 
 def count_of(cells: Cells, ranges: Sequence[tuple[Indices, Indices]]) -> NDArray[np.int64]:
-    """Members in each block."""
+    """Members in each block, (blocks,)."""
     total: NDArray[np.int64] = np.zeros(1, dtype=np.int64)
     for corner in product((0, 1), repeat=len(ranges)):
         part = cells.sums[tuple(ends[pick] for pick, ends in zip(corner, ranges, strict=True))]
@@ -58,7 +58,7 @@ def count_of(cells: Cells, ranges: Sequence[tuple[Indices, Indices]]) -> NDArray
 
 
 def contained(cells: Cells, boxes: Sequence[Floats]) -> Truths:
-    """Which boxes lie in the set; `boxes`: several of each, one after the other, all of which."""
+    """Which boxes lie in the set, (boxes,); `boxes`: several of each, in a row, all of which."""
     width = 2 * len(cells.grid.edges)
     within: Truths = np.ones(1, dtype=np.bool_)
     for k in range(0, len(boxes), width):
@@ -75,7 +75,8 @@ def followed_beyond(
 ) -> Truths:
     """Whether what is enclosed from each box of `start` holds of runs beyond ends that it touches.
 
-    `boxes`: where runs from there are, several, one after the other (`Grid.followed_beyond`).
+    `boxes`: where runs from there are, several, one after the other (`Grid.followed_beyond`); the
+    arrays are (boxes,).
     """
     fine: Truths = np.ones(1, dtype=np.bool_)
     width = 2 * len(grid.edges)
@@ -96,7 +97,7 @@ def _ball(difference: Floats) -> BallArray:
 
 
 def boxes_of(grid: Grid, blocks: Sequence[Block]) -> list[tuple[Floats, Floats]]:
-    """The ends of blocks by axis."""
+    """The ends of blocks by axis, each (blocks,)."""
     at = np.array(blocks, dtype=np.intp)
     edges = [np.array(e) for e in grid.edges]
     return [(e[at[:, k, 0]], e[at[:, k, 1]]) for k, e in enumerate(edges)]

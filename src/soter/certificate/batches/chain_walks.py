@@ -93,7 +93,9 @@ def unled(walk: Walk, todo: Members, block: Block, largest: int) -> tuple[Member
     try:
         while waiting:
             tried = list(_to_try(left, waiting))
-            largest = max(map(volume, tried), default=1)
+            if not tried:
+                return left, 1
+            largest = max(map(volume, tried))
             attempts = [_Attempt(walk, part, left, seen) for part in _dealt(tried)]
             last = _worth_it(np.concatenate([a.until for a in attempts]))
             if not last or idle == IDLE:

@@ -55,7 +55,7 @@ class ArrayDecision:
     reads: tuple[bool, ...]
 
     def of(self, boxes: Boxes) -> Bits:
-        """The bits of each box: of the states, and of all else where it has that many axes."""
+        """The bits of boxes, (boxes,): of the states, and of all else where they have its axes."""
         count = len(boxes[0][0])
         answers = np.full(count, NEITHER, dtype=np.uint8)
         for first in range(0, count, AT_ONCE):

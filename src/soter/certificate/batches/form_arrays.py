@@ -24,7 +24,7 @@ Forms: TypeAlias = tuple[BallArray, ...]
 
 
 def of_boxes(box: Sequence[tuple[Floats, Floats]]) -> Forms:
-    """The forms of boxes, each axis with a symbol of its own."""
+    """The forms of boxes, (boxes,) by axis, each axis with a symbol of its own."""
     ends = [(BallArray(low), BallArray(high)) for low, high in box]
     half, none = BallArray.of(0.5), BallArray.of(0.0)
     radii = [(high - low) * half for low, high in ends]
@@ -36,12 +36,12 @@ def of_boxes(box: Sequence[tuple[Floats, Floats]]) -> Forms:
 
 
 def box_of(form: Forms, n: int) -> list[Floats]:
-    """The boxes of the first n states of forms."""
+    """The boxes of the first n states of forms, their ends (boxes,)."""
     return [end for i in range(n) for end in (form[2 * i].lower(), form[2 * i + 1].upper())]
 
 
 def taken(form: Forms, index: NDArray[np.intp]) -> Forms:
-    """The forms of some boxes."""
+    """The forms of some boxes, (index,)."""
     count = max((x.centre.shape[-1] for x in form), default=1)
     if index.size == count and np.array_equal(index, np.arange(count)):
         return form

@@ -82,7 +82,7 @@ class LocalFlows:
         )
 
     def lines(self, box: Ends, commands: Ends) -> tuple[BallArray, Truths]:
-        """The rows of the derivative over each box, and where it is defined on all of it."""
+        """The rows of the derivative over each box, and where it is defined, (boxes,)."""
         inside = (box[0] >= self.domain[0]) & (box[1] <= self.domain[1]) & (box[0] <= box[1])
         low, high = (joined([x, u]) for x, u in zip(box, commands, strict=True))
         middle, radius = (low + high) * HALF, (high - low) * HALF
@@ -99,7 +99,7 @@ class LocalFlows:
     def around(
         self, box: Ends, commands: Ends, start: BallArray, end: BallArray
     ) -> tuple[Ends, BallArray, Truths]:
-        """Boxes that hold every solution over [start, end], rows there, and where there are any."""
+        """Boxes with every solution over [start, end], rows there, and where they are, (boxes,)."""
         trial = self.clipped(box)
         backwards = bool((start < 0).all())
         rows, defined = self.lines(trial, commands)

@@ -303,7 +303,7 @@ def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice,
 
 
 def around(wanted: NDArray[np.bool_], block: Block) -> Block:
-    """The smallest block around the cells that are wanted."""
+    """The smallest block around the cells that are wanted, of the shape of `block`."""
     ranges = []
     for axis, (low, _) in enumerate(block):
         others = tuple(k for k in range(wanted.ndim) if k != axis)

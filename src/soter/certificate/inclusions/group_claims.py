@@ -144,14 +144,14 @@ class ChainCheck:
         order: NDArray[np.int64],
         highest: Callable[[Sequence[Floats]], NDArray[np.int64]],
     ) -> Walk | None:
-        """What is asked of the cells of a table, of arrays of balls; None where there are none."""
+        """What is asked of arrays of balls, of tables of the grid's shape; None without arrays."""
         arrays = self.chain(PIECES[0]).arrays
         return None if arrays is None else Walk(arrays, within, holds, order, highest)
 
     def left_of(
         self, walk: Walk | None, todo: NDArray[np.bool_], block: Block
     ) -> tuple[NDArray[np.bool_], int]:
-        """What arrays leave of the cells of a block, and how large blocks are to try on."""
+        """What arrays leave of a block, in the grid's shape, and how large blocks are to try on."""
         if walk is None:
             return todo, CELLS_AT_ONCE
         asked = int(np.count_nonzero(todo[block_index(block)]))

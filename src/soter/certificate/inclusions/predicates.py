@@ -245,7 +245,7 @@ class Decision:
         return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
 
     def decided(self, todo: Cells, block: Block, splits: int) -> Bits:
-        """What arrays know of the cells of a block (`batches/decided_cells.decided`).
+        """What arrays know of a block, in the grid's shape (`batches/decided_cells.decided`).
 
         Nothing where there are few: Arb has looked at them before code for arrays is made.
         """

@@ -145,7 +145,7 @@ def cut(low: float, high: float, k: int, n: int) -> float:
 
 
 def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
-    """`GroupTables.tops` of a file: cells of the grid in C order, a byte for each command cell.
+    """`GroupTables.tops` of a file, (*cells, n): in C order, a byte for each command cell.
 
     RejectedError where it has another size, or names cells that there are not.
     """

@@ -222,6 +222,14 @@ def reading(module: Module, more: Sequence[int], **changes: Any) -> Module:  # n
     return replace(module, inputs=(*module.inputs, *more), **changes)
 
 
+def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
+    """With these topics in the place of those that have their indices."""
+    topics = list(system.topics)
+    for t in changed:
+        topics[t.index] = t
+    return replace(system, topics=tuple(topics))
+
+
 def with_topics(system: System, made: Sequence[Topic]) -> System:
     """With more topics behind those that there are."""
     return replace(system, topics=(*system.topics, *made))

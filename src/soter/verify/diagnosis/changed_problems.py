@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate import derived_systems
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Group, Interval
 
 if TYPE_CHECKING:
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Axis, Problem
 
 PUBLICATIONS = 2
@@ -57,10 +58,10 @@ def predicates_left_out(problem: Problem) -> Problem | None:
 
 def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
     """`max_age` of what SC and the DM read of plants, as small as it can be, and what to write."""
-    told, topics = [], list(problem.system.topics)
+    told, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
-    for index, topic in enumerate(topics):
+    for index, topic in enumerate(problem.system.topics):
         period = next(
             (
                 c.period_ns
@@ -74,13 +75,13 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
             continue
         least = PUBLICATIONS * period
         if topic.max_age_ns > least:
-            topics[index] = replace(topic, max_age_ns=least)
+            changed.append(replace(topic, max_age_ns=least))
             told.append(f"`max_age {least / 1e6:g}ms` of `{topic.name}`")
     if not told:
         return None
-    system = replace(problem.system, topics=tuple(topics))
-    changed = _read_again(problem, system, problem.module)
-    return None if changed is None else (changed, tuple(told))
+    system = derived_systems.with_changed_topics(problem.system, changed)
+    again = _read_again(problem, system, problem.module)
+    return None if again is None else (again, tuple(told))
 
 
 def without_ends(problem: Problem, state: int) -> Problem | None:
@@ -99,18 +100,13 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
 
 def exchanged(problem: Problem) -> Problem | None:
     """AC in the place of SC."""
-    m, components = problem.module, list(problem.system.components)
+    m, components = problem.module, problem.system.components
     if problem.below:
         return None
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
-    components[m.ac] = _as(components[m.ac], "sc")
-    components[m.sc] = _as(components[m.sc], "ac")
-    system = replace(problem.system, components=tuple(components))
+    roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
+    system = derived_systems.with_components(problem.system, roles)
     return _read_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
-
-
-def _as(c: Component, role: str) -> Component:
-    return replace(c, role=role)
 
 
 def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
@@ -121,9 +117,8 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None
-    modules = tuple(module if m.index == module.index else m for m in system.modules)
     try:
-        again = extract(replace(system, modules=modules), module)
+        again = extract(derived_systems.with_module(system, module), module)
     except SoterError:
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):

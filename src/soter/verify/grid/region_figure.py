@@ -91,6 +91,7 @@ def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
 
     If AC gets control back somewhere, then where it does: no region is out of sight that has cells.
     Among equals: where most are in the core, then in C, then what is nearest to the middle.
+    `cells`: of the grid's shape.
     """
     if cells.ndim < 3:
         return ()

@@ -45,7 +45,10 @@ def find(
     part: GroupSets,
     anywhere: Callable[[Bools], Bools],
 ) -> None:
-    """Fills in `part.tops`; a failure of `ttf` where the group can have no shield."""
+    """Fills in `part.tops`; a failure of `ttf` where the group can have no shield.
+
+    `anywhere` takes and gives sets of the grid's shape.
+    """
     problem = case.problem
     assert problem.module.shield is not None
     n = problem.module.shield.cells

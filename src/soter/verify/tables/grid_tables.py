@@ -116,7 +116,7 @@ class GroupTable(LevelTable):
 
     @property
     def wide(self) -> Bools:
-        """Which cells, in C order, hold their middle inside."""
+        """Which cells, (cells,) in C order, hold their middle inside."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]

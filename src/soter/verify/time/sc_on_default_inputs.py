@@ -83,8 +83,7 @@ def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configura
 def _alone(problem: Problem) -> tuple[System, int]:
     """The module without plants: nobody publishes what SC reads; a shield judges AC alone."""
     system = derived_systems.module_alone(problem.system, problem.module)
-    unshielded = tuple(replace(m, shield=None) for m in system.modules)
-    system = replace(system, modules=unshielded)
+    system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
 
 

@@ -11,7 +11,7 @@ from soter.verify.command import verify
 from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
 from soter.verify.deploy.dm_test_inputs import AC, SC
 from soter.verify.deploy.missing_predicates import complete, put
-from soter.verify.proof_methods import tables
+from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
@@ -93,9 +93,8 @@ def test_the_logic_is_that_of_the_paper() -> None:
 def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     (module,) = verify(check_file(str(open_cart)), refute=False).modules
     assert check_module(module).cells == 200 * 160
-    sets = module.cases[0].groups[0].levels
     problem = module.problem
-    decision_tables = tables(problem, [[(sets[0], sets[-1])]])
+    decision_tables = tables(problem, [pairs_of(module.cases[0])])
     flat = replace(problem.system, modules=(replace(problem.module),))
     put(flat, flat.modules[0], problem, decision_tables)
     table = decision_tables[0]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from soter.verify import verify_module
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.verify.diagnosis.tank_modules import cause, changed, check_run, explained, soonest
 
@@ -26,7 +27,11 @@ def scaled(p: float) -> str:
 
 
 @pytest.mark.long
-def test_sc_keeps_a_set_with_that_part_and_none_with_the_next(weak: ModuleResult) -> None:
+def test_sc_keeps_a_set_with_that_part_and_none_with_the_next(
+    weak: ModuleResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the declared grid, which is the one that was measured on."""
+    monkeypatch.setattr(verify_module, "REFINEMENTS_MAX", 0)
     strength_cause = cause(weak, "P2a", "strength")
     numbers = dict(strength_cause.numbers)
     assert 0.8 < numbers["part"] < numbers["fails_at"] <= 1.0

@@ -103,9 +103,9 @@ class _StepRanges(RangeEvaluator):
                 self._run(node.takeover or (), None, BOOL)
                 self.variables = {}
                 self._run(node.step, None, BOOL)
+            self._conditions()  # not where a step was too hard: they may hold further on
         except TooHardError:
-            return  # what was certain so far was said; a condition may hold further on
-        self._conditions()
+            return  # what was certain so far was said
 
     def _look_at_plant(self, plant: t.PlantSymbol) -> None:
         for d in self.component.disturbances:
