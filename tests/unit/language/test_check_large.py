@@ -308,6 +308,27 @@ def test_names_are_looked_at_only_while_somebody_reads_the_suggestions() -> None
     assert looked < FEW
 
 
+def test_a_list_before_an_enum_in_what_is_false_at_the_start_has_its_first_value() -> None:
+    text = """soter 1;
+type Kind = enum { Near, Far };
+type Seen = { at: float[<=3], kind: Kind };
+topic seen: Seen;
+plant Eyes period 10ms {
+  reads turn; drives seen = { at: [x, x], kind: Kind.Near }; state x: float = 0.5; der x = turn;
+}
+topic turn: float in [-1.0, 1.0] = 0.0;
+node Fast period 10ms { publishes turn; step { publish turn = 1.0; } }
+node Slow period 10ms { publishes turn; step { publish turn = 0.0; } }
+rta Guard { ac Fast; sc Slow; period 10ms; safe SAFE; ttf turn > 0.5; safer turn < 0.4; }
+system S { e: Eyes; module Guard; until 1s; }
+"""
+    for safe in ("seen.kind == Kind.Far", "seen.at.len > 0 && seen.kind == Kind.Far"):
+        checked = check_file("seen.soter", text.replace("SAFE", safe))
+        (said,) = [d for d in checked.diagnostics.items if d.code == "W021"]
+        assert said.primary is not None
+        assert said.primary.text == "false where `seen` has its first value"
+
+
 STEP = """soter 1;
 input topic speed: float in [-2.0, 2.0] = 0.0;
 topic turn: float in [-1.0, 1.0] = 0.0;

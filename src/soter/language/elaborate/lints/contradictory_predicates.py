@@ -358,6 +358,9 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
+        if not _plain(topic.type):  # what lists hold has no names
+            parts.append(f"`{topic.name}` has its first value")
+            continue
         for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
             name = ".".join((topic.name, *path)).replace(".[", "[")
             shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
