@@ -38,7 +38,7 @@ NOTHING_TO_RUN = {
         *("exploration/frontier", "exploration/grid", "exploration/mapper"),
         *("exploration/recorder", "exploration/rrt_connect", "exploration/sight"),
         *("exploration/walkers", "exploration/worlds"),
-        *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad"),
+        *("mountain_car/gymnasium", "testing/late_sc_on_time", "drone/mujoco_quad", "wall/rush"),
     )
 } | {f"tests/correct/{name}.soter" for name in ("a_library", "externs", "files/shapes")}
 """Libraries, and programs whose nodes somebody else answers or has still to write."""

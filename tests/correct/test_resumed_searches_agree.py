@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -145,3 +146,21 @@ def test_in_pieces_a_search_says_the_same(chunk: int, tmp_path: Path) -> None:
                 assert said == whole, f"{way}\n{said}\n{whole}\nprogram {seed}:\n{text}"
     print(f"{pieces} pieces, {middles} ended in the middle of a layer")
     assert ONLY or middles > PROGRAMS // 4
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize("seed", [33, 14])
+def test_fingerprints_that_are_read_again_are_known(
+    seed: int, threads: int, tmp_path: Path
+) -> None:
+    _, system = program(seed)
+    assert system is not None
+    way = SearchOptions(reduction="none", storage="fingerprint", threads=threads)
+    with anywhere():
+        whole = once(system, way)
+        for most in range(1, whole.states, 7):
+            place = tmp_path / str(most)
+            first = CheckpointOptions(place, NEVER_S, resume=False)
+            once(system, replace(way, max_states=most), first)
+            again = once(system, way, CheckpointOptions(place, NEVER_S, resume=True))
+            assert again == whole, most

@@ -11,7 +11,7 @@ import json
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.names.definitions import PlantTruth, UndeclaredRecord
+from soter.editor.names.definitions import PlantTruth, UndeclaredArray, UndeclaredRecord
 from soter.editor.positions import path_of_span
 from soter.language.check.constants import Calculator
 from soter.language.load.loader import LoadedFile
@@ -202,6 +202,8 @@ def shape_text(shape: Shape | None) -> str:
     if isinstance(of, UndeclaredRecord):
         fields = ", ".join(f"{name.text}: {shape_text(s)}" for name, s in of.fields)
         return f"{{ {fields} }}" if fields else "{}"
+    if isinstance(of, UndeclaredArray):
+        return f"{shape_text(of.element)}[{of.length}]"
     if isinstance(of, tree.Decl):
         return of.name.text
     return " ".join(of.span.text.split())

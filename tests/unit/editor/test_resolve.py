@@ -107,3 +107,26 @@ def test_a_field_that_no_type_declares_is_declared_where_it_is_written(tmp_path:
     way = index.at(source, text.index("way"))
     assert way is not None
     assert head(way.definition) == "(let) way: { x: float, up: { y: float } }"
+
+
+def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_type(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.soter"
+    text = (
+        "soter 1;\ntype Place = { x: float };\ntopic a: Place;\ntopic b: Place;\n"
+        "node N period 10ms { subscribes a, b; publishes out;\n"
+        "  step { let both = [a, b]; let one = both[1]; publish out = one.x + both.len; } }\n"
+        "topic out: float;\n"
+    )
+    path.write_text(text)
+    loaded = load(str(path), Diagnostics())
+    assert loaded is not None
+    index = index_of(loaded)
+    (source,) = [f.source for f in index.files if f.path == path]
+    use = index.at(source, text.index("one.x") + len("one.x"))
+    assert use is not None
+    assert use.definition.span.start == text.index("x: float")
+    both = index.at(source, text.index("both"))
+    assert both is not None
+    assert head(both.definition) == "(let) both: Place[2]"

@@ -37,14 +37,31 @@ class UndeclaredRecord:
 
 
 @dataclass(frozen=True)
+class UndeclaredArray:
+    """An array that is written where no type is asked for: the shape of an element, how many."""
+
+    element: Shape
+    length: int
+
+
+@dataclass(frozen=True)
 class Shape:
     """What may stand behind a dot of it.
 
     `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
-    or an instance of one; `PlantTruth`; `UndeclaredRecord`; or a file, for the name of an import.
+    or an instance of one; `PlantTruth`; `UndeclaredRecord`; `UndeclaredArray`; or a file, for the
+    name of an import.
     """
 
-    of: tree.TypeExpr | tree.Decl | PlantTruth | UndeclaredRecord | LoadedFile | str
+    of: (
+        tree.TypeExpr
+        | tree.Decl
+        | PlantTruth
+        | UndeclaredRecord
+        | UndeclaredArray
+        | LoadedFile
+        | str
+    )
     file: LoadedFile
     """Where the names in `of` are looked up."""
 

@@ -17,6 +17,7 @@ from soter.editor.names.definitions import (
     NameIndex,
     PlantTruth,
     Shape,
+    UndeclaredArray,
     UndeclaredRecord,
 )
 from soter.language.check.expressions.field import flat_names
@@ -342,6 +343,8 @@ class Expressions:
         plain = self.plain(shape)
         if isinstance(plain.of, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
             return Shape(plain.of.element, plain.file)
+        if isinstance(plain.of, UndeclaredArray):
+            return plain.of.element
         return plain if isinstance(plain.of, tree.Decl) else None  # an array of instances
 
     # ------------------------------------------------------------ expressions
@@ -438,10 +441,13 @@ class Expressions:
         return Shape(UndeclaredRecord(fields), place.file)
 
     def _list(self, expr: tree.ListExpr, place: NameContext, wanted: Shape | None) -> Shape | None:
+        """`let all = [a, b];`: where no type is asked for, its elements are as the first one."""
         inside = self._inside_of(wanted)
-        for element in expr.elements:
-            self.expression(element, place, inside)
-        return wanted
+        shapes = [self.expression(element, place, inside) for element in expr.elements]
+        element_shape = next((s for s in shapes if s is not None), None)
+        if wanted is not None or element_shape is None:
+            return wanted
+        return Shape(UndeclaredArray(element_shape, len(shapes)), place.file)
 
     def _choose(
         self, expr: tree.ChooseExpr, place: NameContext, wanted: Shape | None

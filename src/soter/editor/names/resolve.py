@@ -15,6 +15,7 @@ from soter.editor.names.definitions import (
     NameIndex,
     PlantTruth,
     Shape,
+    UndeclaredArray,
     UndeclaredRecord,
 )
 from soter.editor.names.expressions import Expressions, NameContext
@@ -81,7 +82,7 @@ class Members:
                 ref = part.module if isinstance(part, tree.ModuleAsAc) else part
                 if isinstance(ref, tree.Ref):
                     yield ref.name.text, "controller", "field"
-        elif isinstance(of, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
+        elif isinstance(of, (tree.ArrayTypeExpr, tree.ListTypeExpr, UndeclaredArray)):
             yield "len", "int", "len"
 
 

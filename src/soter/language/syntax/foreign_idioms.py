@@ -28,6 +28,8 @@ from soter.language.syntax.foreign_phrases import Idiom
 
 _FAR = 400
 """So many characters of a phrase that runs over several lines are looked at."""
+_SHOWN_MAX = 200
+"""So many characters of what is to be written are shown; an editor writes all of them."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> P
             return None
         new = new.lstrip()
         shown = " ".join(new.split())
+        shown = shown if len(shown) <= _SHOWN_MAX else f"{shown[:_SHOWN_MAX]}..."
         quoted = "`" in shown
         written = shown if quoted else f"write `{shown}`"
         title = idiom.say or (written if shown else f"leave `{match['at'].strip()}` out")

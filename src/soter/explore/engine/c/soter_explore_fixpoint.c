@@ -30,11 +30,13 @@ static bool may_close(const layered* all) {
   return o->closes && all->tables && !o->keep && plain && ends;
 }
 
-/* The bits of a place in the calendar, where entries have them and layers end with instants. */
+/* The bits of a place in the calendar, where entries have them (a fingerprint has none) and layers
+ * end with instants. */
 static uint64_t calendar_of(const layered* all) {
   const soter_model* const m = all->s->m;
   const soter_expander* const e = &all->w[0].expander;
-  const bool fine = e->instant == NULL && !soter_keeps_sleep(e) && soter_has_instants(m);
+  const bool fine =
+      all->tables && e->instant == NULL && !soter_keeps_sleep(e) && soter_has_instants(m);
   return fine && m->calendar > 0U && m->calendar < 63U ? ((UINT64_C(1) << m->calendar) - 1U) << 1U
                                                        : 0U;
 }
