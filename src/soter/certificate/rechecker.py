@@ -89,8 +89,7 @@ def recheck(
 ) -> Report:
     """Check the certificate in a folder; `NotACertificateError` where there is none.
 
-    `progress` is called with the share that is done; `workers`: processes, by default one for
-    each processor.
+    `progress` is called with the share that is done; `workers`: processes, else one a processor.
     """
     started = time.perf_counter()
     report = Report(accepted=False)
@@ -132,14 +131,15 @@ def _check(
         ("schema", "soter", "files", "main", "params", "modules", "program_sha256"),
         "the manifest",
     )
-    LIBRARY.begin()
-    checked, overrides = program_of(certificate)
-    assert checked.program is not None
-    report.program_sha256 = checked.program.sha256
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
+    if not all("induction" in m for m in modules if isinstance(m, dict)):
+        LIBRARY.begin()  # early: children have it only where it was loaded before they were forked
+    checked, overrides = program_of(certificate)
+    assert checked.program is not None
+    report.program_sha256 = checked.program.sha256
     covered: list[Facts | InductionFacts] = []
     with UnderWay() as under_way:
         for k, entry in enumerate(modules):
