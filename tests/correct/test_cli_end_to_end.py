@@ -135,6 +135,23 @@ def test_an_extern_cannot_end_the_process(robot: Path) -> None:
 # ---------------------------------------------------------------- Ctrl-C
 
 
+def test_a_proof_whose_enclosures_are_being_compiled_stops(here: Path) -> None:
+    compiler = here / "slow"
+    compiler.write_text(
+        f'#!/bin/sh\ncase "$*" in *enclosures.c*) touch {here}/called; exec sleep 1000;; esac\n'
+        'exec cc "$@"\n'
+    )
+    compiler.chmod(0o755)
+    slowly = {**os.environ, "SOTER_CC": str(compiler), "SOTER_CACHE": str(here / "cache")}
+    command = [*SOTER, "verify", "cart.soter"]
+    with started(command, cwd=here, env=slowly, stdout=PIPE, stderr=PIPE, text=True) as process:
+        processes.until((here / "called").exists, process)
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=processes.TIMEOUT_S)
+    assert "Traceback" not in err
+    assert process.returncode == 130
+
+
 def interrupted(
     here: Path, *arguments: str, by: signal.Signals = signal.SIGINT
 ) -> tuple[int, str, str]:

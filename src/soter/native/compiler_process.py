@@ -52,17 +52,33 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
         stderr=subprocess.STDOUT,
         start_new_session=True,
     )
+    _running.add(process.pid)
     try:
         said, why = _read(process, time.monotonic() + limit_s, limit_s)
         code = None if why else process.wait()
     finally:
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
+        _end(process.pid)
+        _running.discard(process.pid)
         for stream in (process.stdin, process.stdout):
             assert stream is not None
             stream.close()
         process.wait()
     return CompilerOutput(code, said.decode("utf-8", "replace"), why)
+
+
+_running: set[int] = set()
+"""Groups of the compilers that run now, in whichever thread."""
+
+
+def end_compilers() -> None:
+    """End all that run, for a person who does not wait for them."""
+    for group in tuple(_running):
+        _end(group)
+
+
+def _end(group: int) -> None:
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(group, signal.SIGKILL)
 
 
 def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:

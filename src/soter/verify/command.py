@@ -16,6 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_to_prove
 from soter.language.model.system import claims_nothing
+from soter.native.compiler_process import end_compilers
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
+LOOK_S = 0.05
+"""How often who was interrupted looks whether the compiler beside a proof has ended."""
 
 
 def verify(
@@ -109,11 +112,11 @@ def _proved(
     results = []
     methods = [module_method(p) for p in problems]
     beside = ThreadPoolExecutor(1)
+    needed = [
+        None if m.compiled is None else beside.submit(_compiled, m.compiled, p)
+        for m, p in zip(methods, problems, strict=True)
+    ]
     try:
-        needed = [
-            None if m.compiled is None else beside.submit(_compiled, m.compiled, p)
-            for m, p in zip(methods, problems, strict=True)
-        ]
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
             share = _part(progress, i, len(problems))
             # a run of a view, or of a plant that others move as they like, is none of the vehicle;
@@ -131,6 +134,12 @@ def _proved(
                     compiled=None if job is None else job.result(),
                 )
             )
+    except KeyboardInterrupt:
+        beside.shutdown(wait=False, cancel_futures=True)
+        while not all(job is None or job.done() for job in needed):
+            end_compilers()
+            time.sleep(LOOK_S)
+        raise
     finally:
         beside.shutdown(cancel_futures=True)
     return results

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from contextlib import suppress
 from pathlib import Path
 from random import Random
@@ -14,7 +15,7 @@ import pytest
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import compiler
-from soter.native.compiler_process import OUTPUT_MAX, run_compiler
+from soter.native.compiler_process import OUTPUT_MAX, CompilerOutput, end_compilers, run_compiler
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="groups and /proc of Linux")
 TALKS = "import sys\nwhile True: sys.stderr.write('error: no\\n' * 1000)\n"
@@ -63,6 +64,24 @@ def test_what_it_started_ends_with_us(tmp_path: Path) -> None:
         process.wait()
         with processes.started(["sleep", "60"]) as waiting:
             processes.until(lambda: not lives(left), waiting)
+
+
+def test_that_of_another_thread_ends_when_it_is_told_to(tmp_path: Path) -> None:
+    outputs: list[CompilerOutput] = []
+
+    def compile_long() -> None:
+        outputs.append(run_compiler(["sh", "-c", LEAVES], tmp_path, 600.0))
+
+    compiling = threading.Thread(target=compile_long, daemon=True)
+    compiling.start()
+    left = tmp_path / "left"
+    with processes.started(["sleep", "60"]) as waiting:
+        processes.until(lambda: left.is_file() and left.read_text().endswith("\n"), waiting)
+    end_compilers()
+    compiling.join(processes.TIMEOUT_S)
+    (output,) = outputs
+    assert output.code != 0
+    assert not lives(left)
 
 
 @pytest.mark.parametrize("lines", [False, True])

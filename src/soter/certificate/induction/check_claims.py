@@ -24,6 +24,7 @@ from soter.certificate.report import RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import show_ns
+from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts
@@ -40,6 +41,7 @@ RELEASES_MAX = 50_000
 """In an execution that is followed."""
 
 
+@ctrl_c_waits()
 def recheck_induction(
     flat: System, entry: dict[str, Any]
 ) -> tuple[InductionFacts, RecheckedModule]:
@@ -172,7 +174,7 @@ def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN4
         raise NotRecheckedError("the solver needs more work than is done")
     before = _spent(solver)
     solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
-    verdict = solver.check()
+    verdict = answer_of(solver)
     facts.work += max(_spent(solver) - before, 0)
     return verdict
 

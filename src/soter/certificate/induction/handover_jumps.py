@@ -24,6 +24,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE, RecordType
+from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -45,6 +46,7 @@ IN_A_MAP = (
 as with `time`, an age or a mode."""
 
 
+@ctrl_c_waits()
 def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> tuple[str, str]:
     """The node that publishes a topic, and why nothing is shown of it; "" where it is shown.
 
@@ -208,7 +210,7 @@ class _Steps:
         solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
         solver.add(*self.known, what)
-        return bool(solver.check() == z3.unsat)
+        return bool(answer_of(solver) == z3.unsat)
 
     def _sight(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
         """What a step sees: of a topic one value, and nothing more is known of it."""

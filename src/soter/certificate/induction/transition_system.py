@@ -20,6 +20,7 @@ from soter.certificate.induction.solver_values import either, inside, known, opa
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
+from soter.workers.interruptible_solver import raise_if_interrupted
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts
@@ -130,6 +131,7 @@ class TransitionSystem:
 
     def _instant(self, at: int, due: list[Component], following: int) -> None:
         """Each of them once, in any order."""
+        raise_if_interrupted()
         left = list(range(len(due)))
         turns = []
         decided: list[Term] = []

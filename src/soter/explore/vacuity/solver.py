@@ -13,6 +13,7 @@ from soter.language.evaluate.conjuncts import returned
 from soter.language.evaluate.range_evaluation import COMPARISONS, ReadPlace, TooHardError
 from soter.language.model import typed
 from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
+from soter.workers.interruptible_solver import answer_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -53,7 +54,7 @@ def solved(
     solver.set("timeout", PATIENCE_MS)
     solver.add(*terms.ranges)
     solver.add(z3.Or(held != z3.BoolVal(wanted), *terms.faults))
-    return bool(solver.check() == z3.unsat)
+    return bool(answer_of(solver) == z3.unsat)
 
 
 class _Terms:

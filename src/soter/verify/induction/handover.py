@@ -22,6 +22,7 @@ from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import FLOAT, MODE, RecordType
 from soter.verify.induction.core_to_terms import Evaluation
 from soter.verify.induction.solver_terms import Age, SolverTerms
+from soter.workers.interruptible_solver import ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -172,6 +173,7 @@ class StepTransition:
     enters: Term
 
 
+@ctrl_c_waits()
 def _shown(
     flat: System,
     module: Module,

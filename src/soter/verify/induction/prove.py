@@ -16,6 +16,7 @@ from soter.core.abstract_execution import TooManyStatementsError
 from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.transition_relation import Stretch
+from soter.workers.interruptible_solver import ctrl_c_waits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,6 +70,7 @@ class Induction:
         return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
+@ctrl_c_waits()
 def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
     """Prove a module, or say how far it came."""
     began = time.perf_counter()

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from soter.workers.interruptible_solver import answer_of
+
 Term = Any
 """A term of the solver, or a bool of Python where it is known."""
 QUERY_WORK = 50_000_000
@@ -44,7 +46,7 @@ class Query:
             self._asked.set("timeout", QUERY_MS)
             self._asked.set("random_seed", 0)
             self._asked.add(self._constraints.translate(self._asked.ctx).assertions())
-            answer = self._asked.check()
+            answer = answer_of(self._asked)
             if answer != self._z3.unknown:
                 break
         return answer

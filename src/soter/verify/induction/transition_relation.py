@@ -27,6 +27,7 @@ from soter.verify.induction.visible_state import (
     StepEffect,
     if_,
 )
+from soter.workers.interruptible_solver import raise_if_interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -156,6 +157,7 @@ class Cluster:
 
     def run(self) -> None:
         """Define every effect, see what is to be seen, and go on from where it ends."""
+        raise_if_interrupted()
         for done in self.done:
             self._define(done)
         self._see()
