@@ -33,7 +33,6 @@ CHANGING = tuple(
     (re.compile(pattern), put)
     for pattern, put in (
         (rf"{NUMBER} (µs|ms|s|min) \({NUMBER} \u00d7 real time\)", "#"),
-        (r"\b[0-9a-f]{12,64}\b", "#"),
         (rf"^(\S+ +)(proved|assumed|confirmed)( +){NUMBER} (ms|s|min) ", r"\1\2\3# "),
         (rf"(PROVED .*  ){NUMBER} (ms|s|min)$", r"\1#"),
         (r"(\d transitions, depth \d+), .*", r"\1, #"),

@@ -39,7 +39,8 @@ is read off the program once more, by other code, and every claim is recomputed 
 Times and assumptions are derived from the program, never read from the certificate. What is not
 understood of a program is not rechecked, and that is a rejection.
 
-exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rejected,
+exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
+            safety), 3 rejected,
             4 accepted in part: what is claimed holds, and it is not all of that,
             1 no certificate there or python-flint missing, 2 usage
 """

@@ -44,6 +44,7 @@ HOPELESS = ("wrap_around", "drift_of_all")
 """Causes that no other grid, age or predicate mends."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 EXCHANGED = "`ac {}; sc {};`, if that is what was meant"
+MORE_CELLS = "more cells: "
 LEFT_OUT = "neither `ttf` nor `safer`: left out, both are computed"
 
 
@@ -135,7 +136,7 @@ def remedies(problem: Problem, failing: Sequence[str], leaves: int | None) -> It
 def _more_cells(problem: Problem) -> Iterator[Remedy]:
     smaller = changed_problems.smaller_cells(problem)
     if changed_problems.cells_of(problem):
-        yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
+        yield Remedy(f"{MORE_CELLS}`{_lines(smaller)}`", smaller)
 
 
 def _lines(problem: Problem, opened: int | None = None) -> str:
@@ -256,8 +257,10 @@ def _enter(
             otherwise = f"; or {other.hint}" if other.hint else ""
             other.hint = f"as for `{failing[0]}`: with that it is proved, too{otherwise}"
     elif finding.hint and not any(c.kind in MEASURED for c in finding.causes if c.hint):
+        if any(remedy.startswith(MORE_CELLS) for remedy in in_vain):
+            finding.hint = finding.hint.replace(", or a finer grid", "")
         finding.hint += " (not tried)"
     if in_vain:
-        finding.tried.append(f"in vain: {'; '.join(in_vain)}")
+        finding.tried.append(f"in vain: {'; '.join(dict.fromkeys(in_vain))}")
     if untried and not (helped and not left):
         finding.tried.append(f"not, for want of time: {'; '.join(dict.fromkeys(untried))}")

@@ -209,3 +209,15 @@ def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() ->
     assert again is not None
     assert (again.groups, again.levels) == (finer.groups, 2)
     assert changed_problems.cells_of(again) == 4 * 400 * 240
+
+
+def test_a_finer_grid_that_was_tried_in_vain_is_not_advised(tmp_path: Path) -> None:
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.replace("9.6 - m.x - 2.5 * m.v", "0.5 * m.x - 1.6 * m.v"))
+    (module,) = soter.load(path).verify().modules
+    finding = module.findings["P2a"]
+    (in_vain,) = (t for t in finding.tried if t.startswith("in vain"))
+    assert "more cells" in in_vain
+    assert finding.hint == "another SC (not tried)"
+    remedies = in_vain.removeprefix("in vain: ").split("; ")
+    assert len(remedies) == len(set(remedies))
