@@ -1,11 +1,11 @@
 """All ratios of speed that people feel, beside their peers, in one short run.
 
-    make bench-quick      (or: .venv/bin/python bench/quick.py [--peer PYTHON] [--only WORD])
+    make bench-quick      (or: .venv/bin/python bench/quick.py [--peer PYTHON] [--only PART])
 
-Purpose: a row a figure: what was measured, beside what, the target; some 15 seconds, a minute with
-`--peer`, minutes with `--sizes`. Commands are whole processes,
-their processor time (median), so that others on the machine matter less; steps and flights are
-processor time of this process, in turns with their peers. `--peer`: a Python with
+Purpose: a row a figure: what was measured, beside what, the target; some 15 seconds (45 where
+nothing is compiled yet), a minute with `--peer`, minutes with `--sizes`. Commands are whole
+processes, their processor time (median), so that others on the machine matter less; steps and
+flights are processor time of this process, in turns with their peers. `--peer`: a Python with
 run-time-assurance (bench/running/simplex_peer.py). What takes minutes each has a command of its own
 and is named at the end. Exit code 1 where a target is missed.
 """
@@ -17,6 +17,7 @@ import importlib.util
 import os
 import re
 import resource
+import shutil
 import statistics
 import subprocess
 import sys
@@ -259,12 +260,16 @@ def flights() -> Iterator[Row]:
 
 
 def sizes() -> Iterator[Row]:
-    """Virtual environments as `pip install` makes them: from the registry, some minutes."""
-    for what, name, target in ((".", "`pip install .`", 110.0), (".[demo]", "`make demo`", 250.0)):
+    """Virtual environments, from the registry: some minutes.
+
+    That of `make demo` holds Soter as a link to the checkout, as the Makefile installs it.
+    """
+    installs = (((".",), "`pip install .`", 110.0), (("-e", ".[demo]"), "`make demo`", 250.0))
+    for what, name, target in installs:
         with tempfile.TemporaryDirectory() as folder:
             venv.create(folder, with_pip=True)
             pip = [str(Path(folder) / "bin" / "python"), "-m", "pip", "install", "--quiet"]
-            subprocess.run([*pip, what], cwd=ROOT, check=True, capture_output=True)
+            subprocess.run([*pip, *what], cwd=ROOT, check=True, capture_output=True)
             done = subprocess.run(["du", "-sk", folder], check=True, capture_output=True, text=True)
         yield Row(f".venv of {name}", int(done.stdout.split()[0]) / 1024, "MiB", target)
 
@@ -272,21 +277,25 @@ def sizes() -> Iterator[Row]:
 def main() -> int:
     """Measure and print; 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parts_named = ("commands", "keys", "learning", "flights", "sizes")
     parser.add_argument("--peer", default="", help="a Python with run-time-assurance")
-    parser.add_argument("--only", default="", help="commands, keys, learning or flights")
-    parser.add_argument("--sizes", action="store_true", help="virtual environments, too")
+    parser.add_argument("--only", choices=parts_named, help="one part of it")
+    parser.add_argument("--sizes", action="store_true", help="virtual environments, too: minutes")
     given = parser.parse_args()
+    if given.peer and shutil.which(given.peer) is None:
+        parser.error(f"--peer: there is no program `{given.peer}`")
     parts: dict[str, Callable[[], Iterator[Row]]] = {
         "commands": commands,
         "keys": keystrokes,
         "learning": lambda: learning(given.peer),
         "flights": flights,
     }
-    if given.sizes:
+    if given.sizes or given.only == "sizes":
         parts = {"sizes": sizes, **parts}
     rows: list[Row] = []
     for name, part in parts.items():
-        if given.only in name:
+        if given.only in (None, name) or (given.sizes and name == "sizes"):
+            print(f"measuring {name} ...", file=sys.stderr, flush=True)
             rows += part()
     shown = [(r.name, f"{r.value:,.3g} {r.unit}", target_of(r), met_of(r), r.beside) for r in rows]
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors; times are of processors")
