@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.nesting import LEVELS_MAX, too_deep
 from soter.language.syntax.parsing.operators import ANY
 from soter.language.syntax.parsing.token_cursor import Panic
-from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
+from soter.language.syntax.tokens import EOF, INT, NAME, STRING, string_value, visible
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.expressions import ExpressionParser
 
+_IN_UNITS = frozenset(["/", "*", "^"])
 _BUILTIN = frozenset(["bool", "float", "duration"])
 
 
@@ -76,8 +78,22 @@ def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         parser.i += 2
         where, unit = parser.token_span(parser.i - 1), string_value(parser.texts[parser.i - 1])
         result = tree.UnitTypeExpr(parser.span_from(start), result, unit, where)
+    elif parser.is_word("unit") and parser.kinds[parser.i + 1] == NAME:
+        _without_quotes(parser)
     parser.depth -= 1
     return result
+
+
+def _without_quotes(parser: ExpressionParser) -> None:
+    """`unit m/s`: told, and gone over."""
+    parser.i += 1
+    last = parser.i
+    while parser.kinds[last + 1] in _IN_UNITS and parser.kinds[last + 2] in (NAME, INT):
+        last += 2
+    written = parser.token_span(parser.i).to(parser.token_span(last))
+    fix = replace(written, f'"{written.text}"')
+    parser.report("S005", "a unit stands in quotes", written, helps=(fix,))
+    parser.i = last + 1
 
 
 def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
