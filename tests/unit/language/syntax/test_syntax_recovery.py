@@ -129,7 +129,7 @@ SLIPS = [
     ("until 30s;", "c.truth.x > 1.0 leadsto c.truth.x < 1.0 within 1s;", "S010"),
     # units
     ("accel : float", "accel : float unit m", "S005"),
-    ("accel : float", "accel : float unit m/s^2", "S005"),
+    ("accel : float", "accel : float unit m/s", "S005"),
     ("state x: float", "state x: float unit m", "S005"),
     ("period 10ms", "period 10", "S019"),
     ("period 10ms", "period 10 ms", "S019"),
