@@ -264,13 +264,18 @@ def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
     """The problem of every module; SoterError with all diagnostics at once."""
     problems: list[Problem] = []
-    diagnostics = Diagnostics()
+    refused: list[Diagnostic] = []
+    names = dict.fromkeys(m.name for _, m in chosen)
     for flat, m in chosen:
         try:
             problems.append(extract(flat, m))
         except SoterError as error:
-            for d in error.diagnostics:
-                diagnostics.add(d)
+            refused += error.diagnostics
+            names.pop(m.name, None)
+    diagnostics = Diagnostics()
+    others = (f"`--module` takes one by itself: {', '.join(names)}",) if names else ()
+    for d in refused:
+        diagnostics.add(replace(d, helps=(*d.helps, *others)))
     diagnostics.raise_errors()
     return problems
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -69,3 +70,16 @@ def test_what_is_not_asked_is_never_refuted(monkeypatch: pytest.MonkeyPatch) -> 
     assert module_result.findings["P2a"].verdict == "undecided"
     assert module_result.findings["P2b"].verdict == "assumed"
     assert "not asked" in module_result.findings["P2b"].text
+
+
+def test_modules_that_can_be_proved_by_themselves_are_named() -> None:
+    program = Path(__file__).resolve().parents[3] / "examples" / "fleet" / "claims_proof.soter"
+    checked = check_file(str(program), program.read_text())
+    with pytest.raises(SoterError) as refused:
+        verify(checked)
+    for diagnostic in refused.value.diagnostics:
+        assert diagnostic.code == "R017"
+        assert diagnostic.helps[-1] == "`--module` takes one by itself: a.Disjoint"
+    with pytest.raises(SoterError) as refused:
+        verify(checked, module="b.Keep")
+    assert not any("--module" in str(h) for d in refused.value.diagnostics for h in d.helps)
