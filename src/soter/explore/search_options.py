@@ -89,7 +89,7 @@ class SearchOptions:
         "--threads N",
         1,
         f"of bfs, up to {THREADS_BFS}; by default 1",
-        whole(1, THREADS_BFS),
+        whole(1, 64),
         "threads_asked",
     )
     memory: int = option(
