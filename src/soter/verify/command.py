@@ -22,7 +22,6 @@ from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
-from soter.workers.forks_wait import forks_wait
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -106,14 +105,17 @@ def _proved(
     progress: Progress | None,
     search: Search | None,
 ) -> list[ModuleResult]:
-    """One after the other; what the next ones need is compiled meanwhile, in the same order."""
+    """One after the other; what the next ones need is compiled meanwhile, in the same order.
+
+    Nothing of this process forks meanwhile: runs that refute ask no externs.
+    """
     from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
 
     results = []
     methods = [module_method(p) for p in problems]
     beside = ThreadPoolExecutor(1)
     needed = [
-        None if m.compiled is None else beside.submit(_compiled, m.compiled, p)
+        beside.submit(m.compiled, p) if m.compiled is not None and len(problems) > 1 else None
         for m, p in zip(methods, problems, strict=True)
     ]
     try:
@@ -143,11 +145,6 @@ def _proved(
     finally:
         beside.shutdown(cancel_futures=True)
     return results
-
-
-def _compiled(compile_for: Callable[[Problem], object], problem: Problem) -> object:
-    with forks_wait:  # runs that refute may ask externs in processes of their own
-        return compile_for(problem)
 
 
 def _page(report: VerifyReport) -> str:

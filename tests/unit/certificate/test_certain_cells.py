@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pytest
 
-from soter.certificate.batches.decided_cells import HOLDS, NEITHER, NEITHER_IN_PARTS
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.predicates import Decision
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import Terms, both
+from soter.certificate.terms.terms import Terms, both, either
+from unit.certificate.small_proofs import even_edges
 from unit.certificate.test_decided_cells import (
     EXTENTS,
     GRID,
     OPEN,
     PROPOSITIONS,
     decision_of,
-    every,
 )
+
+if TYPE_CHECKING:
+    import pytest
 
 
 def test_certain_cells_are_those_of_arb_alone_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,31 +36,20 @@ def test_certain_cells_are_those_of_arb_alone_and_more(monkeypatch: pytest.Monke
         assert members[0].sum() - members[1].sum() <= 0.1 * members[0].size, name
 
 
-@pytest.mark.parametrize("grid", [GRID, OPEN])
-def test_arb_is_asked_only_about_cells_of_which_arrays_have_not_seen_parts(
-    grid: Grid, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Those at ends that are open, and larger blocks there; all others are known, or left out."""
-    asked: list[tuple[tuple[int, int], ...]] = []
-
-    def noted(self: Decision, grid: Grid, block: Any, splits: int) -> bool:
-        asked.append(block)
-        return holds_in(self, grid, block, splits)
-
-    holds_in = Decision.holds_in
-    monkeypatch.setattr(Decision, "holds_in", noted)
-    undecided = 0
-    for name in PROPOSITIONS:
-        decision = decision_of(name, ((-np.inf, np.inf), EXTENTS[1]) if grid.unbounded else EXTENTS)
-        known = decision.decided(every(grid), grid.whole, predicates.SPLITS_TO_DECIDE)
-        undecided += (known == NEITHER_IN_PARTS).sum()
-        asked.clear()
-        members = predicates._decided_cells(decision, grid)
-        assert all(known[b[0][0], b[1][0]] == NEITHER for b in asked), name
-        assert {b[0] for b in asked} <= {(0, 1), (15, 16)} if grid.unbounded else not asked
-        assert not members[known == NEITHER_IN_PARTS].any(), name
-        assert members[known == HOLDS].all(), name
-    assert undecided
+def test_cells_that_touch_a_bound_are_those_of_arb(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their ends are no short binary numbers: doubles that round outwards leave them open."""
+    terms, edges = Terms(), even_edges(-2.0, 2.0, 40)
+    x, y = (terms.input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
+    near = terms.combine([(exact(1.0), terms.function("abs", x))], exact(-1.0))
+    left = terms.combine([(exact(1.0), x), (exact(-1.0), y)])
+    truth = either(terms.below(near, strict=False), terms.below(left, strict=False))
+    model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
+    decision = Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, y)], truth)
+    grid = Grid((edges, edges))
+    members = predicates._decided_cells(decision, grid)
+    monkeypatch.setattr(predicates, "FEW", members.size + 1)
+    assert np.array_equal(members, predicates._decided_cells(decision, grid))
+    assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
 
 
 def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.MonkeyPatch) -> None:

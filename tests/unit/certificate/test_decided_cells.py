@@ -12,12 +12,7 @@ from soter.certificate.batches import decided_cells
 from soter.certificate.batches.ball_arrays import FAR, BallArray, no_underflow
 from soter.certificate.batches.cell_arrays import boxes_of, contained, followed_beyond
 from soter.certificate.batches.chain_walks import ArrayChain, Walk, _Attempt, unkept, unled
-from soter.certificate.batches.decided_cells import (
-    FAILS,
-    HOLDS,
-    NEITHER,
-    ArrayDecision,
-)
+from soter.certificate.batches.decided_cells import FAILS, HOLDS, NEITHER, ArrayDecision
 from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -28,8 +27,9 @@ def proofs(
     monkeypatch: pytest.MonkeyPatch,
     prove: dict[str, Callable[[object], None]],
     compiled: dict[str, Callable[[Any], object] | None],
+    problems: Any = PROBLEMS,
 ) -> None:
-    """Two modules: what is compiled for each, and what is done with it in place of a proof."""
+    """Modules: what is compiled for each, and what is done with it in place of a proof."""
 
     def method(problem: Any) -> ModuleMethod:
         def verify(problem: Any, *, compiled: object, **_: object) -> Any:
@@ -39,7 +39,7 @@ def proofs(
         return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
     monkeypatch.setattr(module_methods, "module_method", method)
-    command._proved(PROBLEMS, False, None, None, None)
+    command._proved(problems, False, None, None, None)
 
 
 def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,27 +95,12 @@ def test_what_cannot_be_compiled_is_said_in_its_turn(monkeypatch: pytest.MonkeyP
     assert proved == [None]
 
 
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
-def test_who_forks_waits_for_what_is_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A lock of Python that a thread holds at a fork stays locked in the child for ever."""
-    compiling, made = threading.Event(), threading.Event()
-    status = []
+def test_one_module_by_itself_needs_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has what it needs compiled itself, at the end of a process, too, where none begins."""
+    got: list[object] = []
 
-    def first(_: object) -> None:
-        assert compiling.wait(PATIENCE_S)
-        child = os.fork()
-        if child == 0:
-            os._exit(0 if made.is_set() else 1)
-        status.append(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+    def begins(_: object) -> None:
+        raise AssertionError("compiled in a thread")
 
-    def compile_second(_: object) -> None:
-        compiling.set()
-        threading.Event().wait(0.2)
-        made.set()
-
-    proofs(
-        monkeypatch,
-        {FIRST: first, SECOND: lambda _: None},
-        {FIRST: None, SECOND: compile_second},
-    )
-    assert status == [0]
+    proofs(monkeypatch, {FIRST: got.append}, {FIRST: begins}, PROBLEMS[:1])
+    assert got == [None]

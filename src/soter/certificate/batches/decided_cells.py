@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 HOLDS, FAILS, NEITHER = 2, 1, 3
 """What is known of a proposition on a box, as bits: it may fail, it may hold."""
-NEITHER_IN_PARTS = 7
-"""Of a cell: not on all of its parts either."""
 AT_ONCE = 4096
 CELLS_IN_PARTS = 256
 """Cells that are halved together."""
@@ -85,8 +83,7 @@ def decided(decision: ArrayDecision, todo: Cells, block: Block, splits: int) -> 
     """Of each cell of `todo` in a block what is known, in the grid's shape; elsewhere `NEITHER`.
 
     A cell of which nothing is known as a whole is halved `splits` times, errors and other topics
-    with it: `NEITHER_IN_PARTS` where that does not help. What lies beyond an axis without ends
-    belongs to its outer cells.
+    with it. What lies beyond an axis without ends belongs to its outer cells.
     """
     known = np.full(todo.grid.shape, NEITHER, dtype=np.uint8)
     try:
@@ -195,6 +192,6 @@ def _in_parts(
         if not owner.size:
             break
     answers = np.full(len(cells), HOLDS)
-    answers[owner] = NEITHER_IN_PARTS
+    answers[owner] = NEITHER
     answers[fails] = FAILS
     return [int(x) for x in answers]

@@ -65,8 +65,8 @@ SPLITS_TO_DECIDE = 8
 """The same of arrays, which also find a part on which the predicate certainly fails."""
 FEW = 64
 """Cells, of fewer of which arrays are not asked."""
-CERTAIN_CELLS_MAX = 100
-"""Sets of cells that are remembered."""
+CERTAIN_CELLS_MAX = 2**26
+"""Cells of the sets that are remembered, a byte each."""
 
 # ---------------------------------------------------------------- computed predicates
 
@@ -261,11 +261,13 @@ def _certain_cells(
     """Cells on which a proposition certainly holds, whatever the other groups do."""
     decision = Decision(model, group.states, terms, atoms, truth)
     key = decision.content, group.grid.edges, group.grid.unbounded
-    if key not in _CERTAIN_CELLS:
-        if len(_CERTAIN_CELLS) == CERTAIN_CELLS_MAX:
+    members = _CERTAIN_CELLS.get(key)
+    if members is None:
+        members = _decided_cells(decision, group.grid)
+        if sum(m.size for m in list(_CERTAIN_CELLS.values())) + members.size > CERTAIN_CELLS_MAX:
             _CERTAIN_CELLS.clear()
-        _CERTAIN_CELLS[key] = _decided_cells(decision, group.grid)
-    return Cells(group.grid, _CERTAIN_CELLS[key])
+        _CERTAIN_CELLS[key] = members
+    return Cells(group.grid, members)
 
 
 _CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
@@ -273,7 +275,10 @@ _CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
 
 
 def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
-    """The same of one decision and grid; Arb is asked of cells that arrays did not look at."""
+    """The same of one decision and grid.
+
+    Arb is asked of what arrays leave: a part that touches a bound is certain in Arb alone.
+    """
     every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
     known = decision.decided(every, grid.whole, SPLITS_TO_DECIDE)
     members: NDArray[np.bool_] = known == HOLDS

@@ -111,11 +111,7 @@ def _induction(facts: InductionFacts, k: int) -> None:
 
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
-    rests_on, many = 0, 1
-    for at in times:
-        if at >= k * facts.turn:
-            held, many = _rests_on(facts, at, times, many)
-            rests_on = max(rests_on, held)
+    rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
     settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     run = TransitionSystem(facts, first=True)
     run.run(settled + min(rests_on, k * facts.turn))
@@ -133,14 +129,15 @@ def _affordable(facts: InductionFacts, turns: int) -> None:
         )
 
 
-def _rests_on(facts: InductionFacts, at: int, times: list[int], many: int) -> tuple[int, int]:
-    """For how long all must have held before an instant for it to hold then, and for how many.
+def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
+    """For how long all must have held before an instant for it to hold then.
 
-    So many instants at first, from any state at all: what follows from them follows from more.
+    A few instants at first, from any state at all: what follows from them follows from more.
     """
     from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
 
     before = [0, *(b for b in times if 0 < b < at)]
+    many = 1
     while True:
         begin = before[max(len(before) - many, 0)]
         run = TransitionSystem(facts, first=False, begin=begin)
@@ -152,7 +149,7 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int], many: int) -> tu
         if last:
             _refuse(answer, "the induction")
         if last or str(answer) == "unsat":
-            return at - begin, many
+            return at - begin
         many *= 2
 
 
