@@ -115,7 +115,7 @@ def _proved(
     methods = [module_method(p) for p in problems]
     beside = ThreadPoolExecutor(1)
     needed = [
-        beside.submit(m.compiled, p) if m.compiled is not None and len(problems) > 1 else None
+        None if m.compiled is None else beside.submit(m.compiled, p)
         for m, p in zip(methods, problems, strict=True)
     ]
     try:

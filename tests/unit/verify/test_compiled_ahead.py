@@ -93,14 +93,3 @@ def test_what_cannot_be_compiled_is_said_in_its_turn(monkeypatch: pytest.MonkeyP
             {FIRST: None, SECOND: refused},
         )
     assert proved == [None]
-
-
-def test_one_module_by_itself_needs_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It has what it needs compiled itself, at the end of a process, too, where none begins."""
-    got: list[object] = []
-
-    def begins(_: object) -> None:
-        raise AssertionError("compiled in a thread")
-
-    proofs(monkeypatch, {FIRST: got.append}, {FIRST: begins}, PROBLEMS[:1])
-    assert got == [None]
