@@ -277,24 +277,23 @@ def sizes() -> Iterator[Row]:
 def main() -> int:
     """Measure and print; 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parts_named = ("commands", "keys", "learning", "flights", "sizes")
-    parser.add_argument("--peer", default="", help="a Python with run-time-assurance")
-    parser.add_argument("--only", choices=parts_named, help="one part of it")
-    parser.add_argument("--sizes", action="store_true", help="virtual environments, too: minutes")
-    given = parser.parse_args()
-    if given.peer and shutil.which(given.peer) is None:
-        parser.error(f"--peer: there is no program `{given.peer}`")
     parts: dict[str, Callable[[], Iterator[Row]]] = {
+        "sizes": sizes,
         "commands": commands,
         "keys": keystrokes,
         "learning": lambda: learning(given.peer),
         "flights": flights,
     }
-    if given.sizes or given.only == "sizes":
-        parts = {"sizes": sizes, **parts}
+    parser.add_argument("--peer", default="", help="a Python with run-time-assurance")
+    parser.add_argument("--only", choices=sorted(parts), help="one part of it")
+    parser.add_argument("--sizes", action="store_true", help="virtual environments, too: minutes")
+    given = parser.parse_args()
+    if given.peer and shutil.which(given.peer) is None:
+        parser.error(f"--peer: there is no program `{given.peer}`")
+    asked = {given.only} if given.only else parts.keys() - {"sizes"}
     rows: list[Row] = []
     for name, part in parts.items():
-        if given.only in (None, name) or (given.sizes and name == "sizes"):
+        if name in asked or (name == "sizes" and given.sizes):
             print(f"measuring {name} ...", file=sys.stderr, flush=True)
             rows += part()
     shown = [(r.name, f"{r.value:,.3g} {r.unit}", target_of(r), met_of(r), r.beside) for r in rows]

@@ -27,9 +27,8 @@ def proofs(
     monkeypatch: pytest.MonkeyPatch,
     prove: dict[str, Callable[[object], None]],
     compiled: dict[str, Callable[[Any], object] | None],
-    problems: Any = PROBLEMS,
 ) -> None:
-    """Modules: what is compiled for each, and what is done with it in place of a proof."""
+    """Two modules: what is compiled for each, and what is done with it in place of a proof."""
 
     def method(problem: Any) -> ModuleMethod:
         def verify(problem: Any, *, compiled: object, **_: object) -> Any:
@@ -39,7 +38,7 @@ def proofs(
         return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
     monkeypatch.setattr(module_methods, "module_method", method)
-    command._proved(problems, False, None, None, None)
+    command._proved(PROBLEMS, False, None, None, None)
 
 
 def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:

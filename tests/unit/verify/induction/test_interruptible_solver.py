@@ -71,10 +71,11 @@ def signalled_at_the_end(reached: list[str]) -> None:
     reached.append("after the signal")
 
 
-def test_the_signal_waits_for_a_place_to_be_raised() -> None:
+@pytest.mark.parametrize("times", [1, 2])
+def test_the_first_signal_waits_for_a_place_and_a_second_does_not(times: int) -> None:
     reached: list[str] = []
     with pytest.raises(KeyboardInterrupt):
-        signalled(1, reached)
+        signalled(times, reached)
     assert reached == ["after the signal"]
 
 
@@ -85,13 +86,6 @@ def test_the_signal_is_raised_at_the_end_at_the_latest_and_once() -> None:
     assert reached == ["after the signal"]
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     raise_if_interrupted()
-
-
-def test_a_second_signal_does_not_wait() -> None:
-    reached: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        signalled(2, reached)
-    assert reached == ["after the signal"]
 
 
 def test_who_handles_the_signal_already_goes_on() -> None:
