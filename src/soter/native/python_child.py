@@ -11,16 +11,17 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import soter
-
 START = "import sys; sys.path[:] = [p for p in sys.path if p] + [{root!r}]; "
 """Python puts `""` there for the current folder. `sys` is in it from the start: no file is read."""
 
 
+ROOT = Path(__file__).resolve().parents[2]
+"""Where this Soter is imported from."""
+
+
 def python_child(code: str, *words: str) -> list[str]:
     """The command that runs this code; `words` are its `sys.argv[1:]`. It imports this Soter."""
-    root = str(Path(soter.__file__).resolve().parents[1])
-    return [sys.executable, "-c", START.format(root=root) + code, *words]
+    return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
 
 
 def python_module(name: str, *words: str) -> list[str]:
