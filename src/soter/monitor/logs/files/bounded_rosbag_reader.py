@@ -18,7 +18,6 @@ from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Reader2
 
-from soter.monitor.logs.files.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -26,6 +25,7 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
+from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

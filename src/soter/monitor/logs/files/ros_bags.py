@@ -16,9 +16,9 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.logs.files.bounded_unpack import unpack_file
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
+from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
