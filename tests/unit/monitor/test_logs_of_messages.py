@@ -372,7 +372,7 @@ def test_a_file_of_a_bag_may_be_given_alone(tmp_path: Path) -> None:
         ("UPDATE topics SET type = 'a/b/c/d'", "messages of `/odom` are `a/b/c/d`"),
         ("DROP TABLE topics", "cannot be used"),
         ("DROP TABLE messages", "cannot be used"),
-        ("DELETE FROM messages", "no message that counts"),
+        ("DELETE FROM messages", "its metadata count 40 messages of `/odom`, and 0 stand there"),
         ("UPDATE message_definitions SET encoding = 'xml'", "cannot be used"),
         ("UPDATE messages SET timestamp = 5", "time stands still"),
     ],

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 FIGURES_NS = 10**15
 """Beyond, nine figures of a time in seconds are not all that matters of it."""
 
+REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
+"""What helps where a bag of ROS 2 and its metadata differ."""
+
 
 @dataclass
 class Columns:

@@ -14,7 +14,7 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.monitor.logs.files.log_columns import add_row, moment, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
 from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, part_of, time_ns_of
-from soter.monitor.logs.files.ros_bags import bag_messages, is_bag
+from soter.monitor.logs.files.ros_bags import bag_messages, is_bag, require_no_split
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,7 +62,10 @@ def _messages(
     path: Path, wanted: dict[str, Wanted], there: dict[str, int]
 ) -> Iterator[tuple[int, str, Any]]:
     """Time of arrival, channel and content; `there` counts the messages of every channel."""
-    return (bag_messages if is_bag(path) else mcap_messages)(path, wanted, there)
+    if is_bag(path):
+        return bag_messages(path, wanted, there)
+    require_no_split(path)
+    return mcap_messages(path, wanted, there)
 
 
 def _in_order(path: Path, channel: str, wanted: Wanted, rows: list[Row]) -> Columns:
