@@ -298,7 +298,7 @@ def _ending(path: Path, kind: _Kind, actions: Made, *, choice: bool) -> list[Lay
         raise bad_policy(path, "its actions have no bounds, which it scales its answer to")
     half = np.float32(0.5) * (high - low)  # exact: a power of two
     scaled: list[Layer] = [Elementwise("+", np.ones_like(low)), Elementwise("*", half)]
-    return [Tanh(), *scaled, Elementwise("+", low)]
+    return [Tanh(), *scaled, Elementwise("+", low), Clipped(low, high)]
 
 
 def _whole(space: Made, which: str, default: int = -1) -> int:
