@@ -60,6 +60,8 @@ class PredicateEvaluator(Evaluator):
     ) -> None:
         super().__init__(params, externs, budget, **names)
         self._prelude = Evaluator({})
+        self.looked_at: frozenset[t.TypedExpr] | None = None
+        """Only these operands are looked at; None: all. Set before anything is compiled."""
 
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
         """As `Evaluator` says; of the prelude its own."""
@@ -67,6 +69,8 @@ class PredicateEvaluator(Evaluator):
 
     def _comparing(self, e: Any) -> Compiled:  # noqa: ANN401 - a binary or a builtin operation
         compared = compared_operands(e)
+        if self.looked_at is not None:
+            compared = tuple([x for x in compared if x in self.looked_at])
         if isinstance(e, t.Builtin):
             e = replace(e, arguments=_looked_at(e.arguments, compared))
         else:
