@@ -237,7 +237,9 @@ class UnitCache(UnitBuilder):
         )
 
     def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
-        """A DM in two parts; one that remembers is asked only once, and so has no lanes."""
+        """A DM in two parts; one that remembers or counts is asked only once, and has no lanes."""
+        if d.ttf.maybe_nan or d.safer.maybe_nan:
+            return c.Initializer(((None, c.Name("NULL")),))
         name = self.module_names[d.module]
         *_, dm = decisions.decision(self.frame, d, name)
         assert dm.body is not None

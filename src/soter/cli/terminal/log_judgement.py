@@ -125,6 +125,8 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
         f"  {m.steps:,} steps of the DM: {m.stale:,} with reads too old, ttf in {m.ttf:,}, "
         f"safer in {m.safer:,}, outside of safe in {m.outside:,} ({m.outside / fresh:.1%})"
     )
+    if m.nan_looks:
+        yield f"  `ttf` or `safer` compared a NaN in {m.nan_looks:,} of them; that counts as danger"
     if m.faults:
         yield f"  a predicate faulted {m.faults:,} times; that counts as unsafe"
     if m.blind:
@@ -238,7 +240,7 @@ FOREIGN_LOG = JsonObject(
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided missing safe_missing=blind steps ac_share first_switch_s switches changes stale "
-        "ttf safer outside first_outside_s faults margin clearance bounds",
+        "ttf safer outside first_outside_s nan_looks faults margin clearance bounds",
         {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,

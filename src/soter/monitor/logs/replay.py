@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
@@ -285,7 +286,7 @@ class _Watch:
         self.module, self.found = module, module_log
         evaluator = Evaluator.of(module.scope)
         symbol = module.symbol
-        self.margins = PredicateMargins(evaluator)
+        self.margins = PredicateMargins(PredicateEvaluator.of(module.scope))
         self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
         self.of_safe = PredicateMargins(evaluator)
         self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
@@ -305,6 +306,7 @@ class _Watch:
             return
         module_log.ttf += verdict.ttf
         module_log.safer += verdict.safer
+        module_log.nan_looks += verdict.nan
         self._distances(env, time_s)
 
     def _distances(self, env: Environment, time_s: float) -> None:
