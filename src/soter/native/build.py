@@ -91,7 +91,7 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
     return tuple(folder / name for name in names)
 
 
-def _checked(work: Path, number: int, source: str, prefix: str) -> str:
+def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
     """An extern's C, followed by the header: a wrong signature is an error, not undefined.
 
     The header comes last, so that the file may still ask the system for its features first.
@@ -127,7 +127,7 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
     built = work / LIBRARY
-    externs = [_checked(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
     command = [
         *find().command,
         *flags,
