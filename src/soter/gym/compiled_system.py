@@ -42,8 +42,6 @@ ENGINE = (
 )
 OPTIMISE = "-O3"
 """Learners take millions of steps: the kernel's small functions are worth inlining."""
-ONE_CALL = "-DSOTER_REMEMBERED=1U"
-"""A DM asks `ttf` and `safer` the same; then comes another world."""
 NOBODY = 2**32 - 1
 
 
@@ -81,7 +79,7 @@ class CompiledEnvironment:
         callables(Bindings(system, core, functions), "native", StopRequest())
         self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
         self.linked_content = linked_content(system, core)
-        unit = generate_measured(system, core, lanes=False)
+        unit = generate_measured(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = built(unit)
@@ -198,7 +196,7 @@ class CompiledEnvironment:
 
 def built(unit: Unit) -> Path:
     """The library of a unit with `ENGINE`, for this machine alone."""
-    return library(unit, OPTIMISE, (*FAST, *vector_flags(), ONE_CALL), ENGINE)
+    return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
 def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:

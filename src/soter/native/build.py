@@ -97,7 +97,7 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
     return tuple(folder / name for name in names)
 
 
-def _checked(work: Path, number: int, source: str, prefix: str) -> str:
+def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
     """An extern's C, followed by the header: a wrong signature is an error, not undefined.
 
     The header comes last, so that the file may still ask the system for its features first.
@@ -137,7 +137,7 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     compiler = [*find().command, *flags, f"-I{RUNTIME}", f"-I{work}"]
     message = "the C of this program does not compile"
     helps = _helps(unit) if unit.c_sources else (DEFECT,)
-    externs = [_checked(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"
