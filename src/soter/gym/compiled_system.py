@@ -17,9 +17,11 @@ from soter.campaign.batch_flights import BATCH
 from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.extern_interface import answer_fields
 from soter.core.layout import arrange, state_dtype
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.memory_offsets import LeafBuffer, is_flat, places
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.extern_memory import kept_by
 from soter.native.library import Library
 from soter.native.vector_instructions import FAST, vector_flags
 from soter.simulate.externs.bindings import Bindings, bind, callables
@@ -83,6 +85,7 @@ class CompiledEnvironment:
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = built(unit)
+        _require_kept_nothing(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
         self.ffi = interface(
@@ -192,6 +195,16 @@ class CompiledEnvironment:
         count = len(members) if component.plant is not None else len(members) // 2
         values = [leaf for m in members[:count] for leaf in places(m.type, m.offset)]
         return values, [leaf for m in members[count:] for leaf in places(m.type, m.offset)]
+
+
+def _require_kept_nothing(unit: Unit) -> None:
+    """SoterError X008 for C that may keep something: nobody can reset it, and worlds share it."""
+    why = kept_by(unit)
+    if why:
+        what = f"an environment cannot have C that may keep something: {why}"
+        note = "it is reset, and worlds of a vector are stepped by turns; what C keeps is neither"
+        helps = ("let the function keep nothing: what changes belongs into its result",)
+        raise SoterError((Diagnostic("X008", what, notes=(note,), helps=helps),))
 
 
 def built(unit: Unit) -> Path:

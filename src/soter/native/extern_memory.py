@@ -1,19 +1,22 @@
-"""Whether the C of externs may keep something from one call to the next.
+"""Whether the C of externs may keep something from one call to the next, and C that kept nothing.
 
 Purpose: `kept_by`, from the objects that a compiler makes of it: C without variables of its own
 that only calls functions which keep nothing cannot. Whoever is not known to keep nothing may.
+`another_copy` is loaded beside a library: what its C keeps is its own.
 Non-goals: what it does keep; assembler and addresses that are written down in the C, which can
 do anything.
 """
 
 from __future__ import annotations
 
+import shutil
 import struct
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.native.build import checked_extern, include_flags, library_flags, texts
-from soter.native.cache import cached, digest
+from soter.native.cache import cached, digest, making
 from soter.native.compiler import compile_with, find
 
 if TYPE_CHECKING:
@@ -41,6 +44,16 @@ SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
 ELF = b"\x7fELF\x02\x01"
 RELOCATED = (".data.rel.ro", ".init_array", ".fini_array")
 """Sections that are only written while the library is loaded."""
+
+
+@contextmanager
+def another_copy(path: Path) -> Iterator[Path]:
+    """A copy of a library, to be loaded in the block; it stays loaded as long as the process.
+
+    SoterError X006 where the cache cannot be written.
+    """
+    with making() as work:
+        yield Path(shutil.copy2(path, work))
 
 
 def kept_by(unit: Unit) -> str:
