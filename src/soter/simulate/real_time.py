@@ -35,6 +35,7 @@ from soter.simulate.run_observer import Observer
 from soter.simulate.trace_selection import TraceParts, names_of, wanted
 from soter.targets.posix import nodes_of, posix_package
 from soter.workers.child_process import end_with
+from soter.workers.process_tree import let_go_on
 
 if TYPE_CHECKING:
     from soter.core.core import CoreSystem
@@ -201,6 +202,7 @@ def _driven(
         while process.poll() is None:
             if stop.wanted:
                 process.terminate()
+            let_go_on(process.pid)
             time.sleep(LOOK_S)
         out.seek(0)
         said.seek(0)
