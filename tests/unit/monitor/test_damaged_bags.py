@@ -70,16 +70,17 @@ def test_messages_that_sqlite_holds_beside_its_database_are_told(
 
 
 def test_the_remedy_for_a_log_of_sqlite_works(tmp_path: Path) -> None:
+    (tmp_path / "it's").mkdir()
+    import shlex
     import subprocess
     import sys
 
-    bag = written(tmp_path, "ros2_plain", flight(12))
+    bag = written(tmp_path / "it's", "ros2_plain", flight(12))
     with_wal(bag / DB)
     (bag / "metadata.yaml").unlink()
-    remedy = refused(bag / DB).split("put them into it: ")[1]
-    assert remedy.startswith("python3 -c ")
-    code = remedy.removeprefix('python3 -c "').removesuffix('"')
-    subprocess.run([sys.executable, "-c", code], check=True)
+    program, *words = shlex.split(refused(bag / DB).split("put them into it: ")[1])
+    assert program == "python3"
+    subprocess.run([sys.executable, *words], check=True)
     assert sum(judge(bag / DB, stamp="arrival").samples.values()) == 22
 
 

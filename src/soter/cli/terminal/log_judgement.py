@@ -157,6 +157,8 @@ def _lost_of(j: LogJudgement) -> Iterator[str]:
             yield f"\n{title}: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
+    for told in j.notes:
+        yield f"\nof the file: {told}"
 
 
 def _of_log(j: LogJudgement) -> Iterator[str]:
@@ -230,8 +232,8 @@ NEAREST = JsonObject(
 )
 FOREIGN_LOG = JsonObject(
     f"{RESULT}.LogJudgement",
-    "path=log from_s to_s samples nodes derived constants left_out refused faulted assumptions "
-    "modules",
+    "path=log from_s to_s samples nodes derived constants left_out refused faulted notes "
+    "assumptions modules",
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
     derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),

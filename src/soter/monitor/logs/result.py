@@ -116,6 +116,7 @@ class LogJudgement:
     mode the system forces. `stamps`: by topic the field that says when it was measured.
     `sources`: by topic that has several, how many samples each gave. `left_out`, `refused`: by
     topic how many samples had no usable value, or lay outside the topic's set, and the first.
+    `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
     """
 
     log: str
@@ -132,6 +133,8 @@ class LogJudgement:
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unchecked: bool = False
 
     @property
     def assumptions(self) -> list[str]:
@@ -150,6 +153,10 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
+        if self.unchecked:
+            assumptions.append(
+                "no checksum covers the log's values: one that was changed in its place is not seen"
+            )
         if self.derived:
             assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"

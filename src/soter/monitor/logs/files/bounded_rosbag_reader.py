@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag1.reader import IndexData
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, FileFacts, Wanted
     from soter.monitor.logs.files.ros_messages import Format
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
@@ -63,13 +63,12 @@ class _BoundedReader1(Reader1):
             raise Reader1Error("its index is longer than the bag")
 
 
-def ros1_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Time of arrival, channel and content of each message of the wanted channels.
 
     In the order of the file; ContradictionError where it is not as it says.
     """
+    facts.unchecked = True
     unpacking = BoundedUnpacking(path.stat().st_size)
     bounded = {
         decompressors["none"]: unpacking.plain,
@@ -77,22 +76,23 @@ def ros1_messages(
         decompressors["lz4"]: unpacking.lz4,
     }
     with _BoundedReader1(path) as reader:
-        chosen = {c.id: c for c in _chosen(reader.connections, wanted, there)}
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
         decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
-            there[names[connection]] += 1
+            facts.there[names[connection]] += 1
             if connection in chosen:
-                yield time_ns, names[connection], decoders[connection](data)
+                yield time_ns, None, names[connection], decoders[connection](data)
 
 
 def sqlite_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int], *, packed: bool
-) -> Iterator[tuple[int, str, Any]]:
+    path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
+) -> Iterator[Arrived]:
     """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
 
     Raises UndecodableError where its database or its messages are none of a bag.
     """
+    facts.unchecked = True
     require_no_journal(path)
     _require_tables(path)
     size = path.stat().st_size
@@ -103,9 +103,9 @@ def sqlite_messages(
         assert database is not None
         _limit(database, size)
         require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path.name)
-        chosen = {c.id: c for c in _chosen(reader.connections, wanted, there)}
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         for c in reader.connections:
-            there[c.topic] += 0 if c.id in chosen else c.msgcount
+            facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
         decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
         for topic, time_ns, data in database.execute(IN_ORDER):
             if topic not in chosen:
@@ -113,15 +113,15 @@ def sqlite_messages(
             name = chosen[topic].topic
             if not isinstance(data, bytes) or not isinstance(time_ns, int):
                 raise UndecodableError(f"a message of `{name}` is no bytes with a time")
-            there[name] += 1
-            yield time_ns, name, decoders[topic](unpack(data))
+            facts.there[name] += 1
+            yield time_ns, None, name, decoders[topic](unpack(data))
 
 
 def _chosen(
-    connections: list[Connection], wanted: dict[str, Wanted], there: dict[str, int]
+    connections: list[Connection], wanted: dict[str, Wanted], facts: FileFacts
 ) -> list[Connection]:
     for connection in connections:
-        there.setdefault(connection.topic, 0)
+        facts.there.setdefault(connection.topic, 0)
     return [c for c in connections if c.topic in wanted]
 
 

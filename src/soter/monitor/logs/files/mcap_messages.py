@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, FileFacts, Wanted
     from soter.monitor.logs.files.ros_messages import Format
 
 ROS_SCHEMAS: dict[str, tuple[Format, int]] = {
@@ -42,17 +42,15 @@ ROS_SCHEMAS: dict[str, tuple[Format, int]] = {
 READ = "json, cdr, ros1 and protobuf are read"
 
 
-def mcap_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Log time, channel and content of each message of the wanted channels.
 
-    `there` counts the messages of every channel. SoterError D016, D007.
+    `facts` counts the messages of every channel. SoterError D016, D007.
     """
     require_log_package()
     try:
         with opened(path) as file:
-            yield from _Reading(wanted, there).messages(McapRecords(file))
+            yield from _Reading(wanted, facts).messages(McapRecords(file))
     except SoterError:
         raise
     except (TooLargeError, UndecodableError) as error:
@@ -68,19 +66,21 @@ def mcap_messages(
 class _Reading:
     """Decoders so far."""
 
-    def __init__(self, wanted: dict[str, Wanted], there: dict[str, int]) -> None:
-        self.wanted, self.there = wanted, there
+    def __init__(self, wanted: dict[str, Wanted], facts: FileFacts) -> None:
+        self.wanted, self.facts = wanted, facts
         self.decoders: dict[int, Callable[[bytes], Any]] = {}
 
-    def messages(self, records: McapRecords) -> Iterator[tuple[int, str, Any]]:
+    def messages(self, records: McapRecords) -> Iterator[Arrived]:
         """Log time, channel and content."""
         for channel, schema, message in records.messages():
-            self.there[channel.topic] = self.there.get(channel.topic, 0) + 1
+            self.facts.there[channel.topic] = self.facts.there.get(channel.topic, 0) + 1
             if channel.topic in self.wanted:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
                     decode = self.decoders[channel.id] = self._made_decoder(channel, schema)
-                yield message.log_time, channel.topic, decode(message.data)
+                content = decode(message.data)
+                yield message.log_time, message.publish_time, channel.topic, content
+        self.facts.unchecked |= records.unchecked
 
     def _made_decoder(self, channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records
         encoding = channel.message_encoding

@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
@@ -24,7 +24,7 @@ from soter.report.bounded_unpack import unpack_file
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, FileFacts, Wanted
 
 METADATA = "metadata.yaml"
 METADATA_MAX = 4 << 20
@@ -53,12 +53,10 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in (".bag", ".db3") or path.is_dir()
 
 
-def bag_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Time of arrival, channel and content of each message of the wanted channels.
 
-    `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
+    `facts` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
@@ -67,11 +65,11 @@ def bag_messages(
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
             _require_ros1(path)
-            yield from ros1_messages(path, wanted, there)
+            yield from ros1_messages(path, wanted, facts)
         elif path.is_dir():
-            yield from _of_folder(_bag2(path), wanted, there)
+            yield from _of_folder(_bag2(path), wanted, facts)
         else:
-            yield from _of_folder(_alone(path), wanted, there)
+            yield from _of_folder(_alone(path), wanted, facts)
     except SoterError:
         raise
     except ContradictionError as error:
@@ -127,9 +125,7 @@ def _says_why(error: Exception) -> bool:
     return own and not isinstance(error, KeyError)
 
 
-def _of_folder(
-    bag: _Bag2, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     from soter.monitor.logs.files.bounded_rosbag_reader import sqlite_messages  # noqa: PLC0415 - an extra
     from soter.monitor.logs.files.whole_bags import require_counts, require_no_journal  # noqa: PLC0415
 
@@ -142,12 +138,12 @@ def _of_folder(
                 with opened(file, pipes=False) as packed, plain.open("wb") as into:
                     unpack_file(packed, into, file.stat().st_size)
             if bag.storage == "mcap":
-                yield from mcap_messages(plain, wanted, there)
+                yield from mcap_messages(plain, wanted, facts)
             else:
                 opened(plain, pipes=False).close()
                 packed_messages = bag.packed == "message"
-                yield from sqlite_messages(plain, wanted, there, packed=packed_messages)
-    require_counts(bag.counts, there)
+                yield from sqlite_messages(plain, wanted, facts, packed=packed_messages)
+    require_counts(bag.counts, facts.there)
 
 
 def _bag2(path: Path) -> _Bag2:

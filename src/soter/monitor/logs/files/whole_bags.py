@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from io import BytesIO
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import apsw
@@ -26,11 +27,8 @@ if TYPE_CHECKING:
 
 MAGIC1 = len(b"#ROSBAG V2.0\n")
 REMEDY1 = "`rosbag reindex FILE` makes its index anew, of what is there"
-CHECKPOINT = (
-    'python3 -c "import sqlite3; '
-    "sqlite3.connect('{}').execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchall()\""
-)
-ROLLBACK = "python3 -c \"import sqlite3; sqlite3.connect('{}').execute('SELECT 1 FROM messages')\""
+OPENED = 'python3 -c "import sqlite3, sys; sqlite3.connect(sys.argv[1]).execute({}).fetchall()" {}'
+CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM messages'"
 
 
 class ContradictionError(ValueError):
@@ -151,10 +149,14 @@ def require_no_journal(path: Path) -> None:
     wal, journal = (path.with_name(path.name + end) for end in ("-wal", "-journal"))
     if wal.is_file() and wal.stat().st_size:
         told = f"`{wal.name}` beside it holds messages that are not in it yet"
-        raise ContradictionError(told, "put them into it: " + CHECKPOINT.format(path))
+        raise ContradictionError(
+            told, "put them into it: " + OPENED.format(CHECKPOINT, quote(str(path)))
+        )
     if journal.is_file() and any(journal.read_bytes()[:8]):
         told = f"`{journal.name}` beside it says that something was not written to its end"
-        raise ContradictionError(told, "let SQLite take it back: " + ROLLBACK.format(path))
+        raise ContradictionError(
+            told, "let SQLite take it back: " + OPENED.format(ROLLBACK, quote(str(path)))
+        )
 
 
 def require_whole(database: apsw.Connection, counts: Mapping[str, int], name: str) -> None:
