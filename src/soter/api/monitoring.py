@@ -8,6 +8,7 @@ Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/lo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,8 +74,6 @@ def log_judged(
     samples = samples_of(path, declared, read_columns(path, declared))
     judgement = replay(flat, samples, plan, str(log), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
-    if not any(m.decided for m in judgement.modules):
-        raise SoterError(tuple(lost(m.module, m.missing) for m in judgement.modules))
     return judgement
 
 
@@ -106,8 +105,11 @@ def log_explained(
     if wrong:
         raise SoterError(tuple(wrong))
     path = Path(log)
-    record = of_samples(flat, samples_of(path, declared, read_columns(path, declared)))
-    return [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    samples = samples_of(path, declared, read_columns(path, declared))
+    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
+    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    notes = tuple(text for s in samples for text in s.lost)
+    return [replace(j, length_ns=end - begin, notes=notes) for j in made]
 
 
 def _declared(

@@ -140,7 +140,7 @@ class _MappingReader:
             problems.add(f"`frame` of the mapping is {' or '.join(WORLD)}, not {frame!r}")
             frame = "ENU"
         time, unit = self._time(problems.table(given, "time", "the mapping"))
-        where = {k: str(v) for k, v in problems.table(given, "where", "the mapping").items()}
+        where = problems.texts(given, "where", "the mapping")
         topics = problems.table(given, "topics", "the mapping")
         if not topics and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")

@@ -63,7 +63,10 @@ class _BoundedReader1(Reader1):
 def ros1_messages(
     path: Path, wanted: dict[str, Wanted], there: dict[str, int]
 ) -> Iterator[tuple[int, str, Any]]:
-    """Time of arrival, channel and content of each message of the wanted channels."""
+    """Time of arrival, channel and content of each message of the wanted channels.
+
+    Of the others the first and the last, without content.
+    """
     unpacking = BoundedUnpacking(path.stat().st_size)
     bounded = {
         decompressors["none"]: unpacking.plain,
@@ -80,6 +83,9 @@ def ros1_messages(
         for connection, time_ns, data in reader.messages(chosen) if chosen else ():
             there[connection.topic] += 1
             yield time_ns, connection.topic, decoders[connection.id](data)
+        for c in reader.connections:
+            if c.topic not in wanted and (entries := reader.indexes[c.id]):
+                yield from ((e.time, c.topic, None) for e in (min(entries), max(entries)))
 
 
 def sqlite_messages(
@@ -102,6 +108,21 @@ def sqlite_messages(
                 raise UndecodableError(f"a message of `{connection.topic}` is no bytes with a time")
             there[connection.topic] += 1
             yield time_ns, connection.topic, decoders[connection.id](unpack(data))
+        yield from _of_others(reader, wanted)
+
+
+def _of_others(reader: Reader2, wanted: dict[str, Wanted]) -> Iterator[tuple[int, str, Any]]:
+    """When the first and the last message came, in the name of a channel that nobody wants."""
+    other = next((c.topic for c in reader.connections if c.topic not in wanted), None)
+    database = cast("Sqlite3Reader", reader.storage).dbconn
+    if other is None or database is None:
+        return
+    ((first, last),) = database.execute("SELECT min(timestamp), max(timestamp) FROM messages")
+    for time_ns in (first, last):
+        if not isinstance(time_ns, (int, type(None))):
+            raise UndecodableError("a message has no time")
+        if time_ns is not None:
+            yield time_ns, other, None
 
 
 def _chosen(

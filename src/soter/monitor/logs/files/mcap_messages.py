@@ -47,7 +47,7 @@ READ = "json, cdr, ros1 and protobuf are read"
 def mcap_messages(
     path: Path, wanted: dict[str, Wanted], there: dict[str, int]
 ) -> Iterator[tuple[int, str, Any]]:
-    """Log time, channel and content of each message of the wanted channels.
+    """Log time, channel and content of each message; None for that of a channel nobody wants.
 
     `there` counts the messages of every channel. SoterError D016, D007.
     """
@@ -93,9 +93,9 @@ class _Reading:
             elif isinstance(record, Message):
                 channel = self.channels[record.channel_id]
                 self.there[channel.topic] = self.there.get(channel.topic, 0) + 1
-                if channel.topic in self.wanted:
-                    content = self._decoder(channel)(record.data)
-                    yield record.log_time, channel.topic, content
+                asked = channel.topic in self.wanted
+                content = self._decoder(channel)(record.data) if asked else None
+                yield record.log_time, channel.topic, content
 
     def _records(self, file: BinaryIO) -> Iterator[Any]:
         """All records of the file, those in chunks too."""

@@ -37,7 +37,11 @@ def read_messages(
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
     rows_by_channel: dict[str, list[Row]] = {key: [] for key in by_channel}
     there: dict[str, int] = {}
+    others: list[int] = []
     for log_time_ns, channel, message in _messages(path, by_channel, there):
+        if channel not in by_channel:
+            others = [min([log_time_ns, *others]), max([log_time_ns, *others])]
+            continue
         at = there[channel]
         where = f"message {at} of `{channel}`"
         if any(str(_part(path, message, k, where)) != v for k, v in mapping.where.items()):
@@ -55,7 +59,24 @@ def read_messages(
             help_ = nearest_or_all(key, there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
         columns_by_channel[key] = _in_order(path, key, by_channel[key], rows)
+    counted = [(log_ns, now) for rows in rows_by_channel.values() for log_ns, now, *_ in rows]
+    ends = _ends(counted, [] if mapping.where else others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns = ends
     return columns_by_channel
+
+
+def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """When the log begins and ends, in the clock of the messages that count.
+
+    counted: log time and time of each; others: log times of what stands on other channels, in
+    whose clock a message that counts is as far off as the one next to the end is.
+    """
+    times = [now for _, now in counted]
+    (first, begin), (last, end) = min(counted), max(counted)
+    times += [ns - first + begin for ns in others if ns < first]
+    times += [ns - last + end for ns in others if ns > last]
+    return min(times), max(times)
 
 
 def _messages(

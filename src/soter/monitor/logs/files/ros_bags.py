@@ -51,7 +51,8 @@ def bag_messages(
 ) -> Iterator[tuple[int, str, Any]]:
     """Time of arrival, channel and content of each message of the wanted channels.
 
-    `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
+    Of other channels at least the first and the last message, without content. `there` counts the
+    messages of the wanted channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
