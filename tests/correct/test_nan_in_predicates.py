@@ -1,4 +1,4 @@
-"""A NaN that `ttf` or `safer` compares is danger: on both engines, bit by bit, whatever is around it.
+"""A NaN that `ttf` or `safer` compares is danger: on both engines, bit by bit, whatever surrounds it.
 
 One program has a module a case; what each of them reads, a plant says: `s.k` counts its periods.
 """
@@ -237,3 +237,28 @@ def test_what_cannot_be_nan_is_not_looked_at(ttf: str, may: bool, tmp_path: Path
     assert bool(maybe_nan(system, system.modules[0])) is may
     (decision,) = lower(system).decisions
     assert (decision.ttf.maybe_nan, decision.safer.maybe_nan) == (may, False)
+
+
+LISTS = """
+topic pts: float[<=3];
+plant Points period 50ms { drives pts = [1.0, 2.0]; state y: float = 0.0; next y = y; }
+fun set_in(q: float[<=3]): bool { var r = q; r[0] = sqrt(-1.0); return r[0] > 5.0; }
+fun set_in_loop(q: float[<=3]): bool {
+  var r = q;
+  for i in 0..2 { r[i] = sqrt(-1.0); }
+  for v in r { if v > 5.0 { return true; } }
+  return false;
+}
+fun pushed(q: float[<=3]): bool { var r = q; push r, sqrt(-1.0); return r[2] > 5.0; }
+fun untouched(q: float[<=3]): bool { var r = q; return r[0] > 5.0; }
+"""
+
+
+def test_an_element_of_a_list_that_was_set_may_be_nan(tmp_path: Path) -> None:
+    names = ("set_in", "set_in_loop", "pushed", "untouched")
+    cases = {name: Case(f"{name}(pts)", FINE, ac=name == "untouched") for name in names}
+    path = _program(tmp_path, cases)
+    path.write_text(path.read_text().replace("p: P;", "p: P; q: Points;") + LISTS)
+    for run in _both(path):
+        for name, case in cases.items():
+            assert (run.modules[f"M_{name}"].ac_share > 0.9) == case.ac, name

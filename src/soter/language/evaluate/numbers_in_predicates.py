@@ -178,7 +178,7 @@ class _Looking(RangeEvaluator):
         if isinstance(s, t.TypedAssign):
             old = self.variables.get(variable, UNKNOWN)
             self.variables[variable] = self._put(old, variable.type, steps, value)
-        elif path:
+        else:
             self.variables[variable] = anything(variable.type)
         return True
 
