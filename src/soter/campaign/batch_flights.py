@@ -184,7 +184,7 @@ class Fleet(Flyer):
         if horizon_ns and len(system.modules) > MODULES_MAX:
             many = f"saves of {len(system.modules)} modules cannot be counted"
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
-        self.system = system
+        self.system, self.core = system, core
         recipe = recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
         if horizon_ns and recipe.keeps:
             message = (

@@ -12,11 +12,12 @@
 #include <sys/prctl.h>
 #endif
 
-/* Ctrl-C ends the copy, and so does the end of whoever waits for it. */
+/* Signals end the copy, as nobody handles them here; so does the end of whoever waits for it. */
 static void soter_die_with(pid_t parent) {
-  (void)signal(SIGINT, SIG_DFL);
-  (void)signal(SIGTERM, SIG_DFL);
-  (void)signal(SIGHUP, SIG_DFL);
+  static const int all[] = {SIGINT, SIGTERM, SIGHUP, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGABRT};
+  for (size_t i = 0; i < sizeof all / sizeof *all; i++) {
+    (void)signal(all[i], SIG_DFL);
+  }
 #if defined(__linux__)
   (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
 #endif
