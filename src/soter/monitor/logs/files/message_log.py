@@ -54,7 +54,7 @@ def read_messages(
         lost = next(t.topic.name for t in mapping.topics if t.names and t.channel is None)
         raise unusable(path, f"the mapping of `{lost}` names no `channel`")
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
-    columns_by_channel = {key: asked.columns() for key, asked in by_channel.items()}
+    columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     for arrived in _messages(path, by_channel, facts):
         log_ns, _, channel, message = arrived
@@ -73,11 +73,11 @@ def read_messages(
         order.note(now, where)
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
-            help_ = nearest_or_all(key, facts.there)
+            help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
         columns.unchecked = facts.unchecked
         columns.notes += order.notes
-    return dict(columns_by_channel)
+    return columns_by_channel
 
 
 class _Order:
