@@ -222,8 +222,8 @@ BENCHMARKS = (
     Benchmark(
         "Damaged logs",
         ("bench/hostile/damaged_logs.py",),
-        "Logs of somebody else, seven kinds, after disks, transfers and recorders that die: refused "
-        "with a place, read as before, or read with a word about what was found. *Not covered*: a "
+        "Logs of somebody else, seven kinds, after disks, transfers and recorders that die: "
+        "refused with a place, read as before, or read with a word about what was found. *Not covered*: a "
         "value was changed where the format has no checksum; the judgement says that it has none. "
         "Then changed bits of a log of `soter run --log`.",
     ),

@@ -67,6 +67,9 @@ if TYPE_CHECKING:
 
     from soter.api import Program
 
+    Way = Callable[["Kind", Path, Random], Path | None]
+    """From a kind and an empty folder to a damaged log; None where it has no such thing."""
+
 BLOCK = 512
 MESSAGES = 120
 Flight = list[Recorded]
@@ -136,9 +139,6 @@ KINDS = {
 }
 
 # ---------------------------------------------------------------- 40 ways
-
-Way = "Callable[[Kind, Path, Random], Path | None]"
-"""From a kind and an empty folder to a damaged log; None where the kind has no such thing."""
 
 
 def by_bytes(change: Callable[[bytes, Random], bytes]) -> Way:
