@@ -223,8 +223,8 @@ BENCHMARKS = (
         "Damaged logs",
         ("bench/hostile/damaged_logs.py",),
         "Logs of somebody else, seven kinds, after disks, transfers and recorders that die: "
-        "refused with a place, read as before, or read with a word about what was found. *Not covered*: a "
-        "value was changed where the format has no checksum; the judgement says that it has none. "
+        "refused with a place, read as before, or read with a word about what was found. *Not "
+        "covered*: a value was changed where the format has no checksum, which the judgement says. "
         "Then changed bits of a log of `soter run --log`.",
     ),
     Benchmark(

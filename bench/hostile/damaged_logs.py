@@ -269,6 +269,11 @@ def another_schema(kind: Kind, folder: Path, _: Random) -> Path | None:
     return log
 
 
+def last_lost(parts: list[Any]) -> None:
+    """The last message of a chunk is gone."""
+    del parts[-1]
+
+
 def one_less(kind: Kind, folder: Path, _: Random) -> Path | None:
     """A part of the messages is lost, and counts and indexes stand as they were."""
     log = kind.written(folder, flight())
@@ -280,7 +285,7 @@ def one_less(kind: Kind, folder: Path, _: Random) -> Path | None:
         del records[max(i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE))]
         as_mcap(file, records)
     elif file.suffix == ".bag":
-        rewritten(log, lambda records: inside(records, lambda parts: parts.pop()))
+        rewritten(log, lambda records: inside(records, last_lost))
     else:
         return None
     return log

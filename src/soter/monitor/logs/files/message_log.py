@@ -76,7 +76,7 @@ def read_messages(
             help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
         columns.unchecked = facts.unchecked
-        columns.notes += order.notes
+        columns.notes += [*facts.notes, *order.notes]
     return columns_by_channel
 
 
