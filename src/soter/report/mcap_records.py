@@ -25,6 +25,10 @@ RECORD_MAX = 1 << 30
 """Bytes of a record: of a chunk as it is packed, or of an attachment."""
 HEADER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 3, 4, 5, 6, 7
 CHUNK_INDEX, ATTACHMENT, STATISTICS = 8, 9, 11
+IN_DATA = (SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA)
+IN_SUMMARY = (SCHEMA, CHANNEL, STATISTICS, CHUNK_INDEX, 10, 13, 14)
+PRIVATE = 128
+"""Kinds from here on are somebody's own."""
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 ENDS = "its end is missing: the recorder died, or the file was cut"
 REMEDY = (
@@ -47,14 +51,16 @@ class DamagedMcapError(ValueError):
 class McapRecords:
     """The records of one file, which is read once.
 
-    `metadata`: what was met so far of it, by name. `unchecked`: whether some message stood there
-    that no checksum covers.
+    `metadata`: what was met so far of it, by name. `private`: how many records of kinds that only
+    their writer knows were stepped over. `unchecked`: whether some message stood there that no
+    checksum covers.
     """
 
     def __init__(self, file: BinaryIO) -> None:
         self.file = file
         self.size = _size(file)
         self.metadata: dict[str, dict[str, str]] = {}
+        self.private = 0
         self.unchecked = False
         self._unpacking = BoundedUnpacking(self.size)
         self._schemas: dict[int, Any] = {}
@@ -88,8 +94,8 @@ class McapRecords:
             if length > RECORD_MAX:
                 raise DamagedMcapError(f"the record at byte {at} is longer than any is")
             body = self._exactly(length, ENDS)
-            if first and kind != HEADER:
-                raise DamagedMcapError("it does not begin with its header")
+            if first != (kind == HEADER):
+                raise DamagedMcapError("its header does not stand at its beginning, or not once")
             first = False
             if kind == DATA_END and summary_at is None:
                 self._end_of_index(at)
@@ -100,11 +106,19 @@ class McapRecords:
             elif kind == FOOTER:
                 self._footer(body, at, summary_at)
                 return
-            elif summary_at is None:
-                crc = zlib.crc32(body, zlib.crc32(head, crc))
-                yield from self._data(kind, body, at)
             else:
-                self._summary(kind, body, at)
+                self._require_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
+                if summary_at is None:
+                    crc = zlib.crc32(body, zlib.crc32(head, crc))
+                    yield from self._data(kind, body, at)
+                else:
+                    self._summary(kind, body, at)
+
+    def _require_kind(self, kind: int, known: tuple[int, ...], at: int) -> None:
+        if kind >= PRIVATE:
+            self.private += 1
+        elif kind not in known and kind != HEADER:
+            raise DamagedMcapError(f"a record of kind {kind} stands at byte {at}, where none may")
 
     def _exactly(self, length: int, lost: str) -> bytes:
         data = self.file.read(length)
@@ -246,8 +260,6 @@ class McapRecords:
             ):
                 told = f"its index names a chunk at byte {said.chunk_start_offset}"
                 raise DamagedMcapError(f"{told} that does not stand there so")
-        elif kind in (HEADER, MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA):
-            raise DamagedMcapError(f"a record of kind {kind} stands in its summary, at byte {at}")
 
     def _statistics(self, said: Any) -> None:  # noqa: ANN401 - a record
         read = {

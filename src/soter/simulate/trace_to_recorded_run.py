@@ -17,7 +17,7 @@ from soter.language.load.bounded_read import opened
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import RecordType
 from soter.report.mcap_log import METADATA_NAME
-from soter.report.mcap_records import McapRecords
+from soter.report.mcap_records import DamagedMcapError, McapRecords
 from soter.report.recorded_values import RecordedRun
 from soter.simulate.outputs.run_fields import truth_value
 from soter.simulate.outputs.to_log import require_log_package
@@ -93,6 +93,9 @@ def _records(path: Path) -> Iterator[McapRecords]:
         raise unreadable(path, reason(error)) from error
     except SoterError:
         raise
+    except DamagedMcapError as error:
+        text = f"cannot read the log `{path}`: {error}"
+        raise SoterError((Diagnostic("D006", text, helps=(error.remedy,)),)) from error
     except Exception as error:
         raise unreadable(path, damaged(error)) from error
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 import shutil
 import sqlite3
 import struct
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-from rosbags.rosbag1.reader import Header
+from bench.hostile.log_records import CHUNK1, CONNECTION1, INFO1, Record1, inside, rewritten
 
 from generators.robot_logs import (
     T0,
@@ -209,6 +208,15 @@ def test_messages_of_no_topic_are_told(tmp_path: Path) -> None:
     assert "5 of its messages are of no topic" in refused(bag)
 
 
+@pytest.mark.parametrize("more", [b"\0", bytes(4096), None])
+def test_bytes_that_are_no_part_of_a_database_are_told(tmp_path: Path, more: bytes | None) -> None:
+    """None: another one behind it, whose messages SQLite does not see."""
+    bag = written(tmp_path, "ros2_plain")
+    whole = (bag / DB).read_bytes()
+    (bag / DB).write_bytes(whole + (whole if more is None else more))
+    assert f"its database has {len(whole):,} bytes, and the file" in refused(bag)
+
+
 def test_a_time_that_differs_from_the_index_of_its_database_is_told(tmp_path: Path) -> None:
     bag = written(tmp_path, "ros2_plain")
     data = bytearray((bag / DB).read_bytes())
@@ -222,31 +230,6 @@ def test_a_time_that_differs_from_the_index_of_its_database_is_told(tmp_path: Pa
 
 # ---------------------------------------------------------------- ROS 1
 
-Record = tuple[int, dict[str, bytes], bytes]
-
-
-def records_of(data: bytes) -> list[Record]:
-    """Kind, head and content of what stands in a bag, or in a chunk."""
-    found, file = [], BytesIO(data)
-    while file.tell() < len(data):
-        header = Header.read(file)
-        (size,) = struct.unpack("<I", file.read(4))
-        found.append((header["op"][0], dict(header), file.read(size)))
-    return found
-
-
-def bytes_of(records: list[Record]) -> bytes:
-    parts = []
-    for _, header, content in records:
-        fields = [k.encode() + b"=" + v for k, v in header.items()]
-        head = b"".join(struct.pack("<I", len(f)) + f for f in fields)
-        parts += [struct.pack("<I", len(head)), head, struct.pack("<I", len(content)), content]
-    return b"".join(parts)
-
-
-MAGIC = b"#ROSBAG V2.0\n"
-HEAD, MESSAGE, INDEX, CHUNK, INFO, CONNECTION = 3, 2, 4, 5, 6, 7
-
 
 def bag1(folder: Path, messages: int = 300) -> Path:
     """A bag of one chunk in which two connections are."""
@@ -255,82 +238,54 @@ def bag1(folder: Path, messages: int = 300) -> Path:
     return written(folder, "plain.bag", [*other, *flight(messages)][: messages + 2])
 
 
-def rewritten(log: Path, change: Callable[[list[Record]], None]) -> Path:
-    """The bag with other records; places in it are put right."""
-    records = records_of(log.read_bytes()[len(MAGIC) :])
-    change(records)
-    place, chunks = len(MAGIC), []
-    for k, record in enumerate(records):
-        if record[0] == CHUNK:
-            chunks.append(place)
-        if record[0] in (CONNECTION, INFO) and k and records[k - 1][0] not in (CONNECTION, INFO):
-            records[0][1]["index_pos"] = struct.pack("<Q", place)
-        place += len(bytes_of([record]))
-    infos = [r for r in records if r[0] == INFO]
-    for info, chunk in zip(infos, chunks, strict=False):
-        info[1]["chunk_pos"] = struct.pack("<Q", chunk)
-    log.write_bytes(MAGIC + bytes_of(records))
-    return log
-
-
-def inside(records: list[Record], change: Callable[[list[Record]], None]) -> None:
-    """Change what stands in the first chunk."""
-    at = next(k for k, r in enumerate(records) if r[0] == CHUNK)
-    kind, header, content = records[at]
-    parts = records_of(content)
-    change(parts)
-    whole = bytes_of(parts)
-    records[at] = kind, {**header, "size": struct.pack("<I", len(whole))}, whole
-
-
-def drop_last(parts: list[Record]) -> None:
+def drop_last(parts: list[Record1]) -> None:
     del parts[-1]
 
 
-def rename(parts: list[Record]) -> None:
-    at = next(k for k, r in enumerate(parts) if r[0] == CONNECTION and b"odom" in r[1]["topic"])
-    parts[at] = CONNECTION, {**parts[at][1], "topic": b"/wheel"}, parts[at][2]
+def rename(parts: list[Record1]) -> None:
+    at = next(k for k, r in enumerate(parts) if r[0] == CONNECTION1 and b"odom" in r[1]["topic"])
+    parts[at] = CONNECTION1, {**parts[at][1], "topic": b"/wheel"}, parts[at][2]
 
 
-def of_other(parts: list[Record]) -> None:
+def of_other(parts: list[Record1]) -> None:
     kind, header, content = parts[-1]
     number = struct.pack("<I", 1 - struct.unpack("<I", header["conn"])[0])
     parts[-1] = kind, {**header, "conn": number}, content
 
 
-def later(parts: list[Record]) -> None:
+def later(parts: list[Record1]) -> None:
     kind, header, content = parts[-1]
     parts[-1] = kind, {**header, "time": struct.pack("<II", 1_800_000_000, 0)}, content
 
 
-def count(name: str, by: int) -> Callable[[list[Record]], None]:
-    def change(records: list[Record]) -> None:
+def count(name: str, by: int) -> Callable[[list[Record1]], None]:
+    def change(records: list[Record1]) -> None:
         (n,) = struct.unpack("<I", records[0][1][name])
         records[0][1][name] = struct.pack("<I", n + by)
 
     return change
 
 
-def size(records: list[Record]) -> None:
-    at = next(k for k, r in enumerate(records) if r[0] == CHUNK)
+def size(records: list[Record1]) -> None:
+    at = next(k for k, r in enumerate(records) if r[0] == CHUNK1)
     records[at][1]["size"] = struct.pack("<I", 5)
 
 
-def fewer(records: list[Record]) -> None:
-    at = next(k for k, r in enumerate(records) if r[0] == INFO)
+def fewer(records: list[Record1]) -> None:
+    at = next(k for k, r in enumerate(records) if r[0] == INFO1)
     kind, header, content = records[at]
     number, n = struct.unpack_from("<II", content)
     records[at] = kind, header, struct.pack("<II", number, n - 1) + content[8:]
 
 
-def twice(records: list[Record]) -> None:
-    at = next(k for k, r in enumerate(records) if r[0] == CONNECTION)
+def twice(records: list[Record1]) -> None:
+    at = next(k for k, r in enumerate(records) if r[0] == CONNECTION1)
     kind, header, content = records[at]
     records.insert(at, (kind, {**header, "topic": b"/wheel"}, content))
     count("conn_count", 1)(records)
 
 
-DAMAGES: list[tuple[Callable[[list[Record]], None], str]] = [
+DAMAGES: list[tuple[Callable[[list[Record1]], None], str]] = [
     (lambda r: inside(r, drop_last), "has other messages than the index says"),
     (lambda r: inside(r, of_other), "has other messages than the index says"),
     (lambda r: inside(r, later), "has other messages than the index says"),
@@ -347,7 +302,7 @@ DAMAGES: list[tuple[Callable[[list[Record]], None], str]] = [
 @pytest.mark.whole
 @pytest.mark.parametrize(("change", "told"), DAMAGES)
 def test_a_bag_of_ros1_that_contradicts_itself_is_told(
-    tmp_path: Path, change: Callable[[list[Record]], Any], told: str
+    tmp_path: Path, change: Callable[[list[Record1]], Any], told: str
 ) -> None:
     whole = rewritten(bag1(tmp_path / "whole"), lambda _: None)
     assert judge(whole).samples["motion"] == 300
@@ -357,8 +312,8 @@ def test_a_bag_of_ros1_that_contradicts_itself_is_told(
 def test_a_chunk_that_no_index_names_is_told(tmp_path: Path) -> None:
     """As where somebody counts one chunk less: its messages would be lost without a word."""
 
-    def more(records: list[Record]) -> None:
-        at = next(k for k, r in enumerate(records) if r[0] == CHUNK)
+    def more(records: list[Record1]) -> None:
+        at = next(k for k, r in enumerate(records) if r[0] == CHUNK1)
         records[at:at] = records[at : at + 3]
 
     told = refused(rewritten(bag1(tmp_path), more))

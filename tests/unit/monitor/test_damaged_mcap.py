@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 pytest.importorskip("mcap", reason="the extra `log` is not installed")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
-from mcap.data_stream import RecordBuilder
+from bench.hostile.log_records import Records, as_mcap, mcap_record, mcap_records, place_of
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from soter.api import Program
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
-Records = list[tuple[int, bytes]]
 
 
 def log(path: Path, *, attached: bool = False, **how: Any) -> Path:
@@ -60,36 +60,6 @@ def log(path: Path, *, attached: bool = False, **how: Any) -> Path:
 def read(path: Path) -> list[tuple[str, int, bytes]]:
     with path.open("rb") as file:
         return [(c.topic, m.log_time, m.data) for c, _, m in McapRecords(file).messages()]
-
-
-def split(path: Path) -> Records:
-    data, at, records = path.read_bytes(), len(MAGIC), []
-    while at < len(data) - len(MAGIC):
-        kind, length = RECORD.unpack_from(data, at)
-        at += RECORD.size + length
-        records.append((kind, data[at - length : at]))
-    return records
-
-
-def joined(path: Path, records: Records) -> Path:
-    """The records as a file, with every checksum outside of chunks taken out."""
-    parts = [MAGIC]
-    for kind, body in records:
-        blank = {DATA_END: bytes(4), FOOTER: bytes(20)}.get(kind, body)
-        parts.append(RECORD.pack(kind, len(blank)) + blank)
-    path.write_bytes(b"".join([*parts, MAGIC]))
-    return path
-
-
-def of(record: Any) -> tuple[int, bytes]:
-    builder: Any = RecordBuilder()
-    record.write(builder)
-    data = builder.end()
-    return data[0], data[RECORD.size :]
-
-
-def at(records: Records, kind: int, nth: int = 0) -> int:
-    return [i for i, (k, _) in enumerate(records) if k == kind][nth]
 
 
 KINDS: list[dict[str, Any]] = [
@@ -137,7 +107,11 @@ def test_a_bit_of_what_a_checksum_covers_is_told(tmp_path: Path, how: dict[str, 
 
 def changed(name: str, records: Records) -> None:
     """One contradiction, which no checksum tells any more."""
-    statistics, index, chunk = at(records, STATISTICS), at(records, CHUNK_INDEX), at(records, CHUNK)
+    statistics, index, chunk = (
+        place_of(records, STATISTICS),
+        place_of(records, CHUNK_INDEX),
+        place_of(records, CHUNK),
+    )
     if name == "a chunk less":
         del records[chunk]
     elif name == "a chunk twice":
@@ -150,23 +124,23 @@ def changed(name: str, records: Records) -> None:
         of_one = [i for i, (k, b) in enumerate(records) if k == MESSAGE_INDEX and b[0] == 1]
         records[of_one[0]] = records[of_one[-1]]
     elif name == "an index that leaves out a channel":
-        del records[at(records, MESSAGE_INDEX)]
+        del records[place_of(records, MESSAGE_INDEX)]
     elif name == "a schema of two meanings":
-        records.insert(chunk + 1, of(Schema(1, b"[]", "jsonschema", "other")))
+        records.insert(chunk + 1, mcap_record(Schema(1, b"[]", "jsonschema", "other")))
     elif name == "a channel of two meanings":
-        records.insert(chunk + 1, of(Channel(2, "/c", "json", {}, 1)))
+        records.insert(chunk + 1, mcap_record(Channel(2, "/c", "json", {}, 1)))
     elif name == "a channel of two meanings in the summary":
-        records[at(records, CHANNEL, -1)] = of(Channel(2, "/c", "json", {}, 1))
+        records[place_of(records, CHANNEL, -1)] = mcap_record(Channel(2, "/c", "json", {}, 1))
     elif name == "a channel that is none":
-        records.insert(chunk + 1, of(Message(7, 5, b"{}", 5, 0)))
+        records.insert(chunk + 1, mcap_record(Message(7, 5, b"{}", 5, 0)))
     elif name == "no end of the data":
-        del records[at(records, DATA_END)]
+        del records[place_of(records, DATA_END)]
     elif name == "a message in the summary":
-        records.insert(statistics, of(Message(1, 5, b"{}", 5, 0)))
+        records.insert(statistics, mcap_record(Message(1, 5, b"{}", 5, 0)))
     elif name == "a header less":
         del records[0]
     elif name == "a message more":
-        records.insert(at(records, CHUNK, 1), of(Message(1, 5, b"{}", 5, 0)))
+        records.insert(place_of(records, CHUNK, 1), mcap_record(Message(1, 5, b"{}", 5, 0)))
 
 
 TOLD = {
@@ -180,9 +154,9 @@ TOLD = {
     "a channel of two meanings": "channel 2 is `/b`, and from byte",
     "a channel of two meanings in the summary": "channel 2 is `/b`, and from byte",
     "a channel that is none": "is of channel 7, which is none",
-    "no end of the data": "is missing",
-    "a message in the summary": "a record of kind 5 stands in its summary",
-    "a header less": "it does not begin with its header",
+    "no end of the data": "a record of kind 11 stands at byte",
+    "a message in the summary": "a record of kind 5 stands at byte",
+    "a header less": "its header does not stand at its beginning",
     "a message more": "its statistics count 20 messages, and 21 stand there",
 }
 
@@ -193,20 +167,37 @@ def test_what_contradicts_is_told_where_no_checksum_is(
     tmp_path: Path, name: str, told: str
 ) -> None:
     path = log(tmp_path / "a.mcap")
-    records = split(path)
-    assert len(read(joined(path, records))) == 20, "without its checksums it is read"
+    records = mcap_records(path)
+    assert len(read(as_mcap(path, records))) == 20, "without its checksums it is read"
     changed(name, records)
     with pytest.raises(DamagedMcapError) as error:
-        read(joined(path, records))
+        read(as_mcap(path, records))
     assert told in str(error.value)
 
 
 def test_counts_of_a_file_without_chunks_are_compared(tmp_path: Path) -> None:
     path = log(tmp_path / "a.mcap", use_chunking=False)
-    records = split(path)
-    del records[at(records, MESSAGE, 4)]
+    records = mcap_records(path)
+    del records[place_of(records, MESSAGE, 4)]
     with pytest.raises(DamagedMcapError, match="its statistics count 20 messages, and 19 stand"):
-        read(joined(path, records))
+        read(as_mcap(path, records))
+
+
+@pytest.mark.parametrize("bit", range(8))
+def test_a_message_whose_kind_is_another_is_not_lost_in_silence(tmp_path: Path, bit: int) -> None:
+    """In a file that has neither checksums nor counts."""
+    path = log(tmp_path / "a.mcap", use_chunking=False, use_statistics=False)
+    records = mcap_records(path)
+    place = place_of(records, MESSAGE, 4)
+    records[place] = MESSAGE ^ 1 << bit, records[place][1]
+    with as_mcap(path, records).open("rb") as file:
+        found = McapRecords(file)
+        if bit == 7:
+            assert len(list(found.messages())) == 19
+            assert found.private == 1
+            return
+        with pytest.raises(DamagedMcapError):
+            list(found.messages())
 
 
 def test_two_files_one_behind_the_other_are_not_one(tmp_path: Path) -> None:
@@ -218,11 +209,11 @@ def test_two_files_one_behind_the_other_are_not_one(tmp_path: Path) -> None:
 
 def test_an_attachment_has_a_checksum_of_its_own(tmp_path: Path) -> None:
     path = log(tmp_path / "a.mcap", attached=True)
-    records = split(path)
-    place = at(records, ATTACHMENT)
+    records = mcap_records(path)
+    place = place_of(records, ATTACHMENT)
     records[place] = ATTACHMENT, records[place][1].replace(b"nothing", b"somethi")
     with pytest.raises(DamagedMcapError, match="the attachment at byte"):
-        read(joined(path, records))
+        read(as_mcap(path, records))
 
 
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.8, 0.99])
@@ -266,8 +257,8 @@ def test_every_bit_of_a_log_of_soter_is_covered(own: Path, tmp_path: Path) -> No
 
 def test_a_log_that_a_dead_process_left_has_its_checksums_too(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    records = split(own)
-    end = at(records, DATA_END)
+    records = mcap_records(own)
+    end = place_of(records, DATA_END)
     whole = b"".join(RECORD.pack(k, len(body)) + body for k, body in records[:end])
     path.write_bytes(MAGIC + whole + RECORD.pack(CHUNK, 1000) + b"cut")
     assert mended(path)
@@ -281,10 +272,10 @@ def test_a_log_that_a_dead_process_left_has_its_checksums_too(own: Path, tmp_pat
 
 def test_time_that_goes_back_in_a_log_of_soter_is_told(own: Path, tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    records = split(own)
-    chunk = at(records, CHUNK)
+    records = mcap_records(own)
+    chunk = place_of(records, CHUNK)
     assert sum(k == CHUNK for k, _ in records) == 1
     again = [records[0], records[chunk], records[chunk], (DATA_END, b""), (FOOTER, b"")]
     with pytest.raises(SoterError) as error:
-        cart().monitor(joined(path, again), system="Protected")
+        cart().monitor(as_mcap(path, again), system="Protected")
     assert "time goes back from 0.3 s to 0 s" in str(error.value.diagnostics[0].message)

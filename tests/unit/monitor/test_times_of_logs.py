@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ALL = list(WRITERS)
 
 
-def judged(log: Path, motion: dict[str, Any] | None = None, **time: Any) -> LogJudgement:
+def judged(log: Path, motion: Any = None, **time: Any) -> LogJudgement:
     """The cart's module on a log of any kind; `time`: keys of the table of that name."""
     if log.suffix == ".csv":
         time = {"from": "t", "unit": "ns", **time}
@@ -32,7 +32,7 @@ def judged(log: Path, motion: dict[str, Any] | None = None, **time: Any) -> LogJ
     return load(CART).judge_log(log, given, system="Protected")
 
 
-def told(log: Path, motion: dict[str, Any] | None = None, **time: Any) -> str:
+def told(log: Path, motion: Any = None, **time: Any) -> str:
     with pytest.raises(SoterError) as error:
         judged(log, motion, **time)
     (problem,) = error.value.diagnostics

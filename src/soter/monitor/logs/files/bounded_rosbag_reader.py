@@ -102,7 +102,7 @@ def sqlite_messages(
         database = cast("Sqlite3Reader", reader.storage).dbconn
         assert database is not None
         _limit(database, size)
-        require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path.name)
+        require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path)
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount

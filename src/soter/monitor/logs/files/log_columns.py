@@ -75,11 +75,13 @@ class Columns:
 class FileFacts:
     """What is known of a file once its messages were read.
 
-    `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them.
+    `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
+    `notes`: what was found that is no error.
     """
 
     there: dict[str, int] = field(default_factory=dict)
     unchecked: bool = False
+    notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -82,6 +82,9 @@ class _Reading:
                 content = decode(message.data)
             yield message.log_time, message.publish_time, channel.topic, content
         self.facts.unchecked |= records.unchecked
+        if records.private:
+            told = f"{records.private:,} records of kinds that only its writer knows"
+            self.facts.notes.append(f"{told} were stepped over")
 
     def _made_decoder(self, channel: Any, schema: Any) -> Callable[[bytes], Any]:  # noqa: ANN401 - records
         encoding = channel.message_encoding

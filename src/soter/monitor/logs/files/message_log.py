@@ -54,7 +54,7 @@ def read_messages(
         lost = next(t.topic.name for t in mapping.topics if t.names and t.channel is None)
         raise unusable(path, f"the mapping of `{lost}` names no `channel`")
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
-    columns_by_channel = {key: asked.columns() for key, asked in by_channel.items()}
+    columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     counted: list[tuple[int, int]] = []
     others: list[int] = []
@@ -80,14 +80,14 @@ def read_messages(
         counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
-            help_ = nearest_or_all(key, facts.there)
+            help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
     ends = _ends(counted, [] if mapping.where else others)
     for columns in columns_by_channel.values():
         columns.ends_ns = ends
         columns.unchecked = facts.unchecked
-        columns.notes += order.notes
-    return dict(columns_by_channel)
+        columns.notes += [*facts.notes, *order.notes]
+    return columns_by_channel
 
 
 class _Order:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 MAGIC1 = len(b"#ROSBAG V2.0\n")
 REMEDY1 = "`rosbag reindex FILE` makes its index anew, of what is there"
+RECOVER = "`sqlite3 FILE .recover` saves what can be read"
 OPENED = 'python3 -c "import sqlite3, sys; sqlite3.connect(sys.argv[1]).execute({}).fetchall()" {}'
 CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM messages'"
 
@@ -159,11 +160,16 @@ def require_no_journal(path: Path) -> None:
         )
 
 
-def require_whole(database: apsw.Connection, counts: Mapping[str, int], name: str) -> None:
+def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
     """ContradictionError where a database is damaged, or has fewer messages than it says.
 
     `counts`: its messages by topic. What it says of itself was written before its last messages.
     """
+    size = path.stat().st_size
+    pages = next(iter(database.execute(SIZE)))[0]
+    if size != pages:
+        told = f"its database has {pages:,} bytes, and the file {size:,}"
+        raise ContradictionError(told, RECOVER)
     try:
         (told,) = next(iter(database.execute("PRAGMA integrity_check(1)")))
     except apsw.InterruptError:
@@ -171,8 +177,7 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], name: st
     except apsw.Error as error:
         told = str(error)
     if told != "ok":
-        help_ = "`sqlite3 FILE .recover` saves what can be read"
-        raise ContradictionError(f"its database is damaged: {str(told)[:120]}", help_)
+        raise ContradictionError(f"its database is damaged: {str(told)[:120]}", RECOVER)
     (stored,) = next(iter(database.execute("SELECT count(*) FROM messages")))
     if stored != sum(counts.values()):
         lost = stored - sum(counts.values())
@@ -180,12 +185,13 @@ def require_whole(database: apsw.Connection, counts: Mapping[str, int], name: st
     if not next(iter(database.execute(HAS_METADATA)), None):
         return
     row = next(iter(database.execute("SELECT metadata FROM metadata ORDER BY id DESC")), None)
-    said = counts_said(row[0], name) if row is not None else {}
+    said = counts_said(row[0], path.name) if row is not None else {}
     for topic, n in sorted(said.items(), key=lambda each: each[0] is None):
         if n > (stored if topic is None else counts.get(topic, 0)):
             raise wrong_count(topic, n, stored if topic is None else counts.get(topic, 0))
 
 
+SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"
 HAS_METADATA = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'metadata'"
 
 
@@ -216,8 +222,8 @@ def counts_of(said: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML h
 
 def require_counts(said: Mapping[str | None, int], there: Mapping[str, int]) -> None:
     """ContradictionError where other messages were read than `metadata.yaml` says."""
-    read: dict[str | None, int] = dict(there)
-    read[None] = sum(there.values())
+    read: dict[str | None, int] = {None: sum(there.values())}
+    read.update(there)
     for topic in (*sorted(t for t in {*said, *read} if t is not None), None):
         if said and said.get(topic, 0) != read.get(topic, 0):
             raise wrong_count(topic, said.get(topic, 0), read.get(topic, 0))
