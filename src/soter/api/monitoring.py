@@ -71,9 +71,12 @@ def log_judged(
         missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
         raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
     path = Path(log)
-    samples = samples_of(path, declared, read_columns(path, declared))
+    columns = read_columns(path, declared)
+    samples = samples_of(path, declared, columns)
     judgement = replay(flat, samples, plan, str(log), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
+    judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
+    judgement.unchecked = any(c.unchecked for c in columns.values())
     return judgement
 
 

@@ -175,6 +175,8 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
         f"  {m.steps:,} steps of the DM: {m.stale:,} with reads too old, ttf in {m.ttf:,}, "
         f"safer in {m.safer:,}, outside of safe in {outside}"
     )
+    if m.nan_looks:
+        yield f"  `ttf` or `safer` compared a NaN in {m.nan_looks:,} of them; that counts as danger"
     if m.waiting:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
@@ -212,6 +214,8 @@ def lost_of(j: LogJudgement) -> Iterator[str]:
         yield f"\nrefused by the gate: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
+    for told in j.notes:
+        yield f"\nof the file: {told}"
 
 
 def _of_log(j: LogJudgement) -> Iterator[str]:
@@ -291,7 +295,7 @@ NEAREST = JsonObject(
 FOREIGN_LOG = JsonObject(
     f"{RESULT}.LogJudgement",
     "path=log from_s to_s samples nodes derived constants left_out refused far_stamps faulted "
-    "assumptions modules",
+    "notes assumptions modules",
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
     derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),
@@ -304,7 +308,7 @@ FOREIGN_LOG = JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "
         "steps ac_share first_switch_s switches changes stale ttf safer outside outside_late "
-        "first_outside_s faults margin clearance bounds",
+        "first_outside_s nan_looks faults margin clearance bounds",
         {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe
 from soter.monitor.logs.files.log_columns import unusable
@@ -317,7 +318,7 @@ class _Watch:
         self.module, self.found = module, module_log
         evaluator = Evaluator.of(module.scope)
         symbol = module.symbol
-        self.margins = PredicateMargins(evaluator)
+        self.margins = PredicateMargins(PredicateEvaluator.of(module.scope))
         self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
         self.of_safe = PredicateMargins(evaluator)
         self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
@@ -341,6 +342,7 @@ class _Watch:
             return
         module_log.ttf += verdict.ttf
         module_log.safer += verdict.safer
+        module_log.nan_looks += verdict.nan
         far = self._asked(self.ttf, env)
         if far is not None:
             module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)

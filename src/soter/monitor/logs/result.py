@@ -62,7 +62,8 @@ class ModuleOfLog:
     it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
     `ttf` and `safer` count fresh ones. `safe` was asked of reads young enough in `asked` steps, in
     `judged_steps` of them the DM's were, too, and in `outside` it did not hold; `outside_late`: of
-    reads that came too late. `faults` of predicates.
+    reads that came too late. `faults` of predicates; in `nan_looks` fresh steps `ttf` or `safer`
+    compared a NaN.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
     `span`: where the module is declared.
@@ -84,6 +85,7 @@ class ModuleOfLog:
     outside: int = 0
     outside_late: int = 0
     faults: int = 0
+    nan_looks: int = 0
     first_outside_s: float | None = None
     changes: list[LoggedModeChange] = field(default_factory=list)
     margin: NearestMargin | None = None
@@ -156,7 +158,8 @@ class LogJudgement:
     `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
     the first. `far_stamps`: by topic those that are further from the log's clock than the log is
     long. `lost`: in words what was left out, and far stamps. `ageless`: of topics without `max_age`
-    the greatest age (ns) of a read.
+    the greatest age (ns) of a read. `notes`: what was found of the file that is no error;
+    `unchecked`: no checksum covers it.
     """
 
     log: str
@@ -176,6 +179,8 @@ class LogJudgement:
     lost: list[str] = field(default_factory=list)
     far_stamps: dict[str, FarStamps] = field(default_factory=dict)
     ageless: dict[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unchecked: bool = False
 
     @property
     def assumptions(self) -> list[str]:
@@ -199,6 +204,10 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
+        if self.unchecked:
+            assumptions.append(
+                "no checksum covers the log's values: one that was changed in its place is not seen"
+            )
         if self.derived:
             assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"

@@ -210,6 +210,7 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
     elif t.delay_ns > 0:
         made.stamp = f"arrival less {show_ns(t.delay_ns)}"
+    follows_lines = t.linear or any(isinstance(x, SlopeSource) for x in t.leaves.values())
     for i, now in enumerate(columns.times_ns):
         if not _counts(t, columns, i):
             continue
@@ -225,6 +226,9 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         if why:
             made.leave_out(f"{columns.where[i]}: {why}")
             continue
+        if follows_lines and made.times_ns and made.stamps_ns[-1] == (stamps[i] or 0) - first_ns:
+            for column in (made.times_ns, made.stamps_ns, *read.values()):
+                column.pop()  # no line goes through two values at one time: the later one counts
         made.times_ns.append(now - first_ns)
         made.stamps_ns.append((stamps[i] or 0) - first_ns)
         for p, value in row.items():

@@ -1,0 +1,130 @@
+"""A NaN that `ttf` or `safer` compares is danger: on both engines, bit by bit, whatever is around it.
+
+One program has a module a case; what each of them reads, a plant says: `s.k` counts its periods.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import pytest
+
+import soter
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.numbers_in_predicates import TOTAL, maybe_nan
+from soter.language.evaluate.statements import Environment
+from soter.language.front_end import check_file, system_of
+from soter.language.prelude.function_error_bounds import BOUNDS
+from soter.simulate.run import NativeProgram, run_interpreted
+
+LOOKS, END_NS = 21, 1_000_000_000
+
+
+class Case(NamedTuple):
+    """The predicates of a module, what share of time is AC's, how many looks met a NaN."""
+
+    ttf: str
+    safer: str
+    ac: bool
+    nan_looks: int = LOOKS
+
+
+FINE = "s.k >= 0.0"
+NEVER = "s.k < 0.0"
+CASES = {
+    "root": Case("sqrt(s.minus) > 5.0", FINE, ac=False),
+    "acos": Case("acos(s.two) > 5.0", FINE, ac=False),
+    "log": Case("log(s.minus) > 5.0", FINE, ac=False),
+    "sine": Case("sin(s.huge) > 5.0", FINE, ac=False),
+    "difference": Case("s.huge * 1.0e10 - s.huge * 1.0e10 > 5.0", FINE, ac=False),
+    "product": Case("(s.huge * 1.0e10) * s.zero > 5.0", FINE, ac=False),
+    "zero_by_zero": Case("!(s.zero / s.zero > 5.0)", FINE, ac=False, nan_looks=0),
+    "infinite_quotient": Case("(s.huge * 1.0e10) / (s.huge * 1.0e10) > 5.0", FINE, ac=False),
+    "negated": Case("!(sqrt(s.minus) < 5.0) && false", FINE, ac=False),
+    "first_of_or": Case("sqrt(s.minus) > 5.0 || false", FINE, ac=False),
+    "second_of_or": Case(f"{NEVER} || sqrt(s.minus) > 5.0", FINE, ac=False),
+    "behind_or": Case(f"{NEVER}", f"{FINE} || sqrt(s.minus) > 5.0", ac=True, nan_looks=0),
+    "behind_and": Case(f"{NEVER} && sqrt(s.minus) > 5.0", FINE, ac=True, nan_looks=0),
+    "in_safer": Case(NEVER, "!(sqrt(s.minus) > 5.0)", ac=False),
+    "in_both": Case("sqrt(s.minus) > 5.0", "sqrt(s.minus) < 5.0", ac=False),
+    "equal": Case("sqrt(s.minus) == 1.0", FINE, ac=False),
+    "unequal": Case(NEVER, "sqrt(s.minus) != 1.0", ac=False),
+    "itself": Case("let_of(s.minus)", FINE, ac=False),
+    "branch": Case("branched(s.minus, s.two)", FINE, ac=False),
+    "other_branch": Case("branched(s.two, s.minus)", FINE, ac=True, nan_looks=0),
+    "loses_in_max": Case("max(1.0, sqrt(s.minus)) > 5.0", FINE, ac=False),
+    "loses_in_saturate": Case("saturate(1.0, sqrt(s.minus)) > 5.0", FINE, ac=False),
+    "vector": Case("norm(saturate(pair(s.two, sqrt(s.minus)), 1.0)) > 5.0", FINE, ac=False),
+    "clamped": Case("clamp(sqrt(s.minus), 0.0, 1.0) > 5.0", FINE, ac=False),
+    "reversed_clamp": Case("clamp(s.two, s.two, s.minus) > 5.0", FINE, ac=False),
+    "not_compared": Case("not_compared(s.minus, s.two)", FINE, ac=True, nan_looks=0),
+    "in_a_loop": Case("looped(s.two)", FINE, ac=False),
+    "whole_numbers": Case("int(s.two) > 5", FINE, ac=True, nan_looks=0),
+    "array": Case("[s.two, sqrt(s.minus)][1] > 5.0", FINE, ac=False),
+    "other_element": Case("[s.two, sqrt(s.minus)][0] > 5.0", FINE, ac=True, nan_looks=0),
+}
+TEXT = """soter 1;
+topic s: { k: float, minus: float, two: float, huge: float, zero: float, once: float };
+type Pair = { x: float, y: float };
+fun pair(x: float, y: float): Pair { return { x: x, y: y }; }
+fun let_of(x: float): bool { let r = sqrt(x); let at_all = r == r; return false; }
+fun branched(x: float, y: float): bool {
+  if x < 0.0 { return sqrt(x) > 5.0; }
+  return sqrt(x) > 5.0;
+}
+fun not_compared(x: float, y: float): bool { let unused = sqrt(x); return y > 5.0; }
+fun looped(x: float): bool {
+  var far = x;
+  for i in 0..4 { if far > 5.0 { return true; } far = far - 1.0 - float(i); far = sqrt(far); }
+  return false;
+}
+plant P period 50ms {
+  drives s = { k: k, minus: -1.0, two: 2.0, huge: 1.0e300, zero: 0.0, once: k == 10.0 ? -1.0 : 1.0 };
+  state k: float = 0.0;
+  next k = k + 1.0;
+}
+"""
+MODULE = """
+topic u_{n}: float in [0.0, 1.0];
+node A_{n} period 50ms {{ publishes u_{n}; step {{ publish u_{n} = 1.0; }} }}
+node S_{n} period 50ms {{ publishes u_{n}; step {{ publish u_{n} = 0.0; }} }}
+rta M_{n} {{ ac A_{n}; sc S_{n}; period 50ms; safe s.k < 1.0e9; ttf {ttf}; safer {safer}; }}
+"""
+
+
+def _program(tmp_path, cases: dict[str, Case]):
+    text = TEXT + "".join(MODULE.format(n=n, ttf=c.ttf, safer=c.safer) for n, c in cases.items())
+    modules = " ".join(f"module M_{n};" for n in cases)
+    path = tmp_path / "nan.soter"
+    path.write_text(f"{text}system S default {{ p: P; {modules} until 1s; }}\n")
+    return path
+
+
+def _both(path):
+    """The run of each engine; their traces are one."""
+    system = system_of(check_file(str(path)), "S")
+    native = NativeProgram(system).run(END_NS, 1, hash_trace=True)
+    interpreted = run_interpreted(system, END_NS, 1)
+    assert native.trace_sha256 == interpreted.trace_sha256
+    return native, interpreted
+
+
+def test_a_nan_that_is_compared_is_danger_on_both_engines(tmp_path):
+    native, interpreted = _both(_program(tmp_path, CASES))
+    for run in (native, interpreted):
+        for name, case in CASES.items():
+            module = run.modules[f"M_{name}"]
+            assert (module.ac_share > 0.9) == case.ac, name
+            assert module.nan_looks == case.nan_looks, name
+
+
+def test_a_nan_of_one_period_takes_control_for_as_long(tmp_path):
+    cases = {
+        "ttf": Case("sqrt(s.once) > 5.0", FINE, ac=True),
+        "safer": Case("s.k == 8.0", "sqrt(s.once) < 5.0 && s.k > 9.0", ac=True),
+    }
+    for run in _both(_program(tmp_path, cases)):
+        ttf, safer = run.modules["M_ttf"], run.modules["M_safer"]
+        assert (ttf.nan_looks, ttf.switches_to_sc, ttf.switches_to_ac) == (1, 1, 2)
+        assert (safer.nan_looks, safer.switches_to_sc, safer.switches_to_ac) == (1, 0, 1)
+        assert any("compared a NaN in 1 looks" in note for note in run.notes)
