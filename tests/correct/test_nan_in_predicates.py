@@ -5,17 +5,23 @@ One program has a module a case; what each of them reads, a plant says: `s.k` co
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
 import pytest
 
-import soter
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
+from generators.explorer_agreement import compared, enumerated
+from soter.api.program import load
+from soter.core.steps import lower
 from soter.language.evaluate.numbers_in_predicates import TOTAL, maybe_nan
-from soter.language.evaluate.statements import Environment
 from soter.language.front_end import check_file, system_of
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.simulate.run import NativeProgram, run_interpreted
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.simulate.result import Run
 
 LOOKS, END_NS = 21, 1_000_000_000
 
@@ -92,7 +98,7 @@ rta M_{n} {{ ac A_{n}; sc S_{n}; period 50ms; safe s.k < 1.0e9; ttf {ttf}; safer
 """
 
 
-def _program(tmp_path, cases: dict[str, Case]):
+def _program(tmp_path: Path, cases: dict[str, Case]) -> Path:
     text = TEXT + "".join(MODULE.format(n=n, ttf=c.ttf, safer=c.safer) for n, c in cases.items())
     modules = " ".join(f"module M_{n};" for n in cases)
     path = tmp_path / "nan.soter"
@@ -100,7 +106,7 @@ def _program(tmp_path, cases: dict[str, Case]):
     return path
 
 
-def _both(path):
+def _both(path: Path) -> tuple[Run, Run]:
     """The run of each engine; their traces are one."""
     system = system_of(check_file(str(path)), "S")
     native = NativeProgram(system).run(END_NS, 1, hash_trace=True)
@@ -109,7 +115,7 @@ def _both(path):
     return native, interpreted
 
 
-def test_a_nan_that_is_compared_is_danger_on_both_engines(tmp_path):
+def test_a_nan_that_is_compared_is_danger_on_both_engines(tmp_path: Path) -> None:
     native, interpreted = _both(_program(tmp_path, CASES))
     for run in (native, interpreted):
         for name, case in CASES.items():
@@ -118,7 +124,7 @@ def test_a_nan_that_is_compared_is_danger_on_both_engines(tmp_path):
             assert module.nan_looks == case.nan_looks, name
 
 
-def test_a_nan_of_one_period_takes_control_for_as_long(tmp_path):
+def test_a_nan_of_one_period_takes_control_for_as_long(tmp_path: Path) -> None:
     cases = {
         "ttf": Case("sqrt(s.once) > 5.0", FINE, ac=True),
         "safer": Case("s.k == 8.0", "sqrt(s.once) < 5.0 && s.k > 9.0", ac=True),
@@ -128,3 +134,106 @@ def test_a_nan_of_one_period_takes_control_for_as_long(tmp_path):
         assert (ttf.nan_looks, ttf.switches_to_sc, ttf.switches_to_ac) == (1, 1, 2)
         assert (safer.nan_looks, safer.switches_to_sc, safer.switches_to_ac) == (1, 0, 1)
         assert any("compared a NaN in 1 looks" in note for note in run.notes)
+
+
+EXPLORED = """soter 1;
+topic s: { far: float, near: float };
+topic u: float in [0.0, 1.0];
+node A period 50ms { publishes u; step { publish u = 1.0; } }
+node B period 50ms { publishes u; step { publish u = 0.0; } }
+rta M {
+  ac A; sc B; period 50ms;
+  safe s.near < 5.0; ttf sqrt(s.far) > 5.0; safer !(sqrt(s.far) > 5.0);
+}
+plant P period 50ms {
+  drives s = { far: b ? -1.0 : 1.0, near: 1.0 };
+  state b: bool = false;
+  next b = choose { true, false };
+}
+system Q { p: P; module M; }
+test T { system Q; horizon 200ms; always mode(M) == Mode.SC || u < 0.5; }
+"""
+
+
+def test_the_explorer_and_the_enumerator_agree_on_it() -> None:
+    s = enumerated(0, EXPLORED)
+    assert len(s.found.configurations) > 10
+    assert not compared(s, ("-O0",)).complaints
+
+
+def test_a_log_is_judged_as_the_run_was(tmp_path: Path) -> None:
+    cases = {"ttf": Case("sqrt(s.once) > 5.0", FINE, ac=True)}
+    program = load(_program(tmp_path, cases))
+    run = program.simulate(seed=1, log=tmp_path / "run.mcap")
+    fields = {n: n for n in ("k", "minus", "two", "huge", "zero", "once")}
+    mapping = {"topics": {"s": {"channel": "s", "fields": fields}}}
+    (judged,) = program.judge_log(tmp_path / "run.mcap", mapping).modules
+    assert judged.nan_looks == run.modules["M_ttf"].nan_looks == 1
+    assert [c.to for c in judged.changes] == ["AC", "SC", "AC"]
+
+
+ENDS = (0.0, -0.0, 5e-324, 1e-308, 1e-9, 0.5, 1.0, 1.5, 3.0, 1e5, 1e9, 1e300, 1.7e308, math.inf)
+
+
+@pytest.mark.parametrize("name", sorted({*TOTAL, "pow"}))
+def test_a_function_of_the_prelude_is_a_number_in_its_domain_and_keeps_a_nan(
+    name: str, tmp_path: Path
+) -> None:
+    of = "xy"[: len(BOUNDS[name].domain)]
+    parameters = ", ".join(f"{x}: float" for x in of)
+    text = f"soter 1;\nfun f({parameters}): float {{ return {name}({', '.join(of)}); }}\n"
+    (tmp_path / "f.soter").write_text(text)
+    call = load(tmp_path / "f.soter").function("f")
+    ends = [s * x for x in ENDS for s in (1.0, -1.0)]
+    domain = ((0.0, math.inf), BOUNDS[name].domain[1]) if name == "pow" else BOUNDS[name].domain
+    for x in ends:
+        given = [[v for v in ends if low <= v <= high] for low, high in domain[1:]]
+        for rest in given[0] if given else [None]:
+            arguments = [x] if rest is None else [x, rest]
+            inside = domain[0][0] <= x <= domain[0][1]
+            result = call(*arguments)
+            assert not (inside and math.isnan(result)), arguments
+            for k in range(len(arguments)):
+                with_nan = [math.nan if i == k else v for i, v in enumerate(arguments)]
+                assert math.isnan(call(*with_nan)), with_nan
+
+
+BOUNDED = """soter 1;
+topic s: {{ x: float, v: float }} in {{ x in [-10.0, 10.0], v in [-5.0, 5.0] }};
+topic free: float;
+topic u: float in [0.0, 1.0];
+fun stop(v: float): float {{ return v * abs(v) / (2.0 * 3.0) + sin(v) + hypot(v, 1.0); }}
+node A period 50ms {{ publishes u; step {{ publish u = 1.0; }} }}
+node B period 50ms {{ publishes u; step {{ publish u = 0.0; }} }}
+rta M {{
+  ac A; sc B; period 50ms; safe s.x < 9.0;
+  ttf {ttf}; safer s.x < 1.0;
+}}
+plant P period 50ms {{ drives s = {{ x: x, v: 0.0 }}; drives free = 0.0; state x: float; }}
+system S default {{ p: P; module M; until 1s; }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("ttf", "may"),
+    [
+        ("s.x + stop(s.v) > 8.0", False),
+        ("sqrt(s.x * s.x + s.v * s.v) > 8.0", False),
+        ("free * free + abs(free) > 8.0", False),
+        ("free > 8.0 || age(free) > 0.2", False),
+        ("norm(vec2(free, s.v)) / 3.0 > exp(free)", False),
+        ("acos(s.v / 5.0) > 1.0 || min(s.x, free) > 8.0", False),
+        ("s.x / s.v > 3.0 && int(s.x) < 3", False),
+        ("sqrt(s.x) > 1.0", True),
+        ("acos(s.v) > 1.0", True),
+        ("free * free - free * s.x > 1.0", True),
+        ("max(s.x, log(s.v)) > 1.0", True),
+        ("s.x / s.v - free / s.v > 1.0", True),
+    ],
+)
+def test_what_cannot_be_nan_is_not_looked_at(ttf: str, may: bool, tmp_path: Path) -> None:
+    (tmp_path / "b.soter").write_text(BOUNDED.format(ttf=ttf))
+    system = system_of(check_file(str(tmp_path / "b.soter")), "S")
+    assert bool(maybe_nan(system, system.modules[0])) is may
+    (decision,) = lower(system).decisions
+    assert (decision.ttf.maybe_nan, decision.safer.maybe_nan) == (may, False)

@@ -308,14 +308,15 @@ class SolverReading:
             return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
         a = self._compared(e.left, where)
         b = self._compared(e.right, where)
-        if isinstance(a, Elapsed) and isinstance(b, Seconds):
+        compares = isinstance(e.type, BoolType)
+        if compares and isinstance(a, Elapsed) and isinstance(b, Seconds):
             return age_compared(e.op, a.ns, b.value)
-        if isinstance(a, Seconds) and isinstance(b, Elapsed):
+        if compares and isinstance(a, Seconds) and isinstance(b, Elapsed):
             turned = e.op.translate(str.maketrans("<>", "><"))
             return age_compared(turned, b.ns, a.value)
         if isinstance(e.left.type, FloatType):
-            if isinstance(e.type, BoolType) or e.op in "+-*":
-                sort = z3.BoolSort() if isinstance(e.type, BoolType) else OPAQUE
+            if compares or e.op in "+-*":
+                sort = z3.BoolSort() if compares else OPAQUE
                 return of_floats(e.op, a, b, sort)
             raise NotRecheckedError("a division of floats outside of a function")
         compared = {"==": "__eq__", "!=": "__ne__", "<": "__lt__", "<=": "__le__"}

@@ -188,7 +188,7 @@ class _Looking(RangeEvaluator):
             return value
         (at, *rest), parts = steps, []
         if isinstance(of, ListType):
-            return old if old is not UNKNOWN else UNKNOWN
+            return UNKNOWN
         for k, (part, t_) in enumerate(self._parts(old, of)):
             if not at.has(k):
                 parts.append(part)

@@ -343,6 +343,10 @@ class _Watch:
         module_log.ttf += verdict.ttf
         module_log.safer += verdict.safer
         module_log.nan_looks += verdict.nan
+        self._distances(env, time_s)
+
+    def _distances(self, env: Environment, time_s: float) -> None:
+        module_log = self.found
         far = self._asked(self.ttf, env)
         if far is not None:
             module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)

@@ -60,10 +60,10 @@ class ModuleOfLog:
     `missing`: topics without which nothing can be said; everything else is then empty. `unheard`:
     what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
     it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
-    `ttf` and `safer` count fresh ones. `safe` was asked of reads young enough in `asked` steps, in
-    `judged_steps` of them the DM's were, too, and in `outside` it did not hold; `outside_late`: of
-    reads that came too late. `faults` of predicates; in `nan_looks` fresh steps `ttf` or `safer`
-    compared a NaN.
+    `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
+    `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
+    were, too, and in `outside` it did not hold; `outside_late`: of reads that came too late.
+    `faults` of predicates.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
     `span`: where the module is declared.
@@ -158,8 +158,8 @@ class LogJudgement:
     `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
     the first. `far_stamps`: by topic those that are further from the log's clock than the log is
     long. `lost`: in words what was left out, and far stamps. `ageless`: of topics without `max_age`
-    the greatest age (ns) of a read. `notes`: what was found of the file that is no error;
-    `unchecked`: no checksum covers it.
+    the greatest age (ns) of a read.
+    `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
     """
 
     log: str
@@ -176,11 +176,11 @@ class LogJudgement:
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unchecked: bool = False
     lost: list[str] = field(default_factory=list)
     far_stamps: dict[str, FarStamps] = field(default_factory=dict)
     ageless: dict[str, int] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    unchecked: bool = False
 
     @property
     def assumptions(self) -> list[str]:

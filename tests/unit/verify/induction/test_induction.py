@@ -97,6 +97,15 @@ def test_phases_count(tmp_path: Path) -> None:
     assert verified(tmp_path, ("= 30ms", "= 29ms"), phased).verdict == "proved"
 
 
+def test_a_nan_in_safer_gives_nothing_back(tmp_path: Path) -> None:
+    """Its root is NaN for 100 s, whatever stands beside the comparison: AC gets no control."""
+    root = "sqrt(age(candidate) - 100.0) < 0.0"
+    changed = ("safer PhiPlan(candidate);", f"safer PhiPlan(candidate) && ({root} || true);")
+    findings = verified(tmp_path, changed, refute=False)["SafePlanner"].findings
+    assert findings["P2a"].verdict == "proved"
+    assert findings["P2b"].verdict == "undecided"
+
+
 @pytest.mark.long
 def test_a_plan_that_is_published_again_and_again_never_settles(tmp_path: Path) -> None:
     again = ("publish candidate = Plan.Hover", "publish candidate = Plan.ThroughBuilding")

@@ -38,21 +38,21 @@ class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
 
     A cell is a text, or what a message has; None where it is not there. `stamps_ns[source][i]`:
-    when it was measured, None where it does not say. `where[i]`: for people. `equal`: how many
-    have the time of the one before them. `notes`: what was found of the file besides; `unchecked`:
-    whether nothing in it tells that a value was changed. `ends_ns`: when the first and the last
-    record of the log came, of whatever channel; None: these rows are all of it.
+    when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
+    first and the last record of the log came, of whatever channel; None: these rows are all of it.
+    `equal`: how many have the time of the one before them. `notes`: what was found of the file
+    besides; `unchecked`: whether nothing in it tells that a value was changed.
     """
 
     times_ns: list[int] = field(default_factory=list)
     cells: dict[str, list[Any]] = field(default_factory=dict)
     stamps_ns: dict[StampSource, list[int | None]] = field(default_factory=dict)
     where: list[str] = field(default_factory=list)
+    ends_ns: tuple[int, int] | None = None
     equal: int = 0
     first_equal: str = ""
     notes: list[str] = field(default_factory=list)
     unchecked: bool = False
-    ends_ns: tuple[int, int] | None = None
 
     @property
     def log_ns(self) -> tuple[int, int]:
@@ -76,19 +76,10 @@ class FileFacts:
     """What is known of a file once its messages were read.
 
     `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them.
-    `ends_ns`: the first and the last log time of those that `counts`, of whatever channel.
     """
 
     there: dict[str, int] = field(default_factory=dict)
     unchecked: bool = False
-    counts: Callable[[int], bool] = lambda _: True
-    ends_ns: tuple[int, int] | None = None
-
-    def arrived(self, log_ns: int) -> None:
-        """A message, of whatever channel."""
-        if self.counts(log_ns):
-            first, last = self.ends_ns or (log_ns, log_ns)
-            self.ends_ns = min(first, log_ns), max(last, log_ns)
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, par
 from soter.monitor.logs.files.ros_bags import bag_messages, is_bag, require_no_split
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.mapping.stamp_source import StampSource
@@ -55,10 +55,15 @@ def read_messages(
         raise unusable(path, f"the mapping of `{lost}` names no `channel`")
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
     columns_by_channel = {key: asked.columns() for key, asked in by_channel.items()}
-    facts = FileFacts(counts=(lambda _: False) if mapping.where else mapping.counts)
-    order, counted = _Order(), list[tuple[int, int]]()
+    facts, order = FileFacts(), _Order()
+    counted: list[tuple[int, int]] = []
+    others: list[int] = []
     for arrived in _messages(path, by_channel, facts):
         log_ns, _, channel, message = arrived
+        if channel not in by_channel:
+            if mapping.counts(log_ns):
+                others = [min([log_ns, *others]), max([log_ns, *others])]
+            continue
         at = facts.there[channel]
         where = f"message {at} of `{channel}`"
         if not mapping.counts(log_ns) or any(
@@ -72,29 +77,17 @@ def read_messages(
         name = partial("message {1} of `{0}`".format, channel)
         add_row(path, into, now, cells, stamps, name, at, CLOCK_SET, UNSORTED)
         order.note(now, where)
-        counted = [min([(log_ns, now), *counted]), max([(log_ns, now), *counted])]
+        counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
             help_ = nearest_or_all(key, facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
+    ends = _ends(counted, [] if mapping.where else others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns = ends
         columns.unchecked = facts.unchecked
-        columns.ends_ns = _ends(columns_by_channel.values(), counted, facts.ends_ns)
         columns.notes += order.notes
     return dict(columns_by_channel)
-
-
-def _ends(
-    columns: Iterable[Columns], counted: list[tuple[int, int]], ends_ns: tuple[int, int] | None
-) -> tuple[int, int]:
-    """When the log begins and ends, in the clock of the messages that count.
-
-    counted: log time and time of the first and the last of them; ends_ns: log times of the first
-    and the last message of all channels, which is as far off that clock as the one next to it.
-    """
-    times = [t for c in columns for t in (c.times_ns[0], c.times_ns[-1])]
-    for (log_ns, now), end_ns in zip(counted, ends_ns or (), strict=False):
-        times.append(now + end_ns - log_ns)
-    return min(times), max(times)
 
 
 class _Order:
@@ -121,6 +114,19 @@ class _Order:
         return [
             f"in the order of the file time goes back {self.times:,} times between channels, {most}"
         ]
+
+
+def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """When the log begins and ends, in the clock of the messages that count.
+
+    counted: log time and time of each; others: log times of what stands on other channels, in
+    whose clock a message that counts is as far off as the one next to the end is.
+    """
+    times = [now for _, now in counted]
+    (first, begin), (last, end) = min(counted), max(counted)
+    times += [ns - first + begin for ns in others if ns < first]
+    times += [ns - last + end for ns in others if ns > last]
+    return min(times), max(times)
 
 
 def _messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
