@@ -42,8 +42,8 @@ def refusal(
 
     EXTERN: the topic is not the environment's, the value is none of its type, or the time is before
     the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set (`to_ends`). `within`: time has moved to an instant that is not over, though
-    FN may be empty: nobody is released when only an input is drawn.
+    value is not in the topic's set (`to_ends`). `within`: time has moved to an instant that is not
+    over, though FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):

@@ -97,7 +97,7 @@ def test_how_far_beyond_an_end_is_that_end(end: float) -> None:
         single = float(np.float32(end))
     beyond = single if math.isfinite(single) and single > end else end
     assert Bound(-end, end).singles == (-beyond, beyond)
-    assert Bound(end, 2.0 * end).singles[0] == (single if single < end else end)
+    assert Bound(end, 2.0 * end).singles[0] == (min(end, single))
 
 
 def test_a_remote_value_is_taken_alike() -> None:
@@ -113,7 +113,7 @@ def soter_topic(bound: Bound) -> Topic:
     from soter.language.model.types import FloatType
 
     ends = ((bound.low, bound.high),)
-    return Topic("x", "x", 0, True, None, FloatType(), ends)  # noqa: FBT003
+    return Topic("x", "x", 0, True, None, FloatType(), ends)
 
 
 @pytest.mark.parametrize("engine", ["native", "interp"])
