@@ -26,7 +26,7 @@ from long_tests import examples, some
 from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
-from soter.simulate.run import NativeProgram
+from soter.simulate.run import NativeProgram, run_interpreted
 from soter.targets.cortex_m.board import SOFT, board_of, read_board
 from soter.targets.cortex_m.cortex_m_package import Replay, cortex_m_package
 from soter.targets.cortex_m.image import COUNTS, build_image, missing_tools
@@ -114,6 +114,31 @@ def test_an_example_has_the_trace_of_the_host(name: str, board: Board, tmp_path:
 def test_a_core_without_mpu_has_the_trace_of_the_host(name: str, tmp_path: Path) -> None:
     """A Cortex-M0, whose doubles of libgcc pass the test; the surveillance needs more stack."""
     assert image_of(example(EXAMPLES[name]), wanted("microbit"), tmp_path).same_as_host
+
+
+NAN = """soter 1;
+topic seen: float;
+topic u: float in [0.0, 1.0];
+node A period 10ms { publishes u; step { publish u = 1.0; } }
+node B period 10ms { publishes u; step { publish u = 0.0; } }
+fun far(x: float): float { return sqrt(x) + acos(x / 9.0) + log(x); }
+rta M {
+  ac A; sc B; period 20ms; safe seen < 99.0;
+  ttf !(far(seen) < 9.0) || max(1.0, far(seen)) > 8.0; safer far(seen) < 7.0;
+}
+plant P period 10ms { drives seen = x; state x: float = -2.0; next x = x > 20.0 ? -2.0 : x + 0.5; }
+system S default { p: P; module M; until 2s; }
+"""
+"""`seen` is outside of what `far` answers at both ends of its way."""
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_a_nan_that_a_predicate_compares_is_danger_on_the_board(name: str, tmp_path: Path) -> None:
+    s = subject("nan", NAN, 1, 400)
+    run = run_interpreted(s.system, s.until_ns, 1)
+    assert 50 < run.modules["M"].nan_looks < 200
+    assert 0.1 < run.modules["M"].ac_share < 0.6
+    assert image_of(s, wanted(name), tmp_path).same_as_host
 
 
 @pytest.mark.parametrize("name", FIRST)

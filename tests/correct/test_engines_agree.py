@@ -222,6 +222,8 @@ LEAST_SHARES = {
     "switch to SC": 0.3,
     "takes": 0.2,
     "takes in AC": 0.1,
+    "NaN compared": 0.1,
+    "NaN compared at times": 0.05,
     "ten switches": 0.1,
     "two modules": 0.2,
 }

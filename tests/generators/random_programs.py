@@ -484,7 +484,24 @@ class ProgramMaker:
             ttf = f"{ttf} || {self._faulty(sight)}"
         if choose.chance(10):
             safer = f"{safer} && !{self._faulty(sight)}"
+        if choose.chance(12):
+            ttf = f"{self._undefined(sight)} {choose.pick(('&&', '||'))} {ttf}"
+        if choose.chance(12):
+            safer = f"{self._undefined(sight)} || {safer}"
         return ttf, safer
+
+    def _undefined(self, sight: Sight) -> str:
+        """A comparison one of whose operands is a NaN for many values of what is read."""
+        choose = self.choose
+        x, y = (self.expressions.make(FLOAT, sight, 1) for _ in range(2))
+        of = choose.pick(
+            ("sqrt({x})", "acos({x})", "log({x})", "sin(1.0e5 * {x})", "max({y}, sqrt({x}))",
+             "({x} * 1.0e308) * 10.0 - ({x} * 1.0e308) * 10.0", "clamp({x}, 0.5, {y})",
+             "saturate({y}, sqrt({x}))", "norm(vec2({y}, sqrt({x})))")
+        )  # fmt: skip
+        a, b = (of.format(x=f"({x})", y=f"({y})"), f"({y})")[:: choose.pick((1, -1))]
+        compared = f"({a} {choose.pick(('<', '<=', '>', '>=', '==', '!='))} {b})"
+        return f"!{compared}" if choose.chance(40) else compared
 
     def _faulty(self, sight: Sight) -> str:
         """False, or a fault: unknown is unsafe."""

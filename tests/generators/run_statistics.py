@@ -41,6 +41,11 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "ten switches": bool((last["modules"]["to_ac"] > 4).any()),
         "gate fault": bool((last["modules"]["gate_faults"] > 0).any()),
         "gate fault in control": bool((modules["saw_gate_fault"] > 0).any()),
+        "NaN compared": bool((modules["nan_looks"] > 0).any()),
+        "NaN compared at times": any(
+            0 < x["nan_looks"] < last["header"]["ct"] // m.period_ns
+            for m, x in zip(s.system.modules, last["modules"], strict=True)
+        ),
         "clean steps owed": bool((modules["clean_needed"] > 0).any()),
         "stale": bool((modules["stale"] > 0).any()),
         "sometimes stale": bool((modules["stale"] > 0).any() and (modules["stale"] == 0).any()),

@@ -8,6 +8,7 @@ Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/lo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -76,8 +77,6 @@ def log_judged(
     judgement.modules = [judgement.modules[i] for i in chosen]
     judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
     judgement.unchecked = any(c.unchecked for c in columns.values())
-    if not any(m.decided for m in judgement.modules):
-        raise SoterError(tuple(lost(m.module, m.missing) for m in judgement.modules))
     return judgement
 
 
@@ -109,8 +108,11 @@ def log_explained(
     if wrong:
         raise SoterError(tuple(wrong))
     path = Path(log)
-    record = of_samples(flat, samples_of(path, declared, read_columns(path, declared)))
-    return [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    samples = samples_of(path, declared, read_columns(path, declared))
+    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
+    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    notes = tuple(text for s in samples for text in s.lost)
+    return [replace(j, length_ns=end - begin, notes=notes) for j in made]
 
 
 def _declared(

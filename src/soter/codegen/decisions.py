@@ -68,8 +68,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         frame.state_pointer(),
         c.Declare("soter_module *const ", "m", c.Unary("&", own)),
         c.Declare("bool", "stale", stale if stale is not None else c.Name("false"), const=True),
-        c.Declare("bool", "ttf", c.CallExpr(f"{name}_ttf", (c.Name("state"),)), const=True),
-        c.Declare("bool", "safer", c.CallExpr(f"{name}_safer", (c.Name("state"),)), const=True),
+        *_predicates(decision, name),
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
@@ -81,6 +80,26 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
     )
     return made
+
+
+def _predicates(decision: core.Decision, name: str) -> list[c.CStmt]:
+    """ttf and safer; where they may compare a NaN, whether they did is counted."""
+    parts = (("ttf", decision.ttf), ("safer", decision.safer))
+    nan = [n for n, p in parts if p.maybe_nan]
+    body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []
+    for n, _ in parts:
+        more = (c.Unary("&", c.Name("nan_seen")),) if n in nan else ()
+        call = c.CallExpr(f"{name}_{n}", (c.Name("state"), *more))
+        body.append(c.Declare("bool", n, call, const=True))
+    if nan:
+        looks = c.Arrow(c.Name("m"), "nan_looks")
+        counts = c.Binary("&&", c.Name("nan_seen"), c.Binary("<", looks, c.Name("UINT16_MAX")))
+        body.append(c.IfStmt(counts, (c.Assign(looks, _one_more(looks)),)))
+    return body
+
+
+def _one_more(count: c.CExpr) -> c.CExpr:
+    return c.Cast("uint16_t", c.Binary("+", count, c.Number("1U")))
 
 
 def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
@@ -155,6 +174,7 @@ def _function(
 ) -> c.FunctionDef:
     result, otherwise = what
     body: list[c.CStmt] = [frame.state_pointer(const=True), c.Unused("s")]
+    parameters = (("const void *", "state"), *((("bool *", "nan_seen"),) if p.maybe_nan else ()))
     faults = p.body and any(
         isinstance(x, (core.Checked, core.Guard, core.Call, core.If, core.Loop)) for x in p.body
     )
@@ -166,8 +186,14 @@ def _function(
         value = frame.body.expr(p.value)
     if faults:
         failed = c.Binary("!=", c.Name("status"), OK)
-        body.append(c.IfStmt(failed, (c.Return(otherwise),)))
+        body.append(c.IfStmt(failed, (*_nan_seen(p), c.Return(otherwise))))
     body.append(c.Return(c.Unary("!", value) if negate else value))
-    return c.FunctionDef(
-        result, name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
-    )
+    return c.FunctionDef(result, name, parameters, tuple(body), f"{doc}, {where(p.span)}")
+
+
+def _nan_seen(p: core.Predicate) -> list[c.CStmt]:
+    """Behind a fault: it was a NaN that was compared; nothing else of a predicate is NONFINITE."""
+    if not p.maybe_nan:
+        return []
+    was = c.Binary("==", c.Name("status"), c.Name("SOTER_NONFINITE"))
+    return [c.IfStmt(was, (c.Assign(c.Unary("*", c.Name("nan_seen")), c.Name("true")),))]

@@ -176,6 +176,7 @@ class Checked(Stmt):
 
     int: add sub mul neg abs div mod; to_int (float -> int); narrow (into `type`);
     index (a safe index below `limit`, which is an expression for lists).
+    float: number (what `ttf` or `safer` compare; a NaN faults).
     """
 
     name: str
@@ -284,6 +285,8 @@ class Function(Shown):
     """A pure function; `result` is evaluated at its single exit. `source` binds an extern.
 
     `leave`: the flag of having returned, if there is one; once it is set nothing has an effect.
+    `meaning`: of functions that differ only in which operands of comparisons they look at, one
+    name: where they do not fault they have one value.
     """
 
     name: str
@@ -296,6 +299,7 @@ class Function(Shown):
     source: str | None = None
     can_fault: bool = False
     leave: str | None = None
+    meaning: str = ""
 
 
 @dataclass(eq=False, repr=False)
@@ -403,12 +407,16 @@ class PlantStep(Shown):
 
 @dataclass(eq=False, repr=False)
 class Predicate(Shown):
-    """A boolean over the state: `value` after `body`."""
+    """A boolean over the state: `value` after `body`.
+
+    `maybe_nan`: some comparisons look at their operands, and a NaN is a fault there.
+    """
 
     body: tuple[Stmt, ...]
     value: Expr
     footprint: Footprint
     span: Span
+    maybe_nan: bool = False
 
 
 @dataclass(eq=False, repr=False)

@@ -46,7 +46,7 @@ INT_KINDS = (
 CANONICAL_NAN = struct.pack("<Q", 0x7FF8000000000000)
 NEVER = -(2**62)
 
-FORMATS = {"<i8": "q", "<u8": "Q", "<u4": "I", "<u1": "B"}
+FORMATS = {"<i8": "q", "<u8": "Q", "<u4": "I", "<u2": "H", "<u1": "B"}
 RESERVED = "reserved"
 """Of a fixed struct: bytes that are zero at the end of every instant."""
 
@@ -125,7 +125,7 @@ MODULE = Fixed(
         ("safer", "<u1", 1),
         ("stale", "<u1", 1),
         ("saw_gate_fault", "<u1", 1),
-        ("reserved", "<u1", 2),
+        ("nan_looks", "<u2", 1),
     )
 )
 PROPERTY = Fixed(

@@ -42,7 +42,10 @@ class Functions(Protocol):
     by_name: dict[str, core.Function]
 
     def require(
-        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+        self,
+        fun: typed.FunSymbol,
+        params: Mapping[typed.ParamSymbol, Value],
+        maybe_nan: frozenset[typed.TypedExpr] = frozenset(),
     ) -> core.Function:
         """The Core function of a source function where parameters have these values."""
 
@@ -66,6 +69,8 @@ class ExpressionBuilder:
         self._blocks: list[list[core.Stmt]] = [[]]
         self.period_ns = 0
         self.can_fault = False
+        self.maybe_nan: frozenset[typed.TypedExpr] = frozenset()
+        """Operands of comparisons that are looked at: in `ttf` and `safer` a NaN is a fault."""
         self.published: dict[typed.TopicSymbol, tuple[int | None, str]] = {}
         """Topics that read as what the step publishes: the output's number (None: surely
         published), and the temporary that has it."""
@@ -234,15 +239,27 @@ class ExpressionBuilder:
     def _binary(self, e: typed.TypedBinary) -> core.Expr:
         if e.op in {"&&", "||"}:
             return self._short_circuit(e)
+        if e.type == BOOL:
+            return core.Binary(BOOL, e.op, self._compared(e.left), self._compared(e.right))
         left = self.expr(e.left)
         right = self.expr(e.right)
-        if e.type == BOOL:
-            return core.Binary(BOOL, e.op, left, right)
         if isinstance(e.type, (IntType, DurationType)):
             return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
         if e.op == "/":
             right = self._divisor(right, e.right.span)
         return core.Binary(FLOAT, e.op, left, right)
+
+    def _compared(self, operand: typed.TypedExpr) -> core.Expr:
+        """An operand of a comparison, or of what compares its parts."""
+        value = self.expr(operand)
+        if operand not in self.maybe_nan:
+            return value
+        if isinstance(operand.type, FloatType):
+            return self._checked(operand.span, "number", FLOAT, (value,))
+        value = self.atom(value, operand.span, "v")
+        for path, _ in index_components(operand.type):
+            self._checked(operand.span, "number", FLOAT, (select(value, path),))
+        return value
 
     def _divisor(self, right: core.Expr, span: Span) -> core.Expr:
         if isinstance(right, core.Const) and right.value != 0.0:
@@ -302,7 +319,7 @@ class ExpressionBuilder:
 
     def _call(self, e: typed.TypedCall) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
-        function = self.functions.require(e.fun, self.params)
+        function = self.functions.require(e.fun, self.params, self.maybe_nan)
         name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
         self.emit(core.Call(e.span, name, function.name, arguments, e.type))
         return core.Var(e.type, name)
@@ -310,7 +327,8 @@ class ExpressionBuilder:
     def _builtin(self, e: typed.Builtin) -> core.Expr:
         if e.name == "seconds":
             return self._seconds(self.expr(e.arguments[0]))
-        arguments = [self.expr(a) for a in e.arguments]
+        looked_at = e.name in {"min", "max", "saturate"}
+        arguments = [self._compared(a) if looked_at else self.expr(a) for a in e.arguments]
         first = arguments[0]
         if e.name in {"sqrt", "floor"}:
             return core.Unary(FLOAT, e.name, first)

@@ -14,6 +14,7 @@ from soter.core import core
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.numbers_in_predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.data_table import Table
 from soter.language.model.tree_walk import nodes
@@ -253,6 +254,7 @@ class FunctionTable:
         self.system = system
         self.by_name: dict[str, core.Function] = {}
         self._made: dict[object, core.Function] = {}
+        self._meanings: dict[object, str] = {}
         self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
     def unique(self, base: str) -> str:
@@ -268,17 +270,24 @@ class FunctionTable:
         self.by_name[function.name] = function
 
     def require(
-        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+        self,
+        fun: typed.FunSymbol,
+        params: Mapping[typed.ParamSymbol, Value],
+        maybe_nan: frozenset[typed.TypedExpr] = frozenset(),
     ) -> core.Function:
         """The Core function of a source function where parameters have these values.
 
-        One for all places in which those that it reads are the same.
+        One for all places in which those that it reads are the same, and in which the same
+        operands that it compares are looked at.
         """
-        key = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))
+        looked_at = maybe_nan & operands_in(fun) if maybe_nan else maybe_nan
+        plain = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))
+        key = looked_at, *plain
         known = self._made.get(key)
         if known is not None:
             return known
         builder = Builder(self, self.system, None, params)
+        builder.maybe_nan = looked_at
         parameters = tuple(core.Parameter(builder.bind(p), p.type) for p in fun.parameters)
         if fun.body is None:
             body: tuple[core.Stmt, ...] = ()
@@ -287,8 +296,9 @@ class FunctionTable:
         else:
             body, result = builder.function_body(fun.body, fun.result, fun.span)
             can_fault = builder.can_fault
+        name = self.unique(fun.name)
         function = core.Function(
-            name=self.unique(fun.name),
+            name=name,
             source_name=fun.name,
             parameters=parameters,
             result_type=fun.result,
@@ -298,6 +308,7 @@ class FunctionTable:
             source=fun.source,
             can_fault=can_fault,
             leave=builder.leave,
+            meaning=self._meanings.setdefault(plain, name),
         )
         self._made[key] = function
         self.by_name[function.name] = function

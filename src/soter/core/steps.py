@@ -14,6 +14,7 @@ from soter.core.plants import lower_plant
 from soter.core.read_write_footprint import footprint_of, written_names, written_topics
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.conjuncts import premise_of
+from soter.language.evaluate.numbers_in_predicates import all_operands, maybe_nan
 from soter.language.model import typed
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType
@@ -227,14 +228,29 @@ def lower_predicate(
     condition: typed.TypedExpr,
     span: Span,
     period_ns: int = 0,
+    looked_at: frozenset[typed.TypedExpr] = frozenset(),
 ) -> core.Predicate:
-    """A boolean over topics and truths; a contract knows the period of its node."""
+    """A boolean over topics and truths; a contract knows the period of its node.
+
+    `looked_at`: operands of comparisons at which a NaN is a fault.
+    """
     builder = Builder(functions, system, scope)
     builder.period_ns = period_ns
+    builder.maybe_nan = looked_at
     value = builder.expr(condition)
     body = builder.finish()
     probe = core.Let(span, "value", value)
-    return core.Predicate(body, value, footprint_of((*body, probe)), span)
+    footprint = footprint_of((*body, probe))
+    return core.Predicate(body, value, footprint, span, maybe_nan=bool(looked_at))
+
+
+def lower_deciding(
+    functions: FunctionTable, system: System, module: Module, predicate: typed.TypedExpr
+) -> core.Predicate:
+    """A predicate of the DM, `ttf` or `safer` or a part of one: a NaN that is compared is a fault."""
+    looked_at = maybe_nan(system, module, predicate) & all_operands(predicate)
+    span = predicate.span
+    return lower_predicate(functions, system, module.scope, predicate, span, looked_at=looked_at)
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
@@ -248,13 +264,16 @@ def lower_decision(functions: FunctionTable, system: System, module: int) -> cor
     safer = m.symbol.safer or typed.Literal(BOOL, span, False)
     return core.Decision(
         module,
-        lower_predicate(functions, system, m.scope, ttf, ttf.span),
-        lower_predicate(functions, system, m.scope, safer, safer.span),
+        lower_deciding(functions, system, m, ttf),
+        lower_deciding(functions, system, m, safer),
     )
 
 
 def lower_property(functions: FunctionTable, system: System, p: Property) -> core.Predicate:
     """The condition of a property or a contract."""
+    if p.kind == "progress":  # of an induction, which asks it of `safer`
+        module = next(m for m in system.modules if m.scope is p.scope)
+        return lower_deciding(functions, system, module, p.condition)
     period_ns = 0 if p.component is None else system.components[p.component].period_ns
     return lower_predicate(functions, system, p.scope, p.condition, p.span, period_ns)
 

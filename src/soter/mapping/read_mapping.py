@@ -146,7 +146,7 @@ class _MappingReader:
         since, until = (self._seconds(of_time, key) for key in ("since", "until"))
         if since is not None and until is not None and since > until:
             problems.add("`since` of `time` lies after `until`")
-        where = {k: str(v) for k, v in problems.table(given, "where", "the mapping").items()}
+        where = problems.texts(given, "where", "the mapping")
         topics = problems.table(given, "topics", "the mapping")
         if not topics and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")

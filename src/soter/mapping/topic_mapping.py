@@ -95,7 +95,8 @@ class TopicMap:
     `delay_ns` before arrival, the longest that a message may have been on its way. `frame_id`:
     messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
     as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
-    others have none. `promise`: of one of several sources of the topic.
+    others have none. `promise`: of one of several sources of the topic. `where`: rows of a log are
+    its own where these columns, or fields, hold these texts.
     """
 
     topic: Topic
@@ -111,6 +112,7 @@ class TopicMap:
     constants: Mapping[str, object] = field(default_factory=dict)
     qos: QualityOfService = QualityOfService()
     promise: SourcePromise | None = None
+    where: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> list[str]:

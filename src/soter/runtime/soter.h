@@ -111,7 +111,7 @@ typedef struct {
   uint8_t safer;
   uint8_t stale;
   uint8_t saw_gate_fault;
-  uint8_t reserved[2];
+  uint16_t nan_looks; /* DM steps in which ttf or safer compared a NaN; ends at UINT16_MAX */
 } soter_module;
 
 typedef struct {
@@ -446,6 +446,12 @@ SOTER_INLINE int64_t soter_to_int(double x, soter_fault* fault) {
     return 0;
   }
   return (int64_t)x;
+}
+
+/* An operand that ttf or safer compares. */
+SOTER_INLINE double soter_number(double x, soter_fault* fault) {
+  soter_guard(x == x, SOTER_NONFINITE, fault);
+  return x;
 }
 
 /* min(a, b) = b < a ? b : a, max(a, b) = b > a ? b : a, as docs/semantics.md says. */

@@ -81,6 +81,10 @@ static void print_module(const soter_program* p, APP_STATE* state, uint32_t inde
   (void)printf("module %s: AC share %.1f %%, %" PRIu32 " to AC, %" PRIu32 " to SC, %" PRIu32
                " gate faults\n",
                p->module[index].name, 100.0 * share, m->to_ac, m->to_sc, m->gate_faults);
+  if (m->nan_looks > 0U) {
+    (void)printf("module %s: ttf or safer compared a NaN in %u steps of its DM\n",
+                 p->module[index].name, (unsigned)m->nan_looks);
+  }
 }
 
 static void print_faults(const soter_program* p, APP_STATE* state) {

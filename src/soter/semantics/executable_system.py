@@ -11,6 +11,7 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import queues_of
@@ -195,7 +196,8 @@ class ExecutableSystem:
         )
 
     def _dm(self, module: Module) -> DmCode:
-        evaluator = self._evaluator(module.scope)
+        evaluator = PredicateEvaluator.of(module.scope, self._functions)
+        self._evaluators.append(evaluator)
         ttf, safer = module.symbol.ttf, module.symbol.safer
         return DmCode(
             module,

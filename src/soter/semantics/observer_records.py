@@ -34,6 +34,8 @@ class DecisionVerdict:
     gate_fault: bool
     before: int
     after: int
+    nan: bool = False
+    """Whether `ttf` or `safer` compared a NaN."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,10 @@ class StepOutcome:
         return tuple([i for i, violated in self.judged.items() if violated])
 
 
+NAN_LOOKS_MAX = 2**16 - 1
+"""Where the counter of a module ends: it has two bytes of the state."""
+
+
 @dataclass(slots=True)
 class ModuleRecord:
     """Of one module: what the last DM step saw, and sums."""
@@ -72,6 +78,8 @@ class ModuleRecord:
     switches_to_sc: int = 0
     switches_to_ac: int = 0
     gate_faults: int = 0
+    nan_looks: int = 0
+    """DM steps in which `ttf` or `safer` compared a NaN, up to `NAN_LOOKS_MAX`."""
     mode_since_ns: int = 0
     """`ct` when the mode last changed; 0 at the start."""
     ac_ns: int = 0
@@ -147,6 +155,7 @@ class Record:
         module = self.modules[verdict.module]
         module.ttf, module.safer = verdict.ttf, verdict.safer
         module.stale, module.gate_fault = verdict.stale, verdict.gate_fault
+        module.nan_looks = min(module.nan_looks + verdict.nan, NAN_LOOKS_MAX)
         if verdict.after == verdict.before:
             return
         if verdict.after == AC:

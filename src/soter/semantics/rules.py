@@ -78,8 +78,8 @@ def dm_step(
     mode = c.L[dm]
     env = machine.environment(c, machine.system.components[dm])
     stale = is_stale(machine, c, module)
-    ttf = _holds(code.ttf, env, unknown=True)
-    safer = _holds(code.safer, env, unknown=False)
+    ttf, nan_in_ttf = _holds(code.ttf, env, unknown=True)
+    safer, nan_in_safer = _holds(code.safer, env, unknown=False)
     gate_fault = c.gate_fault[module.index]
     c, returns = latch_seen(machine.system, c, module, mode)
 
@@ -103,7 +103,8 @@ def dm_step(
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )
-    return c, DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after)
+    nan = nan_in_ttf or nan_in_safer
+    return c, DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after, nan)
 
 
 def ac_or_sc_step(
@@ -225,14 +226,17 @@ def is_stale(machine: ExecutableSystem, c: Configuration, module: Module) -> boo
     return False
 
 
-def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> bool:
-    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe."""
+def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tuple[bool, bool]:
+    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe.
+
+    And whether it compared a NaN, which is such a fault.
+    """
     if predicate is None:
-        return unknown
+        return unknown, False
     try:
-        return bool(predicate(env))
-    except StepFault:
-        return unknown
+        return bool(predicate(env)), False
+    except StepFault as fault:
+        return unknown, fault.kind is FaultKind.NONFINITE
 
 
 # ---------------------------------------------------------------- of a step that takes time

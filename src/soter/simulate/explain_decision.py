@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
@@ -159,7 +160,7 @@ class _PredicateReader:
 
     def __init__(self, system: System, layout: StateLayout, module: Module) -> None:
         self.system, self.layout, self.module = system, layout, module
-        self._evaluator = Evaluator.of(module.scope)
+        self._evaluator = PredicateEvaluator.of(module.scope)
         self._early = _published_before(system, module.dm)
         symbol = module.symbol
         self._ttf = [] if symbol.ttf is None else self._parts(disjuncts(symbol.ttf))

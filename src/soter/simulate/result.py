@@ -15,6 +15,7 @@ from soter.core.layout import group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
+from soter.semantics.observer_records import NAN_LOOKS_MAX
 from soter.simulate.decided_instants import moved_at, numbers_of
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_settings import usage_error
@@ -69,6 +70,8 @@ class ModuleSummary:
     looks: int = 0
     outside: int | None = None
     first_outside_s: float | None = None
+    nan_looks: int = 0
+    """Steps of its DM in which `ttf` or `safer` compared a NaN; 65,535 says so many or more."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -238,7 +241,8 @@ class Run:
             counts = int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
             own = self.safe_looks[m.index] if self.safe_looks else None
             judged = () if own is None else (own.looks, own.outside, own.first_outside_s)
-            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged)
+            nan_looks = int(row["nan_looks"])
+            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged, nan_looks=nan_looks)
         return summary_by_module
 
     @property
@@ -380,7 +384,7 @@ def _names(run: Run) -> list[str]:
 def _notes_of(run: Run) -> list[str]:
     """One sentence each."""
     more = (*_late(run), *_silent(run), *_together(run))
-    return [*_outside(run), *_moved(run), *run.computed, *more]
+    return [*_outside(run), *_compared_nan(run), *_moved(run), *run.computed, *more]
 
 
 def _outside(run: Run) -> Iterator[str]:
@@ -391,6 +395,14 @@ def _outside(run: Run) -> Iterator[str]:
                 f"{name}: its `safe` was false on what its topics held in {m.outside:,} of "
                 f"{m.looks:,} looks of its DM, first at {m.first_outside_s:.3f} s"
             )
+
+
+def _compared_nan(run: Run) -> Iterator[str]:
+    """A NaN in a predicate is danger, and hardly what anybody meant."""
+    for name, m in run.modules.items():
+        if m.nan_looks:
+            looks = f"{m.nan_looks:,}{' or more' if m.nan_looks == NAN_LOOKS_MAX else ''}"
+            yield f"{name}: `ttf` or `safer` compared a NaN in {looks} looks of its DM: danger"
 
 
 def _moved(run: Run) -> Iterator[str]:

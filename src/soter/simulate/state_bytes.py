@@ -70,6 +70,7 @@ def state_bytes(
             safer=s.safer,
             stale=s.stale,
             saw_gate_fault=s.gate_fault,
+            nan_looks=s.nan_looks,
         )
         at += MODULE.size
     for p in record.properties:

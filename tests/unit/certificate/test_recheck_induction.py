@@ -85,6 +85,19 @@ def test_what_was_proved_is_accepted(tmp_path: Path) -> None:
     assert module.times["k"] >= 1
 
 
+@pytest.mark.parametrize(("op", "returns"), [("-", False), ("+", True)])
+def test_a_return_that_a_nan_forbids_is_not_confirmed(
+    op: str, returns: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A prover that does not know that a NaN in `safer` is danger claims P2b."""
+    monkeypatch.setattr("soter.core.steps.maybe_nan", lambda *_: frozenset())
+    root = f"sqrt(age(candidate) {op} 100.0) < 0.0"
+    text = PLANNER.replace("safer good(candidate);", f"safer good(candidate) && ({root} || true);")
+    assert text != PLANNER
+    report = recheck(certificate(tmp_path, text))
+    assert report.accepted is report.returns is returns, report.reason
+
+
 OTHER = """topic shown: int;
 node Other period 10ms phase PHASE { publishes shown; jitter 4ms; step { publish shown = 1; } }
 """

@@ -39,6 +39,7 @@ from soter.certificate.induction.solver_values import (
     unknown,
 )
 from soter.certificate.terms.terms import NotRecheckedError
+from soter.language.evaluate.numbers_in_predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.types import (
     ArrayType,
@@ -145,6 +146,8 @@ class SolverReading:
     returned: Term = field(default_factory=lambda: z3.BoolVal(False))
     result: Term = None
     rounds: int = 0
+    looked_at: frozenset[typed.TypedExpr] = frozenset()
+    """Operands of comparisons that may be NaN, which is a fault in `ttf` and `safer`."""
     deep: bool = False
     """Whether functions that only pass on what they are given are read whatever their length."""
 
@@ -303,15 +306,17 @@ class SolverReading:
             go_on = a if e.op == "&&" else z3.Not(a)
             b = self.value(e.right, z3.And(where, go_on))
             return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
-        a, b = self.value(e.left, where), self.value(e.right, where)
-        if isinstance(a, Elapsed) and isinstance(b, Seconds):
+        a = self._compared(e.left, where)
+        b = self._compared(e.right, where)
+        compares = isinstance(e.type, BoolType)
+        if compares and isinstance(a, Elapsed) and isinstance(b, Seconds):
             return age_compared(e.op, a.ns, b.value)
-        if isinstance(a, Seconds) and isinstance(b, Elapsed):
+        if compares and isinstance(a, Seconds) and isinstance(b, Elapsed):
             turned = e.op.translate(str.maketrans("<>", "><"))
             return age_compared(turned, b.ns, a.value)
         if isinstance(e.left.type, FloatType):
-            if isinstance(e.type, BoolType) or e.op in "+-*":
-                sort = z3.BoolSort() if isinstance(e.type, BoolType) else OPAQUE
+            if compares or e.op in "+-*":
+                sort = z3.BoolSort() if compares else OPAQUE
                 return of_floats(e.op, a, b, sort)
             raise NotRecheckedError("a division of floats outside of a function")
         compared = {"==": "__eq__", "!=": "__ne__", "<": "__lt__", "<=": "__le__"}
@@ -319,6 +324,16 @@ class SolverReading:
         if e.op in compared:
             return getattr(a, compared[e.op])(b)
         return self._integers(e.op, a, b, where)
+
+    def _compared(self, e: typed.TypedExpr, where: Term) -> Term:
+        """An operand, of comparisons one that is no NaN; whether it is hangs on its value alone."""
+        value = self.value(e, where)
+        if e in self.looked_at and not isinstance(value, Elapsed):
+            numbers = value if isinstance(value, tuple) else (value,)
+            is_nan = z3.Function("floats NaN", OPAQUE, z3.BoolSort())
+            doubts = [z3.And(where, is_nan(opaque(x))) for x in numbers]
+            self.doubt = z3.Or(self.doubt, *doubts)
+        return value
 
     def _integers(self, op: str, a: Term, b: Term, where: Term) -> Term:
         if op in "/%":
@@ -337,7 +352,7 @@ class SolverReading:
         return value
 
     def _builtin(self, e: typed.Builtin, where: Term) -> Term:
-        v = [self.value(a, where) for a in e.arguments]
+        v = [self._compared(a, where) for a in e.arguments]
         if e.name == "seconds" and z3.is_int_value(v[0]):
             return Seconds(v[0].as_long() / 1e9)
         if is_plain(e.type) and all(is_plain(a.type) for a in e.arguments):
@@ -362,6 +377,7 @@ class SolverReading:
         if (exact and is_simple(fun)) or is_short(fun) or (self.deep and passes_on(fun)):
             given = dict(zip(fun.parameters, values, strict=True))
             inner = SolverReading(self.sight, given, rounds=self.rounds, deep=self.deep)
+            inner.looked_at = frozenset() if fun.prelude else self.looked_at
             inner.run(fun.body, z3.BoolVal(True))
             self.rounds = inner.rounds
             self._faulty(where, inner.fault)
@@ -370,7 +386,8 @@ class SolverReading:
         self.rounds += 1
         params = sorted((p.name, repr(v)) for p, v in self.sight.scope.params.items())
         name = f"fun {fun.name} {id(fun)} {params}"
-        faults = applied(f"{name} faults", values, _BOOL, self.sight.facts)
+        nan = " or compares a NaN" if self.looked_at & operands_in(fun) else ""
+        faults = applied(f"{name} faults{nan}", values, _BOOL, self.sight.facts)
         self.doubt = z3.Or(self.doubt, z3.And(where, faults))
         return applied(name, values, fun.result, self.sight.facts)
 

@@ -17,6 +17,7 @@ import z3
 from soter.certificate.induction.exactness_rules import is_exact
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import either, inside, known, opaque, unknown
+from soter.language.evaluate.numbers_in_predicates import maybe_nan
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
@@ -215,8 +216,9 @@ class TransitionSystem:
         assert symbol.ttf is not None
         assert symbol.safer is not None
         sight = self._sight(dm, z3.IntVal(at), YES)
-        ttf, unsure = SolverReading(sight).truth(symbol.ttf)
-        safer, doubtful = SolverReading(sight).truth(symbol.safer)
+        looked_at = maybe_nan(self.facts.flying, module)
+        ttf, unsure = SolverReading(sight, looked_at=looked_at).truth(symbol.ttf)
+        safer, doubtful = SolverReading(sight, looked_at=looked_at).truth(symbol.safer)
         old = NO
         for i in module.inputs:
             limit = self.facts.flying.topics[i].max_age_ns

@@ -71,6 +71,7 @@ class Operations:
             return plain(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
             return plain(self.terms.compare(op, self._linear(a), self._linear(b)))
+        _require_numbers(a, b)
         return _COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
@@ -110,6 +111,7 @@ class Operations:
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
         if not isinstance(a, Linear) and not isinstance(b, Linear):
+            _require_numbers(a, b)
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
         x, y = self._linear(a), self._linear(b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
@@ -248,6 +250,12 @@ class Operations:
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar."""
         return _UNARY_BUILTINS[name](self, x)
+
+
+def _require_numbers(*compared: Value) -> None:
+    """NotRecheckedError for a NaN: what it means depends on who compares it."""
+    if any(isinstance(x, float) and x != x for x in compared):  # noqa: PLR0124
+        raise NotRecheckedError(f"a NaN that is compared {NOT_HERE}")
 
 
 _UNARY_BUILTINS: dict[str, Callable[[Operations, Value], Value]] = {

@@ -130,9 +130,9 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
 def float_divide(a: Range, b: Range, faults: Faults) -> Range:
     """`a / b`; a fault where b may be zero."""
     faults.unless(not b.has(0.0) and not b.nan)
-    endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
-    if b.has(0.0) or endless:
-        return ANY_FLOAT
+    endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
+    if b.has(0.0) or all(endless) or a.nan or b.nan:
+        return Range(-INF, INF, nan=all(endless) or a.nan or b.nan)
     return _of_ends(lambda x, y: x / y, a, b)
 
 

@@ -173,6 +173,9 @@ static void say_module(const soter_program* p, const soter_module* m, uint32_t i
   soter_say_number(": ", m->to_ac, " to AC, ");
   soter_say_number("", m->to_sc, " to SC, ");
   soter_say_number("", m->gate_faults, " gate faults\n");
+  if (m->nan_looks > 0U) {
+    soter_say_number("ttf or safer compared a NaN in ", m->nan_looks, " steps of its DM\n");
+  }
 }
 
 void soter_check_failed(const char* file, int line, const char* what) {

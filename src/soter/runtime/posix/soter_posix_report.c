@@ -279,9 +279,10 @@ static void json_module(const soter_posix* d, uint32_t i, FILE* out) {
   json_text(info->name, out);
   (void)fprintf(out,
                 ": {\"ac_share\": %.9g, \"switches_to_sc\": %" PRIu32
-                ", \"switches_to_ac\": %" PRIu32 ", \"gate_faults\": %" PRIu32 ", \"takeovers\": {",
+                ", \"switches_to_ac\": %" PRIu32 ", \"gate_faults\": %" PRIu32
+                ", \"nan_looks\": %u, \"takeovers\": {",
                 end_ns > 0 ? (double)ac_ns / (double)end_ns : 0.0, m->to_sc, m->to_ac,
-                m->gate_faults);
+                m->gate_faults, (unsigned)m->nan_looks);
   for (uint32_t c = 0; c < SOTER_CAUSES; c++) {
     (void)fprintf(out, "%s\"%s\": %" PRIu64, c > 0U ? ", " : "", CAUSES[c], d->takeovers[i][c]);
   }

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.core.layout import encode_into, size_of
 from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.statements import Evaluator
+from soter.language.evaluate.numbers_in_predicates import maybe_nan
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
 from soter.verify.deploy.dm_test_inputs import SC
@@ -31,8 +32,9 @@ class ExpectedFacts:
 
     def __init__(self, system: System, module: Module) -> None:
         self.system = system
-        evaluator = Evaluator.of(module.scope, {})
+        evaluator = PredicateEvaluator.of(module.scope, {})
         symbol = module.symbol
+        evaluator.looked_at = maybe_nan(system, module)  # topics are NaN here, which none ever is
         self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
         self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
         self.period_ns = module.period_ns

@@ -144,6 +144,8 @@ class EnclosureBody(Execution[Item]):
             return self.ops.index(operands[0], limit, limit.value)
         if s.op == "to_int":
             return self.ops.to_int(operands[0])
+        if s.op == "number":
+            return self.ops.number(operands[0])
         return self.ops.int_operation(s.op, tuple(operands))
 
     def _choose(self, s: core.Choose) -> Item:

@@ -291,6 +291,12 @@ class EnclosureOperations:
             self.emitter.emit("ints", "soter_ints_to_int", self.form(v), FAULT, kept=True)
         )
 
+    def number(self, v: Item) -> Item:
+        """A float that is compared: a fault where it may be NaN."""
+        if not isinstance(v, FloatRange):
+            self.guard(EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v))))
+        return v
+
     def to_float(self, v: Item) -> Item:
         """float(i) of an int; also of a bool, as 0 or 1."""
         if isinstance(v, KnownInt) and abs(v.value) <= 2**53:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.lower_statements import FunctionTable
-from soter.core.steps import lower_predicate
+from soter.core.steps import lower_deciding, lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
 from soter.verify.enclose.c_emitter import FAULT, EnclosureError, float_literal
 from soter.verify.enclose.core_enclosure import EnclosureBody
@@ -320,7 +320,11 @@ class Enclosed:
 
     def _said(self, e: TypedExpr, *, estimated: bool) -> Item:
         table = FunctionTable(self.system)
-        p = lower_predicate(table, self.system, self.module.scope, e, e.span)
+        system, module = self.system, self.module
+        if estimated:  # what the DM evaluates
+            p = lower_deciding(table, system, module, e)
+        else:
+            p = lower_predicate(table, system, module.scope, e, e.span)
         return self._holds(p, table.by_name, estimated=estimated)
 
     def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:

@@ -771,6 +771,11 @@ SOTER_INLINE soter_truth soter_equal(const soter_form* a, const soter_form* b) {
   return soter_truth_of(a->lo <= b->hi && b->lo <= a->hi, !one);
 }
 
+/* Whether it is no NaN, which one form alone encloses. */
+SOTER_INLINE soter_truth soter_is_number(const soter_form* a) {
+  return soter_truth_of(true, soter_form_wild(a));
+}
+
 /* ------------------------------------------------------------------ faults and the gate */
 
 SOTER_INLINE void soter_possible(soter_truth holds, unsigned* fault) {

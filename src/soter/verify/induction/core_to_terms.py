@@ -127,6 +127,8 @@ class Evaluation(Execution["Term"]):
         if s.op == "to_int":
             given = [terms.lifted(FLOAT, v[0])]
             return terms.apply("to_int", given, INT), terms.apply("to_int faults", given, BOOL)
+        if s.op == "number":
+            return v[0], self._is_nan(v[0])
         if s.op in ("div", "mod"):
             return self._quotient(s.op, v)
         if s.op == "add":
@@ -141,6 +143,14 @@ class Evaluation(Execution["Term"]):
             assert s.op == "abs", s.op
             value = abs(v[0]) if is_known(v[0]) else z3.If(v[0] < 0, -v[0], v[0])
         return value, terms.no(terms.both(value >= INT_MIN, value <= INT_MAX))
+
+    def _is_nan(self, value: Term) -> Term:
+        """Whether a float is NaN: of one that is not known, a predicate of its own."""
+        if isinstance(value, Age):
+            return False
+        if isinstance(value, float):
+            return value != value  # noqa: PLR0124
+        return self.terms.apply("is NaN", [self.terms.lifted(FLOAT, value)], BOOL)
 
     def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
         """Towards zero; by a divisor that is known, else uninterpreted."""
@@ -172,7 +182,7 @@ class Evaluation(Execution["Term"]):
             pairs = zip(arguments, f.parameters, strict=True)
             given = [x for a, p in pairs for x in terms.flat(a, p.type)]
             name = f"fun {f.name}"
-            value = terms.apply(name, given, f.result_type)
+            value = terms.apply(f"fun {f.meaning or f.name}", given, f.result_type)
             inner = terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
             self.uninterpreted[f.source_name] = None
         self._faults(inner)

@@ -113,7 +113,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     asked = (at.symbol.safe, *lemmas_, *progress_)
     texts = tuple(" ".join(e.span.text.split()) for e in asked)
     properties = [
-        Property(k, "always", e, at.scope, text, e.span)
+        Property(k, "progress" if e in progress_ else "always", e, at.scope, text, e.span)
         for k, (e, text) in enumerate(zip(asked, texts, strict=True))
     ]
     core = lower(derived_systems.with_properties(system, properties))

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
+from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.same_expression import same_expression
 from soter.language.evaluate.statements import Evaluator
@@ -279,7 +280,9 @@ def trials_of(
     """(ttf, safer, safe, values) for many values of the topics; without those that fault."""
     numbers = _numbers(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
-    evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
+    given: dict[str, Any] = {"budget": BUDGET, "topics": module.scope.topics}
+    plain = Evaluator(module.scope.params, **given)
+    deciding = PredicateEvaluator(module.scope.params, **given)
     values = [t.default for t in system.topics]
     trials: list[Trial] = []
     left = BUDGET
@@ -291,6 +294,8 @@ def trials_of(
         try:
             held = []
             for p in predicates:
+                decides = p is module.symbol.ttf or p is module.symbol.safer
+                evaluator = deciding if decides else plain
                 held.append(bool(evaluator.value(p, env)))
                 left -= evaluator.spent
         except StepFault:

@@ -64,7 +64,7 @@ class _BoundedReader1(Reader1):
 
 
 def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Time of arrival, channel and content of each message of the wanted channels.
+    """Time of arrival, channel and content of each message; None for what nobody wants.
 
     In the order of the file; ContradictionError where it is not as it says.
     """
@@ -81,8 +81,8 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
         decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
-            if connection in chosen:
-                yield time_ns, None, names[connection], decoders[connection](data)
+            content = decoders[connection](data) if connection in chosen else None
+            yield time_ns, None, names[connection], content
 
 
 def sqlite_messages(
@@ -107,10 +107,12 @@ def sqlite_messages(
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
         decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
+        names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):
-            if topic not in chosen:
+            name = names[topic]
+            if topic not in chosen and isinstance(time_ns, int):
+                yield time_ns, None, name, None
                 continue
-            name = chosen[topic].topic
             if not isinstance(data, bytes) or not isinstance(time_ns, int):
                 raise UndecodableError(f"a message of `{name}` is no bytes with a time")
             facts.there[name] += 1

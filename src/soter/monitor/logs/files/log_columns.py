@@ -38,19 +38,26 @@ class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
 
     A cell is a text, or what a message has; None where it is not there. `stamps_ns[source][i]`:
-    when it was measured, None where it does not say. `where[i]`: for people. `equal`: how many
-    have the time of the one before them. `notes`: what was found of the file besides; `unchecked`:
-    whether nothing in it tells that a value was changed.
+    when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
+    first and the last record of the log came, of whatever channel; None: these rows are all of it.
+    `equal`: how many have the time of the one before them. `notes`: what was found of the file
+    besides; `unchecked`: whether nothing in it tells that a value was changed.
     """
 
     times_ns: list[int] = field(default_factory=list)
     cells: dict[str, list[Any]] = field(default_factory=dict)
     stamps_ns: dict[StampSource, list[int | None]] = field(default_factory=dict)
     where: list[str] = field(default_factory=list)
+    ends_ns: tuple[int, int] | None = None
     equal: int = 0
     first_equal: str = ""
     notes: list[str] = field(default_factory=list)
     unchecked: bool = False
+
+    @property
+    def log_ns(self) -> tuple[int, int]:
+        """When the log begins and ends."""
+        return self.ends_ns or (self.times_ns[0], self.times_ns[-1])
 
     @property
     def remarks(self) -> list[str]:
@@ -111,7 +118,7 @@ def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | No
             continue
         key = None if table else t.channel
         before = by_channel.get(key, Wanted())
-        names = [*before.names, *t.names, *([] if t.frame_id is None else [HEADER_FRAME])]
+        names = [*before.names, *t.names, *t.where, *([] if t.frame_id is None else [HEADER_FRAME])]
         if None not in (before.message, t.message) and before.message != t.message and not table:
             raise unusable(path, f"the mapping gives messages of `{key}` two types")
         by_channel[key] = Wanted(
@@ -167,12 +174,18 @@ def seconds_text(time_ns: int) -> str:
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
-def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
-    """A time in ns, exactly as it is written; SoterError D016."""
+def decimal_of(given: object) -> Decimal | None:
+    """A finite number, exactly as it is written; None for anything else."""
     try:
         number = Decimal(str(given).strip())
     except InvalidOperation:
-        number = Decimal("nan")
-    if isinstance(given, bool) or not number.is_finite() or abs(number.adjusted()) > 40:
+        return None
+    return None if isinstance(given, bool) or not number.is_finite() else number
+
+
+def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
+    """A time in ns, exactly as it is written; SoterError D016."""
+    number = decimal_of(given)
+    if number is None or abs(number.adjusted()) > 40:
         raise unusable(path, f"`{str(given)[:40]}` in {where} is no time")
     return round(Fraction(number) * unit_ns)

@@ -43,7 +43,7 @@ READ = "json, cdr, ros1 and protobuf are read"
 
 
 def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    """Log time, channel and content of each message of the wanted channels.
+    """Log time, channel and content of each message; None for that of a channel nobody wants.
 
     `facts` counts the messages of every channel. SoterError D016, D007.
     """
@@ -74,12 +74,13 @@ class _Reading:
         """Log time, channel and content."""
         for channel, schema, message in records.messages():
             self.facts.there[channel.topic] = self.facts.there.get(channel.topic, 0) + 1
+            content = None
             if channel.topic in self.wanted:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
                     decode = self.decoders[channel.id] = self._made_decoder(channel, schema)
                 content = decode(message.data)
-                yield message.log_time, message.publish_time, channel.topic, content
+            yield message.log_time, message.publish_time, channel.topic, content
         self.facts.unchecked |= records.unchecked
         if records.private:
             told = f"{records.private:,} records of kinds that only its writer knows"

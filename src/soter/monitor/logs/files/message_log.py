@@ -55,8 +55,14 @@ def read_messages(
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
+    counted: list[tuple[int, int]] = []
+    others: list[int] = []
     for arrived in _messages(path, by_channel, facts):
         log_ns, _, channel, message = arrived
+        if channel not in by_channel:
+            if mapping.counts(log_ns):
+                others = [min([log_ns, *others]), max([log_ns, *others])]
+            continue
         where = f"message {facts.there[channel]} of `{channel}`"
         if not mapping.counts(log_ns) or any(
             str(_part(path, message, k, where)) != v for k, v in mapping.where.items()
@@ -69,10 +75,14 @@ def read_messages(
         helps = (CLOCK_SET, UNSORTED)
         add_row(path, into, now, cells, stamps, where=where, remedies=helps)
         order.note(now, where)
+        counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
             help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
+    ends = _ends(counted, [] if mapping.where else others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns = ends
         columns.unchecked = facts.unchecked
         columns.notes += [*facts.notes, *order.notes]
     return columns_by_channel
@@ -102,6 +112,19 @@ class _Order:
         return [
             f"in the order of the file time goes back {self.times:,} times between channels, {most}"
         ]
+
+
+def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """When the log begins and ends, in the clock of the messages that count.
+
+    counted: log time and time of each; others: log times of what stands on other channels, in
+    whose clock a message that counts is as far off as the one next to the end is.
+    """
+    times = [now for _, now in counted]
+    (first, begin), (last, end) = min(counted), max(counted)
+    times += [ns - first + begin for ns in others if ns < first]
+    times += [ns - last + end for ns in others if ns > last]
+    return min(times), max(times)
 
 
 def _messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:

@@ -56,7 +56,8 @@ def is_bag(path: Path) -> bool:
 def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Time of arrival, channel and content of each message of the wanted channels.
 
-    `facts` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
+    Of other channels the times, without content. `facts` counts the messages of the wanted
+    channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
