@@ -63,7 +63,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
             continue
         cells = {n: row[n] for n in wanted.names}
         stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
-        add_row(path, columns, now, cells, stamps, "line {}".format, line, SEVERAL)
+        add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
         chosen = " and ".join(f"{k} = {v}" for k, v in mapping.where.items())
         raise unusable(path, f"no row has {chosen}" if chosen else "it has no rows")
