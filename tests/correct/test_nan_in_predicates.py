@@ -1,4 +1,4 @@
-"""A NaN that `ttf` or `safer` compares is danger: on both engines, bit by bit, whatever is around it.
+"""A NaN that `ttf` or `safer` compares is danger: on both engines alike, whatever is around it.
 
 One program has a module a case; what each of them reads, a plant says: `s.k` counts its periods.
 """
@@ -85,7 +85,9 @@ fun looped(x: float): bool {
   return false;
 }
 plant P period 50ms {
-  drives s = { k: k, minus: -1.0, two: 2.0, huge: 1.0e300, zero: 0.0, once: k == 10.0 ? -1.0 : 1.0 };
+  drives s = {
+    k: k, minus: -1.0, two: 2.0, huge: 1.0e300, zero: 0.0, once: k == 10.0 ? -1.0 : 1.0
+  };
   state k: float = 0.0;
   next k = k + 1.0;
 }

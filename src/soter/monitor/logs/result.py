@@ -57,9 +57,10 @@ class ModuleOfLog:
 
     `missing`: topics without which nothing can be said; everything else is then empty. `steps` of
     the DM; in `stale` of them a read was too old, in `fresh` none; `ttf`, `safer`, `outside` (of
-    safe), `nan_looks` (in which `ttf` or `safer` compared a NaN) and `faults` count fresh ones. `margin` is of not ttf, `clearance` of `safe`; None where
-    there was no fresh read, or where `blind` says what `safe` reads and the log has not. `bounds`:
-    of each comparison of `ttf` its least. `span`: where the module is declared.
+    safe), `nan_looks` (in which `ttf` or `safer` compared a NaN) and `faults` count fresh ones.
+    `margin` is of not ttf, `clearance` of `safe`; None where there was no fresh read, or where
+    `blind` says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its
+    least. `span`: where the module is declared.
     """
 
     module: str
