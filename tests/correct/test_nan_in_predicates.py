@@ -239,3 +239,10 @@ def test_what_cannot_be_nan_is_not_looked_at(ttf: str, may: bool, tmp_path: Path
     assert bool(maybe_nan(system, system.modules[0])) is may
     (decision,) = lower(system).decisions
     assert (decision.ttf.maybe_nan, decision.safer.maybe_nan) == (may, False)
+
+
+def test_a_ttf_that_only_a_nan_fulfils_is_not_told_to_never_hold(tmp_path: Path) -> None:
+    for ttf, told in (("sqrt(s.x) < -1.0", False), ("abs(s.x) < -1.0", True)):
+        (tmp_path / "b.soter").write_text(BOUNDED.format(ttf=ttf))
+        checked = check_file(str(tmp_path / "b.soter"))
+        assert ("W022" in [d.code for d in checked.diagnostics.items]) is told
