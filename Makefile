@@ -3,17 +3,25 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PY := $(BIN)/python
+comma := ,
 # where the machine has no C compiler, one comes as a Python package
 ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 LINTED := src tests bench examples docs/site
 # a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
 PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
-# a file of versions for pip to keep to: make setup CONSTRAINTS=requirements.lock
-CONSTRAINTS ?=
-PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
+# the packages' versions: those of requirements.lock, which were tried together, or the newest that pyproject.toml admits
+VERSIONS ?= locked
+PIP := $(PY) -m pip install --quiet --disable-pip-version-check
+NEWEST = $(PIP) --upgrade --upgrade-strategy eager -e '.[$(1)$(ZIG)]'
+LOCKED = $(PIP) -c requirements.lock -e '.[$(1)$(ZIG)]' || { \
+  echo "soter: a version of requirements.lock cannot be had here (see above): the newest ones are installed"; $(NEWEST); }
+INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
+# what rests on packages of others: solvers, readers of logs and policies, environments, pages
+THIRD_PARTIES := tests/unit/verify/polytope tests/unit/verify/induction tests/unit/certificate tests/unit/monitor tests/unit/mapping \
+  tests/unit/policy tests/unit/gym tests/unit/report tests/unit/editor tests/unit/targets tests/unit/cli tests/correct
 
-.PHONY: help setup demo test test-pages test-real-time test-long durations lint format fuzz playground docs proofs bench bench-quick vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format fuzz playground docs proofs bench bench-quick vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -24,12 +32,12 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV) || { $(PYTHON) -m pip install --user --quiet virtualenv && $(PYTHON) -m virtualenv --quiet $(VENV); }
 	$(PIP) --upgrade pip
 
-$(VENV)/.run: pyproject.toml | $(VENV)/bin/python
-	$(PIP) -e '.[demo$(ZIG)]'
+$(VENV)/.run: pyproject.toml requirements.lock | $(VENV)/bin/python
+	$(call INSTALL,demo)
 	@touch $@
 
-$(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
-	$(PIP) -e '.[test,lint$(ZIG)]'
+$(VENV)/.dev: pyproject.toml requirements.lock | $(VENV)/bin/python
+	$(call INSTALL,test$(comma)lint)
 	@touch $@ $(VENV)/.run
 
 setup: $(VENV)/.dev  ## make .venv with everything for running, testing and linting
@@ -48,6 +56,11 @@ test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after t
 
 test-long: $(VENV)/.dev  ## every test but those of real time, the long ones too, with many more random programs
 	$(PY) -m pytest $(PARALLEL) --long
+
+test-newest:  ## tests that touch packages of others, with the newest versions, in .venv-newest
+	$(MAKE) --no-print-directory setup VENV=.venv-newest VERSIONS=newest
+	@echo "newer than requirements.lock:" $$(.venv-newest/bin/python -m pip freeze --exclude-editable | tr A-Z_ a-z- | grep -vxFf requirements.lock)
+	.venv-newest/bin/python -m pytest $(PARALLEL) $(THIRD_PARTIES)
 
 durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which decides what `make test` takes
 	$(PY) -m pytest $(PARALLEL) --long --write-durations
@@ -89,4 +102,4 @@ vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm
 	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package
 
 clean:  ## remove everything that was made
-	rm -rf $(VENV) .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) .venv-newest .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -220,6 +220,14 @@ BENCHMARKS = (
         " 20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
     ),
     Benchmark(
+        "Damaged logs",
+        ("bench/hostile/damaged_logs.py",),
+        "Logs of somebody else, seven kinds, after disks, transfers and recorders that die: "
+        "refused with a place, read as before, or read with a word about what was found. *Not "
+        "covered*: a value was changed where the format has no checksum, which the judgement says. "
+        "Then changed bits of a log of `soter run --log`.",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA",
         ("bench/running/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "

@@ -222,7 +222,7 @@ def one(path: str, until_ns: int, horizon_ns: int, args: argparse.Namespace, fol
     """One unit."""
     system = system_of(check_file(str(ROOT / path)), None)
     fleet = Fleet(system, until_ns, horizon_ns=horizon_ns)
-    text = translated(generate_measured(system, lanes=False, remembers=False))
+    text = translated(generate_measured(system, remembers=False))
     if args.keep:
         args.keep.mkdir(parents=True, exist_ok=True)
         (args.keep / f"{fleet.recipe.unit.prefix}.cu").write_text(text, encoding="utf-8")

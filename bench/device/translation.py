@@ -132,11 +132,9 @@ def translated(unit: Unit) -> str:
     before = ("soter.h", "soter_faults.h", "soter_sha256.h")
     after = ("soter_sha256.c", "soter_kernel.c", "soter_virtual.c")
     texts = [(RUNTIME / name).read_text(encoding="utf-8") for name in before]
-    step = BATCH.with_name("soter_lockstep.c")
-    texts += [x.with_suffix(".h").read_text(encoding="utf-8") for x in (BATCH, step)]
-    texts += [unit.header]
+    texts += [BATCH.with_suffix(".h").read_text(encoding="utf-8"), unit.header]
     texts += [(RUNTIME / name).read_text(encoding="utf-8") for name in after]
-    texts += [*(x.read_text(encoding="utf-8") for x in (step, BATCH)), _own(unit)]
+    texts += [BATCH.read_text(encoding="utf-8"), _own(unit)]
     body = "\n".join(LITERAL.sub(r"\1{", INCLUDE.sub("", text)) for text in texts)
     return HEAD + body + TAIL.replace("@", unit.prefix)
 

@@ -156,7 +156,9 @@ def errors(judged: list[Judged]) -> list[list[str]]:
     for j in judged:
         if j.radius == judged[0].radius:
             for d in j.log.derived:
-                errors_by_quantity.setdefault((d.name, d.how.split(";")[0]), []).append(d.error)
+                if d.error is not None:
+                    key = d.name, d.how.split(";")[0]
+                    errors_by_quantity.setdefault(key, []).append(d.error)
     rows = []
     for (name, how), triples in errors_by_quantity.items():
         all_ = np.array(triples)

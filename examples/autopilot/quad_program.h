@@ -18,6 +18,8 @@
 #include "corridor.h"
 #define OF_PROGRAM(name) corridor_fence_##name
 #define OF_VEC3 corridor_Vec3
+#elif !__has_include("autopilot.h")
+#error "a program that flies this vehicle is called autopilot, flights, laps or corridor.soter"
 #else
 #include "autopilot.h"
 #define OF_PROGRAM(name) autopilot_##name

@@ -6,7 +6,11 @@ Non-goals: the commands (`cli/`).
 
 from __future__ import annotations
 
+import os
 import sys
+
+if __name__ == "__main__" and sys.path[:1] == [os.getcwd()]:  # noqa: PTH109 - text
+    del sys.path[0]  # `python -m` looks for everything in the current folder first
 
 from soter.cli.main import main
 

@@ -246,3 +246,28 @@ def test_a_ttf_that_only_a_nan_fulfils_is_not_told_to_never_hold(tmp_path: Path)
         (tmp_path / "b.soter").write_text(BOUNDED.format(ttf=ttf))
         checked = check_file(str(tmp_path / "b.soter"))
         assert ("W022" in [d.code for d in checked.diagnostics.items]) is told
+
+
+LISTS = """
+topic pts: float[<=3];
+plant Points period 50ms { drives pts = [1.0, 2.0]; state y: float = 0.0; next y = y; }
+fun set_in(q: float[<=3]): bool { var r = q; r[0] = sqrt(-1.0); return r[0] > 5.0; }
+fun set_in_loop(q: float[<=3]): bool {
+  var r = q;
+  for i in 0..2 { r[i] = sqrt(-1.0); }
+  for v in r { if v > 5.0 { return true; } }
+  return false;
+}
+fun pushed(q: float[<=3]): bool { var r = q; push r, sqrt(-1.0); return r[2] > 5.0; }
+fun untouched(q: float[<=3]): bool { var r = q; return r[0] > 5.0; }
+"""
+
+
+def test_an_element_of_a_list_that_was_set_may_be_nan(tmp_path: Path) -> None:
+    names = ("set_in", "set_in_loop", "pushed", "untouched")
+    cases = {name: Case(f"{name}(pts)", FINE, ac=name == "untouched") for name in names}
+    path = _program(tmp_path, cases)
+    path.write_text(path.read_text().replace("p: P;", "p: P; q: Points;") + LISTS)
+    for run in _both(path):
+        for name, case in cases.items():
+            assert (run.modules[f"M_{name}"].ac_share > 0.9) == case.ac, name

@@ -290,7 +290,7 @@ def _flown(
     wanted = store.flights[:count]
 
     def again(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
-        compiled = Fleet(other, fleet.until_ns)
+        compiled = Fleet(other, fleet.until_ns, core=fleet.core)  # externs as they are bound
         for some in flights_of(compiled, numbers, about.first_seed, workers):
             yield from some
 

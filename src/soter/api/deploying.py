@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
 from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
+from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
 from soter.mapping.read_mapping import mapping_of, read_mapping
@@ -301,7 +303,7 @@ def _fits(folder: Path, report: Report, there: System) -> str:
     """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
         raise _other(folder, f"it is rejected: {report.reason}")
-    raw = (folder / "manifest.json").read_bytes()
+    raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
         raise _other(folder, "it was changed while it was checked")
     manifest = json.loads(raw)
@@ -315,7 +317,7 @@ def _fits(folder: Path, report: Report, there: System) -> str:
         beside = Path(os.path.relpath(own, main.parent)) if own != main.as_posix() else None
         local = home if beside is None else home.parent / beside
         try:
-            same = hashlib.sha256(local.read_bytes()).hexdigest() == digest
+            same = hashlib.sha256(read_bytes(local, PROGRAM_MAX)).hexdigest() == digest
         except OSError:
             same = False
         if not same:

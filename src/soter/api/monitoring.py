@@ -8,6 +8,7 @@ Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/lo
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,11 +71,12 @@ def log_judged(
         missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
         raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
     path = Path(log)
-    samples = samples_of(path, declared, read_columns(path, declared))
+    columns = read_columns(path, declared)
+    samples = samples_of(path, declared, columns)
     judgement = replay(flat, samples, plan, str(log), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
-    if not any(m.decided for m in judgement.modules):
-        raise SoterError(tuple(lost(m.module, m.missing) for m in judgement.modules))
+    judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
+    judgement.unchecked = any(c.unchecked for c in columns.values())
     return judgement
 
 
@@ -106,8 +108,11 @@ def log_explained(
     if wrong:
         raise SoterError(tuple(wrong))
     path = Path(log)
-    record = of_samples(flat, samples_of(path, declared, read_columns(path, declared)))
-    return [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    samples = samples_of(path, declared, read_columns(path, declared))
+    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
+    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    notes = tuple(text for s in samples for text in s.lost)
+    return [replace(j, length_ns=end - begin, notes=notes) for j in made]
 
 
 def _declared(

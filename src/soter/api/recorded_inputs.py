@@ -59,7 +59,7 @@ def recording_text(recording: Recording) -> str:
 
 def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
     """The hash of the trace of a run that reads what was recorded; no extern may be due in it."""
-    library, digest, given = native.library, hashlib.sha256(), iter(recording)
+    library, digest, given = native.loaded().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
     waiting = next(given, None)
     while (at := library.next_instant(state)) <= until_ns:

@@ -1,14 +1,19 @@
 """Flights of one system in compiled batches: their events, their digests, their last states.
 
 Purpose: `Fleet`, the Python face of `c/soter_batch.c`, and `Flyer`, the same of a recipe alone.
+Flights whose C may keep something from call to call have processes of their own (`soter_apart.c`).
 Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `fly_campaign.py`).
 """
 
 from __future__ import annotations
 
+import mmap
+import os
+import signal
 import threading
 from dataclasses import replace
 from functools import partial
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,16 +38,17 @@ if TYPE_CHECKING:
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 ENGINE = tuple(
-    BATCH.with_name(f"soter_{name}")
-    for name in ("batch.c", "batch.h", "lockstep.c", "lockstep.h", "lanes.h")
+    BATCH.with_name(f"soter_{name}") for name in ("batch.c", "apart.c", "batch.h", "apart.h")
 )
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
-SPARE = 17
+SPARE = 3
 """States that a batch needs besides those of its flights."""
+CHANGED = -2
+"""`SOTER_APART_CHANGED`"""
 MODULES_MAX = 64
 """Modules of a system whose saves can be counted."""
 ROOM = 1 << 14
@@ -63,15 +69,15 @@ class Flyer:
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (*ENGINE, *(RUNTIME / name for name in hashing))
         path = library(unit, recipe.optimise, (*FAST, *vector_flags()), engine)
-        self.ffi = interface(
-            declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
-        )
+        headers = (RUNTIME / "soter.h", *(e for e in ENGINE if e.suffix == ".h"))
+        self.ffi = interface(*(declarations(header) for header in headers))
         self.lib = opened(self.ffi, path)
         find = partial(address, self.ffi, path)
         self._program = find(f"{unit.prefix}_program", "const soter_program *")
         self._measured = find(f"{unit.prefix}_measured", "const soter_measured *")
         self._own = threading.local()
-        self.at_once = max(1, min(AT_ONCE, BATCH_BYTES // unit.layout.size))
+        most = 1 if recipe.keeps else BATCH_BYTES // unit.layout.size
+        self.at_once = max(1, min(AT_ONCE, most))
 
     def fly(self, numbers: Sequence[int], first_seed: int) -> list[FlightOutcome]:
         """The flights of these numbers, in that order; flight k has the seed `first_seed` + k."""
@@ -85,25 +91,35 @@ class Flyer:
         batch: list[FlightOutcome] = []
         while len(batch) < len(numbers):
             left = numbers[len(batch) :]
-            flights = self.ffi.new("soter_flight[]", len(left))
-            for k, number in enumerate(left):
-                flights[k].seed = (first_seed + number) & (2**64 - 1)
             got = _BatchOutput(self, len(left), room)
-            used = self.ffi.new("size_t *")
-            done = int(self.lib.soter_batch(self._program, flights, len(left), got.order, used))
+            for k, number in enumerate(left):
+                got.flights[k].seed = (first_seed + number) & (2**64 - 1)
+            done = self._flown(got, left)
             records, at = got.states.view(self.dtype), 0
             for k in range(done):
-                count = int(flights[k].events)
-                own = got.events[at : at + count]
-                at += count
-                hashes = (flights[k].digest, flights[k].trajectory)
-                digests = [self.ffi.string(h).decode("ascii") for h in hashes]
-                flown = self._flight(left[k], flights[k].seed, own, records[k][0], digests)
+                flight = got.flights[k]
+                own = got.events[at : at + flight.events]
+                at += flight.events
+                digests = [
+                    self.ffi.string(h).decode("ascii") for h in (flight.digest, flight.trajectory)
+                ]
+                flown = self._flight(left[k], flight.seed, own, records[k][0], digests)
                 batch.append(replace(flown, **got.more(k)))
             if done < len(left):
                 room *= 4
                 self._own.room = room
         return batch
+
+    def _flown(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
+        """Fly; how many of the flights had room. SoterError X011, X012 for what C did to them."""
+        given = (self._program, got.flights, len(numbers), got.order)
+        if not self.recipe.keeps:
+            return int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
+        done = shared((1,), np.int64)
+        status = self.lib.soter_batch_apart(*given, self.ffi.cast("int64_t *", done.ctypes.data))
+        if done[0] < 0:
+            raise _gone(numbers[0], int(got.flights[0].seed), status, changed=done[0] == CHANGED)
+        return int(done[0])
 
     def _flight(
         self,
@@ -168,10 +184,42 @@ class Fleet(Flyer):
         if horizon_ns and len(system.modules) > MODULES_MAX:
             many = f"saves of {len(system.modules)} modules cannot be counted"
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
-        self.system = system
-        super().__init__(
-            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
+        self.system, self.core = system, core
+        recipe = recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
+        if horizon_ns and recipe.keeps:
+            message = (
+                f"saves cannot be counted: the C of an extern may keep something ({recipe.keeps})"
+            )
+            note = "AC is flown on with a copy of the state, and there is none of what C keeps"
+            helps = ("fly without `--saves`, or let the function keep nothing",)
+            raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
+        super().__init__(recipe)
+
+
+def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Zeros that a copy of this process writes for this one, too."""
+    count = prod(shape)
+    memory = mmap.mmap(-1, max(1, count * np.dtype(dtype).itemsize))
+    return np.frombuffer(memory, dtype, count).reshape(shape)
+
+
+def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
+    """A flight whose process C of an extern ended or changed; `status`: what waitpid said."""
+    code = os.waitstatus_to_exitcode(status) if status >= 0 else 0
+    how = (
+        f"it was ended by {signal.Signals(-code).name}"
+        if code < 0
+        else (
+            f"it ended by itself, with exit status {code}"
+            if status >= 0
+            else "none could be started"
         )
+    )
+    what = f"flight {number}, seed {seed}: "
+    if changed:
+        what += "linked C changed how the processor rounds: what it flew is not what is meant"
+        return SoterError((Diagnostic("X012", what),))
+    return SoterError((Diagnostic("X011", f"{what}its process is gone", notes=(how,)),))
 
 
 class _BatchOutput:
@@ -180,12 +228,15 @@ class _BatchOutput:
     def __init__(self, fleet: Flyer, count: int, room: int) -> None:
         ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
         self.fleet = fleet
-        self.states = np.zeros((count + SPARE, fleet.dtype.itemsize), dtype=np.uint8)
-        self.events = np.zeros(room, dtype=EVENT)
-        self.looks = np.zeros((count, len(bins)), dtype=LOOK)
-        self.histogram = np.zeros((count, sum(bins)), dtype=np.uint32)
-        self.saves = np.zeros((count, modules), dtype=np.uint32)
-        self.precautions = np.zeros((count, modules), dtype=np.uint32)
+        size = ffi.sizeof("soter_flight")
+        self.kept = shared((count, size), np.uint8)
+        self.flights = ffi.cast("soter_flight *", self.kept.ctypes.data)
+        self.states = shared((count + SPARE, fleet.dtype.itemsize), np.uint8)
+        self.events = shared((room,), EVENT)
+        self.looks = shared((count, len(bins)), LOOK)
+        self.histogram = shared((count, sum(bins)), np.uint32)
+        self.saves = shared((count, modules), np.uint32)
+        self.precautions = shared((count, modules), np.uint32)
         self.order = ffi.new("soter_order *")
         self.order.until_ns = fleet.until_ns
         self.order.horizon_ns = fleet.horizon_ns

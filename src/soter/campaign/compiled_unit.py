@@ -18,7 +18,6 @@ from soter.codegen.branch_free import branch_free
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
-from soter.codegen.lanes.lanes import Lanes
 from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call, Fact
@@ -26,14 +25,17 @@ from soter.core.layout import size_of, state_dtype
 from soter.core.operation_counts import operations_of
 from soter.core.read_write_footprint import walk
 from soter.core.steps import lower
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.cache import cached, digest
+from soter.native.extern_memory import kept_by
 from soter.native.includes import included
+from soter.simulate.module_safe_check import extern_functions
 
 if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.core.core import CoreSystem, Decision, Function, Predicate
+    from soter.core.core import CoreSystem, Function, Predicate
     from soter.language.model.system import Metric, Property, System
 
 NEVER = c.Name("SOTER_NEVER")
@@ -46,8 +48,9 @@ class Recipe:
     """What is flown, as plain data that can be sent.
 
     `properties`, `components`: index and name; `forced`: modules that are in AC from the start;
-    `bins`: of each measure, with those below and above; `files`: the C that externs are bound to
-    and what it includes, by their paths where it was made.
+    `bins`: of each measure, with those below and above; `keeps`: why the C of externs may keep
+    something from call to call, or ""; `files`: that C and what it includes, by their paths where
+    it was made.
     """
 
     unit: Unit
@@ -59,6 +62,7 @@ class Recipe:
     components: tuple[tuple[int, str], ...]
     forced: tuple[bool, ...]
     bins: tuple[int, ...]
+    keeps: str
     files: tuple[tuple[str, str], ...]
 
 
@@ -72,6 +76,10 @@ def recipe_of(
 ) -> Recipe:
     """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
     unit = generate_measured(system, core)
+    keeps = kept_by(unit)
+    if keeps:
+        _as_often_as_a_run(system, core)
+        unit = generate_measured(system, core, remembers=False)
     files = {str(p): t for p, t in included(*unit.c_sources).items()}
     return Recipe(
         unit=unit,
@@ -83,8 +91,21 @@ def recipe_of(
         components=tuple((c.index, c.name) for c in system.components),
         forced=tuple(m.forced == "ac" for m in system.modules),
         bins=tuple(m.bins + 2 for m in system.measures),
+        keeps=keeps,
         files=tuple(files.items()),
     )
+
+
+def _as_often_as_a_run(system: System, core: CoreSystem) -> None:
+    """SoterError U003 where a measure calls C that may keep something: a run does not call it."""
+    extern = extern_functions(core)
+    for measure, value in zip(system.measures, core.measures, strict=True):
+        called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
+        if called & extern:
+            what = f"measure `{measure.name}` calls C that may keep something"
+            note = "a run does not look at measures, so a flight would be another one"
+            helps = ("let the function keep nothing, or measure what is in the state",)
+            raise SoterError((Diagnostic("U003", what, notes=(note,), helps=helps),))
 
 
 def unpacked(recipe: Recipe) -> Recipe:
@@ -107,13 +128,13 @@ def unpacked(recipe: Recipe) -> Recipe:
 
 
 def generate_measured(
-    system: System, core: CoreSystem | None = None, *, lanes: bool = True, remembers: bool = True
+    system: System, core: CoreSystem | None = None, *, remembers: bool = True
 ) -> Unit:
     """The unit of a system with its measures.
 
-    With `lanes` worlds may go in step; where it `remembers`, dear calls are, by their threads.
+    Where it `remembers`, what would come out the same is not computed again.
     """
-    return UnitCache(system, core or lower(system), lanes=lanes, remembers=remembers).run()
+    return UnitCache(system, core or lower(system), remembers=remembers).run()
 
 
 DEAR = 16
@@ -123,11 +144,9 @@ DEAR = 16
 class UnitCache(UnitBuilder):
     """Builds the unit of a system that is flown many times."""
 
-    def __init__(
-        self, system: System, core: CoreSystem, *, lanes: bool = True, remembers: bool = True
-    ) -> None:
+    def __init__(self, system: System, core: CoreSystem, *, remembers: bool = True) -> None:
         super().__init__(system, core, None)
-        self.lanes = lanes
+        self.remembers = remembers
         self.remembered = _dear_calls(core) if remembers else frozenset()
         self.frame.works_in_place = True
 
@@ -142,7 +161,7 @@ class UnitCache(UnitBuilder):
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """Whether a property is violated; one that reads what nodes say is settled until then."""
         made = super().property(p, predicate)
-        topics = self._told(predicate)
+        topics = self._told(predicate) if self.remembers else ()
         if p.component is not None or not topics or made.body is None:
             return made
         ct = c.Member(c.Arrow(S, "header"), "ct")
@@ -189,74 +208,14 @@ class UnitCache(UnitBuilder):
             declarations.append(
                 c.VariableDef("soter_measure", table, c.Initializer(tuple(rows)), True)
             )
-        lanes, tables = self._lanes() if self.lanes else ([], c.Initializer(()))
-        declarations += lanes
         fields = (
             ("count", c.Number(f"{len(rows)}U")),
             ("measure", c.Name(table if rows else "NULL")),
-            ("lanes", tables),
         )
         declared = c.VariableDef("soter_measured", f"{self.prefix}_measured", None)
         value_of = c.Initializer(fields)
         defined = c.VariableDef("soter_measured", f"{self.prefix}_measured", value_of, static=False)
         return [*declarations, declared, defined]
-
-    def _lanes(self) -> tuple[list[c.CTop], c.CExpr]:
-        """Steps and properties over several worlds at once, and the table of them."""
-        lanes = Lanes(self.frame, self.core.functions)
-        steps = [
-            None if step is None else lanes.step(x, step, self.names[x.index])
-            for x in self.system.components
-            for step in (self.core.nodes.get(x.index) or self.core.plants.get(x.index),)
-        ]
-        verdicts = [
-            lanes.verdict(predicate, f"{self.prefix}_property_{p.index}", negate=p.kind != "never")
-            for p, predicate in zip(self.system.properties, self.core.properties, strict=True)
-        ]
-        dms = [self._decision(lanes, d) for d in self.core.decisions]
-        if not any(steps):
-            return [], c.Initializer(())
-        fields: list[tuple[str | None, c.CExpr]] = [("count", c.Name("SOTER_LANES"))]
-        tables: list[c.CTop] = []
-        if dms:
-            own = f"{self.prefix}_lanes_decide"
-            rows = tuple((None, dm) for dm in dms)
-            tables.append(c.VariableDef("soter_lane_decision", own, c.Initializer(rows), True))
-            fields.append(("decide", c.Name(own)))
-        for kind, member, names in (
-            ("soter_lane_step", "step", steps),
-            ("soter_lane_verdict", "violated", verdicts),
-        ):
-            if names:
-                own = f"{self.prefix}_lanes_{member}"
-                rows = tuple((None, c.Name(name or "NULL")) for name in names)
-                tables.append(c.VariableDef(kind, own, c.Initializer(rows), array=True))
-                fields.append((member, c.Name(own)))
-        return [c.Include("soter_lanes.h"), *lanes.definitions, *tables], c.Initializer(
-            tuple(fields)
-        )
-
-    def _decision(self, lanes: Lanes, d: Decision) -> c.CExpr:
-        """A DM in two parts; one that remembers or counts is asked only once, and has no lanes."""
-        if d.ttf.maybe_nan or d.safer.maybe_nan:
-            return c.Initializer(((None, c.Name("NULL")),))
-        name = self.module_names[d.module]
-        *_, dm = decisions.decision(self.frame, d, name)
-        assert dm.body is not None
-        ttf = lanes.verdict(d.ttf, f"{name}_ttf")
-        safer = lanes.verdict(d.safer, f"{name}_safer")
-        if ttf is None or safer is None or self.system.modules[d.module].latch is not None:
-            return c.Initializer(((None, c.Name("NULL")),))
-        told = {"ttf": c.Name("given_ttf"), "safer": c.Name("given_safer")}
-        body = tuple(
-            replace(s, value=told[s.name]) if isinstance(s, c.Declare) and s.name in told else s
-            for s in dm.body
-        )
-        parameters = (*dm.parameters, ("bool", "given_ttf"), ("bool", "given_safer"))
-        decided = replace(dm, name=f"{name}_decided", parameters=parameters, body=body)
-        lanes.definitions.append(decided)
-        fields = (("ttf", ttf), ("safer", safer), ("decided", decided.name))
-        return c.Initializer(tuple((k, c.Name(v)) for k, v in fields))
 
 
 def _row(measure: Metric, name: str) -> c.CExpr:
@@ -292,9 +251,7 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
 
 
 def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The last calls of a thread, and what came of them. Structs have no holes: bytes tell.
-
-    There are several: the worlds of a group ask by turns (`soter_lockstep.h`).
+    """The last call of a thread, and what came of it. Structs have no holes: bytes tell.
 
     What is large goes in and out by address (decision 109).
     """
@@ -311,40 +268,30 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
     members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
     members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
     members.append(c.StructMember(result, "result"))
-    one = c.IndexExpr(c.Name("own"), c.Name("k"))
-    known: c.CExpr = c.Member(one, "known")
+    status, answer = c.Member(last, "status"), c.Member(last, "result")
+    known: c.CExpr = c.Member(last, "known")
     for k, (_, value) in enumerate(given):
-        there = c.Unary("&", c.Member(one, f"given_{k}"))
+        there = c.Unary("&", c.Member(last, f"given_{k}"))
         size = c.CallExpr("sizeof", (value,))
         same = c.CallExpr("memcmp", (there, c.address(value), size))
         known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
-    answer = c.Arrow(last, "result")
     arguments: list[c.CExpr] = [c.Name(n) for _, n in made.parameters if n not in {"fault", "made"}]
     arguments += [c.Unary("&", answer)] if large else []
-    arguments += [c.Unary("&", c.Arrow(last, "status"))] if faults else []
+    arguments += [c.Unary("&", status)] if faults else []
     call = c.CallExpr(anew, tuple(arguments))
-    none = c.Binary("==", last, c.Name("NULL"))
-    found = c.IfStmt(c.Binary("&&", none, known), (c.Assign(last, c.Unary("&", one)),))
-    oldest, count = c.Name("oldest"), c.Name("SOTER_REMEMBERED")
     compute = (
-        c.Assign(last, c.Unary("&", c.IndexExpr(c.Name("own"), oldest))),
-        c.Assign(oldest, c.Binary("%", c.Binary("+", oldest, c.Number("1U")), count)),
-        *(c.Assign(c.Arrow(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
-        c.Assign(c.Arrow(last, "status"), c.Name("SOTER_OK")),
+        *(c.Assign(c.Member(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
+        c.Assign(status, c.Name("SOTER_OK")),
         c.Do(call) if large else c.Assign(answer, call),
-        c.Assign(c.Arrow(last, "known"), c.Name("true")),
+        c.Assign(c.Member(last, "known"), c.Name("true")),
     )
-    raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Arrow(last, "status"))))
-    failed = c.Binary("!=", c.Arrow(last, "status"), c.Name("SOTER_OK"))
     body: list[c.CStmt] = [
-        c.Declare(f"static SOTER_OF_THREAD {kept}", "own[SOTER_REMEMBERED]", None),
-        c.Declare("static SOTER_OF_THREAD uint32_t", "oldest", None),
-        c.Declare(f"{kept} *", "last", c.Name("NULL")),
-        c.For("k", c.Number("0"), count, (found,)),
-        c.IfStmt(none, compute),
+        c.Declare(f"static SOTER_OF_THREAD {kept}", "last", None),
+        c.IfStmt(c.Unary("!", known), compute),
     ]
     if faults:
-        body.append(c.IfStmt(failed, (raised,)))
+        raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), status)))
+        body.append(c.IfStmt(c.Binary("!=", status, c.Name("SOTER_OK")), (raised,)))
     body.append(c.Assign(MADE, answer) if large else c.Return(answer))
     return [
         c.Include("string.h", system=True),

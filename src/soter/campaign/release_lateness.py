@@ -11,12 +11,13 @@ import ctypes
 import json
 import os
 import subprocess
-import sys
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import read_bytes
+from soter.native.python_child import python_child
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -24,8 +25,10 @@ if TYPE_CHECKING:
 STRETCHES = 1000
 """Parts between the quantiles that are kept: one release in a thousand is later than the last."""
 PERIOD_NS = 10_000_000
-BUSY = """import ctypes, os, sys
+BUSY = """
+import ctypes, os
 ctypes.CDLL(None).prctl(1, 9)  # PR_SET_PDEATHSIG, SIGKILL: whoever measures may be killed
+os.write(1, b"!")
 while os.getppid() == int(sys.argv[1]):
     while True: pass
 """
@@ -55,24 +58,40 @@ class Lateness:
 
 
 def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measure for so long; raises OSError where processes cannot be started."""
-    cores, own = os.cpu_count() or 1, str(os.getpid())
-    busy = [
-        subprocess.Popen(
-            [sys.executable, "-c", BUSY, own], start_new_session=True, stderr=subprocess.DEVNULL
-        )
-        for _ in range(2 * cores)
-    ]
+    """Measure for so long; raises OSError, SoterError D006 where nothing keeps the machine busy."""
+    cores = os.cpu_count() or 1
+    busy: list[subprocess.Popen[bytes]] = []
     try:
+        busy.extend(_started() for _ in range(2 * cores))
+        _require_busy(busy, [p.stdout.read(1) for p in busy if p.stdout is not None])
         late = _released(seconds, period_ns)
+        _require_busy(busy, [b"" if p.poll() is not None else b"!" for p in busy])
     finally:
         for process in busy:
             process.kill()
-            process.wait()
+            process.communicate()
     late.sort()
     last = len(late) - 1
     quantiles = tuple(late[round(k * last / STRETCHES)] for k in range(STRETCHES + 1))
     return Lateness(quantiles, len(late), period_ns, len(busy), cores)
+
+
+def _started() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        python_child(BUSY, str(os.getpid())),
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def _require_busy(busy: list[subprocess.Popen[bytes]], alive: list[bytes]) -> None:
+    """SoterError D006 where a process that is to compute has ended."""
+    ended = alive.count(b"")
+    if ended:
+        what = "how late releases are beside busy processes cannot be measured"
+        note = f"{ended} of the {len(busy)} processes that are to keep the machine busy have ended"
+        raise SoterError((Diagnostic("D006", what, notes=(note,)),))
 
 
 class _Timespec(ctypes.Structure):
@@ -91,11 +110,24 @@ def _released(seconds: float, period_ns: int) -> list[int]:
     return late
 
 
+def _read(path: Path) -> Lateness:
+    """What stands in a file; SoterError D006 where it is not what `kept` writes."""
+    try:
+        said = json.loads(read_bytes(path))
+        made = Lateness(**{**said, "quantiles_ns": tuple(said["quantiles_ns"])})
+        numbers = (*made.quantiles_ns, *astuple(made)[1:])
+        if len(made.quantiles_ns) > 1 and all(type(n) is int and 0 <= n < 2**63 for n in numbers):
+            return made
+    except (ValueError, TypeError, KeyError, RecursionError):
+        pass
+    help_ = "take it away to have it measured again"
+    raise SoterError((Diagnostic("D006", f"`{path}`: it is no lateness", helps=(help_,)),))
+
+
 def kept(path: Path, seconds: float) -> Lateness:
     """What stands in a file, else what is measured now and kept there."""
     if path.exists():
-        fields = json.loads(read_bytes(path))
-        return Lateness(**{**fields, "quantiles_ns": tuple(fields["quantiles_ns"])})
+        return _read(path)
     made = measured(seconds)
     path.write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
     return made

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING, TypeAlias
 
+from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
@@ -52,6 +53,10 @@ any time; the same command goes on.
 
 exit codes: 0 no violation, 1 diagnostics, 2 usage, 3 violations
 """
+
+
+KEPT = "what was flown is kept: the same command goes on"
+RAY_KEPT = f"Ray ends a process whose cluster's head is gone; {KEPT}"
 
 
 def parser() -> CommandParser:
@@ -98,6 +103,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     from soter.campaign.parquet import require_parquet  # noqa: PLC0415 - the same
 
     program = loaded(args, console)
+    if program.externs or args.workers == "ray":  # C may crash; Ray ends who has lost its head
+        in_child_process(console, lambda _: (RAY_KEPT if args.workers == "ray" else KEPT,))
     try:
         if args.parquet:
             require_parquet()
@@ -109,7 +116,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except SoterError as error:
         return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     except KeyboardInterrupt:
-        console.note("what was flown is kept: the same command goes on")
+        console.note(KEPT)
         raise
     _say(campaign, console)
     for page in pages:

@@ -29,7 +29,7 @@ from soter.cli.terminal.command_outcome import (
 from soter.cli.terminal.console import Console
 from soter.cli.terminal.parser import HelpWantedError
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.os_error_text import reason, utf8_text
 
 if TYPE_CHECKING:
     import argparse
@@ -117,6 +117,7 @@ def _told(
 def _guarded(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     """The outcome of a command line; nothing gets past."""
     try:
+        _require_utf8(arguments)
         return _run(name, arguments, console)
     except ChildResult:
         raise
@@ -137,6 +138,14 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
         from soter.cli.terminal.crash_report import apologise  # noqa: PLC0415 - only then
 
         return CommandOutcome(INTERNAL, (apologise(error, arguments),))
+
+
+def _require_utf8(arguments: Sequence[str]) -> None:
+    """UsageError for a name that no report, certificate or document could say."""
+    for word in arguments:
+        if (shown := utf8_text(word)) != word:
+            text = f"`{shown}` is not UTF-8, which everything that soter writes is: rename it"
+            raise UsageError(text, "soter COMMAND ...; soter --help")
 
 
 def _run(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:

@@ -18,8 +18,22 @@ from soter.api.files import write_sections
 from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.log_judgement import FOREIGN_LOG, lines, sections, undecided
+from soter.cli.terminal.command_outcome import (
+    FINE,
+    UNDECIDED,
+    VIOLATED,
+    CommandOutcome,
+    exit_of,
+)
+from soter.cli.terminal.log_judgement import (
+    FOREIGN_LOG,
+    NOTHING,
+    lines,
+    of_the_log,
+    sections,
+    undecided,
+    verdict_of,
+)
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CommandParser,
@@ -57,8 +71,9 @@ EXAMPLES = """\
   soter monitor drone.soter flight.bag --map ros.toml   the same: bags of ROS 1 and 2, any MCAP
   soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it
 
-exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
-with --map: 0 no read lay outside `safe`, 3 one did
+exit codes: 0 every step is explained, 3 an alarm: the model is false, 4 no step was judged,
+1 diagnostics, 2 usage; with --map: 0 no read lay outside `safe`, 3 one did, 4 of a module none
+was judged: every read came too late, or none at all
 """
 SEEDS_MAX = 10_000
 HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
@@ -195,6 +210,9 @@ def _together(of: Sequence[Judgement]) -> Judgement:
     return replace(
         max(of, key=lambda j: j.share),
         steps=sum(j.steps for j in of),
+        judged_ns=sum(j.judged_ns for j in of),
+        length_ns=sum(j.length_ns for j in of),
+        empty_runs=sum(not j.judged for j in of),
         alarms=sum(j.alarms for j in of),
         first_alarm_s=min(
             (j.first_alarm_s for j in of if j.first_alarm_s is not None), default=None
@@ -221,22 +239,33 @@ def _outcome(
     program: Program,
 ) -> CommandOutcome:
     warnings = program.diagnostics if program.ok else ()
-    says = f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}"
+    source = judged[0].source if judged else "nothing"
+    part = min((j.judged_share for j in judged), default=0.0)
+    says = f"{args.log or args.file}  judged on {source}{of_the_log(part)}"
     head, rows = table
     console.say(f"{says}\n")
     console.say(console.table(head, rows))
     alarms = sum(j.alarms for j in judged)
+    empty = [j.module for j in judged if not j.judged]
+    notes = [n for j in judged for n in j.notes]
     if alarms:
-        console.say(f"\n{ALARM}")
+        notes.insert(0, ALARM)
+    if empty or not judged:
+        notes.append(f"{', '.join(empty) or 'no module'}: {NOTHING}")
+    for text in dict.fromkeys(notes):
+        console.say(f"\n{text}")
     fields = _fields(args, Monitored(judged=tuple(judged)))
-    headline = "the model is false" if alarms else "the model explains every step"
+    code, headline = FINE, f"the model explains every step{of_the_log(part)}"
+    if alarms:
+        code, headline = VIOLATED, "the model is false"
+    elif empty or not judged:
+        code, headline = UNDECIDED, NOTHING
     told = [
-        PageSection("What was judged", (says, ALARM) if alarms else (says,), head, tuple(rows)),
+        PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
-    fields |= _report(args, headline, bool(alarms), told, console)
-    code = VIOLATED if alarms else FINE
+    fields |= _report(args, headline, code, told, console)
     return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
 
 
@@ -267,16 +296,15 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
     for text in lines(judged, console):
         console.say(text)
-    outside = any(m.outside for m in judged.modules)
+    decided = [m for m in judged.modules if m.decided]
+    code = FINE if all(m.judged for m in decided) else UNDECIDED
+    if any(m.violated for m in decided):
+        code = VIOLATED
     fields = _fields(args, Monitored(log=judged))
-    headline = "; ".join(
-        f"{m.module}: {m.outside:,} of {m.fresh:,} reads lay outside `safe`"
-        for m in judged.modules
-        if m.outside
-    )
+    headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in decided)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
-    fields |= _report(args, headline or "no read lay outside `safe`", outside, told, console)
-    return CommandOutcome(VIOLATED if outside else FINE, items, fields, of_log(judged))
+    fields |= _report(args, headline, code, told, console)
+    return CommandOutcome(code, items, fields, of_log(judged))
 
 
 def _explained(
@@ -314,7 +342,7 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
 def _report(
     args: argparse.Namespace,
     headline: str,
-    bad: bool,
+    code: int,
     of: list[PageSection],
     console: Console,
 ) -> dict[str, object]:
@@ -323,7 +351,8 @@ def _report(
         return {}
     title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_of(args)}"
     path = report_path(args.report, args.file, ENDING)
-    write_sections(path, title, headline, "bad" if bad else "good", of)
+    verdict = {FINE: "good", VIOLATED: "bad"}.get(code, "")
+    write_sections(path, title, headline, verdict, of)
     console.say(f"\nreport  {path}")
     return {"report": str(path)}
 
@@ -381,7 +410,8 @@ DOCUMENT = JsonObject(
     beside={"file": str, "report?": str},
     modules=JsonObject(
         "soter.monitor.model_membership.Judgement",
-        "source steps alarms first_alarm_s largest_share state=state? alarm_states",
+        "source judged judged_share steps alarms first_alarm_s largest_share state=state? "
+        "alarm_states notes",
         {"largest_share": _largest_share},
         source=one_of("truth", "estimates"),
     ),

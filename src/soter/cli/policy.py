@@ -142,10 +142,11 @@ def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: floa
 
 def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
     from soter.api import format_text  # noqa: PLC0415 - as above
+    from soter.policy.policy_errors import content_of  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
     from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
 
-    digest = hashlib.sha256(Path(policy.path).read_bytes()).hexdigest()
+    digest = hashlib.sha256(content_of(Path(policy.path))).hexdigest()
     notes = [
         f"{Path(file).name} as a function, written by `soter policy`: do not edit.",
         f"sha256 {digest}",

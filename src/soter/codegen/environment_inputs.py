@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
-from soter.codegen.extern_results import received
+from soter.codegen.extern_results import received, to_ends
 from soter.codegen.function_context import CT, OK, S
 from soter.codegen.random_draws import DRAW_PARAMETERS, assemble, in_order, uniform, whom
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
@@ -52,6 +52,7 @@ class InputEmitter:
             c.Declare(stored, VALUE.text, None),
             c.Do(c.Cast("void", copied)),
             *received(topic.type, VALUE),
+            *to_ends(topic.type, topic.bounds, VALUE),
             *self.types.check(topic.type, topic.bounds, VALUE),
             c.IfStmt(c.Binary("!=", STATUS, OK), (c.Return(STATUS),)),
             c.Assign(self.frame.topic(topic.index), VALUE),

@@ -15,7 +15,7 @@ from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
 from soter.codegen.delayed_publication import hold
 from soter.codegen.extern_interface import linked_name
-from soter.codegen.extern_results import received
+from soter.codegen.extern_results import received, to_ends
 from soter.codegen.faults import disturb
 from soter.codegen.function_context import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.queues import empty, forgive, must_not_lose
@@ -79,6 +79,10 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     elif foreign:
         outputs = _linked if c_source else _answered
         body += [*outputs(frame, component, step, name), *nothing_lost, *takeover]
+    if foreign:
+        for k, o in enumerate(step.outputs):
+            at_ends = to_ends(o.type, o.bounds, frame.body.out(k))
+            body += frame.if_published(k, at_ends) if at_ends else []
     else:
         body += frame.declare_outputs(step.outputs)
         body += nothing_lost

@@ -17,9 +17,11 @@ from soter.campaign.batch_flights import BATCH
 from soter.campaign.compiled_unit import generate_measured
 from soter.codegen.extern_interface import answer_fields
 from soter.core.layout import arrange, state_dtype
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.memory_offsets import LeafBuffer, is_flat, places
 from soter.native.build import RUNTIME, library
 from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.extern_memory import kept_by
 from soter.native.library import Library
 from soter.native.vector_instructions import FAST, vector_flags
 from soter.simulate.externs.bindings import Bindings, bind, callables
@@ -42,8 +44,6 @@ ENGINE = (
 )
 OPTIMISE = "-O3"
 """Learners take millions of steps: the kernel's small functions are worth inlining."""
-ONE_CALL = "-DSOTER_REMEMBERED=1U"
-"""A DM asks `ttf` and `safer` the same; then comes another world."""
 NOBODY = 2**32 - 1
 
 
@@ -81,10 +81,11 @@ class CompiledEnvironment:
         callables(Bindings(system, core, functions), "native", StopRequest())
         self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
         self.linked_content = linked_content(system, core)
-        unit = generate_measured(system, core, lanes=False)
+        unit = generate_measured(system, core)
         self.layout = unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = built(unit)
+        _require_kept_nothing(unit)
         owners = linked_symbols(system, core)
         self.library = Library(path, unit.prefix, self.layout.size, owners)
         self.ffi = interface(
@@ -196,9 +197,19 @@ class CompiledEnvironment:
         return values, [leaf for m in members[count:] for leaf in places(m.type, m.offset)]
 
 
+def _require_kept_nothing(unit: Unit) -> None:
+    """SoterError X008 for C that may keep something: nobody can reset it, and worlds share it."""
+    why = kept_by(unit)
+    if why:
+        what = f"an environment cannot have C that may keep something: {why}"
+        note = "it is reset, and worlds of a vector are stepped by turns; what C keeps is neither"
+        helps = ("let the function keep nothing: what changes belongs into its result",)
+        raise SoterError((Diagnostic("X008", what, notes=(note,), helps=helps),))
+
+
 def built(unit: Unit) -> Path:
     """The library of a unit with `ENGINE`, for this machine alone."""
-    return library(unit, OPTIMISE, (*FAST, *vector_flags(), ONE_CALL), ENGINE)
+    return library(unit, OPTIMISE, (*FAST, *vector_flags()), ENGINE)
 
 
 def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:

@@ -58,6 +58,10 @@ class MappingProblems:
             return {}
         return table
 
+    def texts(self, given: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
+        """The same, of texts: a number is what it is written as."""
+        return {k: str(v) for k, v in self.table(given, key, where).items()}
+
     def name(self, given: Mapping[str, Any], key: str, where: str) -> str | None:
         """The text under a key; None where there is none."""
         text = given.get(key)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import re
+import tempfile
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -16,10 +17,10 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from xml.etree import ElementTree as ET
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
+from soter.mapping.dialect_xml import dialect_xml
 from soter.mapping.message_types import ARRAY, BASE, MessageType, UnknownMessageError
 from soter.mapping.stamp_source import StampSource
 
@@ -81,9 +82,10 @@ class ChecksumEntry:
 
 @dataclass(frozen=True)
 class Dialect:
-    """The messages of a dialect and of all that it includes; `path`: its XML."""
+    """The messages of a dialect and of all that it includes; `xml`: them, in one document."""
 
-    path: Path
+    name: str
+    xml: bytes = field(repr=False)
     messages: Mapping[str, MavlinkMessage]
     checksums: tuple[ChecksumEntry, ...]
 
@@ -96,7 +98,7 @@ class Dialect:
         if found is None:
             near = closest(match[1], sorted(self.messages), 0.8)
             hint = f"did you mean `mavlink/{near[0]}`?" if near else ""
-            raise UnknownMessageError(hint or f"the dialect {self.path.stem} has no such message")
+            raise UnknownMessageError(hint or f"the dialect {self.name} has no such message")
         return found
 
 
@@ -128,21 +130,21 @@ def read_dialect(path: Path) -> Dialect:
     """The dialect; ValueError where the file is none, OSError where it cannot be read."""
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
-    for xml in _with_included(path):
-        for m in xml.message:
-            messages[m.name] = _message(m)
-            checksums[m.id] = ChecksumEntry(
-                m.id,
-                m.crc_extra,
-                m.wire_min_length,
-                m.wire_length,
-                m.message_flags,
-                m.target_system_ofs,
-                m.target_component_ofs,
-            )
+    document = dialect_xml(path)
+    for m in _parsed(document):
+        messages[m.name] = _message(m)
+        checksums[m.id] = ChecksumEntry(
+            m.id,
+            m.crc_extra,
+            m.wire_min_length,
+            m.wire_length,
+            m.message_flags,
+            m.target_system_ofs,
+            m.target_component_ofs,
+        )
     if not messages:
         raise ValueError("it has no messages")
-    return Dialect(path, messages, tuple(checksums[i] for i in sorted(checksums)))
+    return Dialect(path.stem, document, messages, tuple(checksums[i] for i in sorted(checksums)))
 
 
 def _folder() -> Path:
@@ -152,38 +154,18 @@ def _folder() -> Path:
     return Path(spec.origin).parent / "dialects" / "v20"
 
 
-def _with_included(path: Path) -> list[Any]:
-    """The parsed files, the innermost first."""
+def _parsed(document: bytes) -> list[Any]:
+    """The messages as pymavlink has them, the innermost file's first."""
     from pymavlink.generator import mavparse  # noqa: PLC0415 - an extra
 
-    found: dict[Path, Any] = {}
-
-    def read(at: Path) -> None:
-        text = at.read_bytes()  # OSError is the caller's
+    with tempfile.TemporaryDirectory() as place:
+        at = Path(place) / "dialect.xml"
+        at.write_bytes(document)
         try:
-            _require_root(text)
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-                xml = mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0)
-        except (Exception, SystemExit) as error:  # it raises whatever expat and it come upon
+                return list(mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0).message)
+        except (Exception, SystemExit) as error:  # it raises whatever it comes upon
             raise ValueError(str(error)[:120].replace("\n", " ") or "it is no dialect") from error
-        if len(found) > 50:
-            raise ValueError("it includes more than 50 files")
-        found[at] = None
-        for name in xml.include:
-            inner = at.parent / name
-            if inner not in found:
-                read(inner)
-        del found[at]
-        found[at] = xml
-
-    read(path)
-    return [x for x in found.values() if x is not None]
-
-
-def _require_root(text: bytes) -> None:
-    """What pymavlink would read a long way into, and leave open."""
-    if ET.fromstring(text).tag != "mavlink":  # noqa: S314 - whoever builds wrote it
-        raise ValueError("its root is no `mavlink`")
 
 
 def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import json
 from dataclasses import replace
+from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
 
 TIME_MIN, TIME_MAX = 1e-12, 1e12
+SECONDS_MAX = 10**12
 DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
 KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
@@ -139,8 +141,12 @@ class _MappingReader:
         if frame not in WORLD:
             problems.add(f"`frame` of the mapping is {' or '.join(WORLD)}, not {frame!r}")
             frame = "ENU"
-        time, unit = self._time(problems.table(given, "time", "the mapping"))
-        where = {k: str(v) for k, v in problems.table(given, "where", "the mapping").items()}
+        of_time = problems.table(given, "time", "the mapping")
+        time, unit = self._time(of_time)
+        since, until = (self._seconds(of_time, key) for key in ("since", "until"))
+        if since is not None and until is not None and since > until:
+            problems.add("`since` of `time` lies after `until`")
+        where = problems.texts(given, "where", "the mapping")
         topics = problems.table(given, "topics", "the mapping")
         if not topics and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
@@ -148,7 +154,7 @@ class _MappingReader:
         types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
         maps = [self._topic(name, given_, frame, types) for name, given_ in topics.items()]
         mapped = tuple(_delayed(m, link) for of_topic in maps for m in of_topic)
-        return LogMap(mapped, time, unit, where, link)
+        return LogMap(mapped, time, unit, where, link, since, until)
 
     def _topic(
         self, name: str, given: object, frame: str, types: KnownTypes | None
@@ -200,7 +206,7 @@ class _MappingReader:
             return None
 
     def _time(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
-        self.problems.only(given, ("from", "unit", "scale"), "`time`")
+        self.problems.only(given, ("from", "unit", "scale", "since", "until"), "`time`")
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.add(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
@@ -210,3 +216,17 @@ class _MappingReader:
             self.problems.add(f"`scale` of `time` is no number from 1e-12 to 1e12: {shown}")
             scale = 1
         return self.problems.name(given, "from", "`time`"), Fraction(repr(scale)) * TIME_UNITS[unit]
+
+    def _seconds(self, given: Mapping[str, Any], key: str) -> int | None:
+        """A time of a log, a number of seconds or its text, in ns; None where there is none."""
+        if key not in given:
+            return None
+        try:
+            seconds = Decimal(str(given[key]))
+            if isinstance(given[key], bool) or not abs(seconds) < SECONDS_MAX:
+                raise InvalidOperation  # noqa: TRY301 - NaN, too, is none
+        except InvalidOperation:
+            shown = str(given[key])[:40]
+            self.problems.add(f"`{key}` of `time` is no number of seconds: {shown}")
+            return None
+        return round(Fraction(seconds) * 10**9)

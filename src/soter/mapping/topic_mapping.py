@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 GAP_NS = 10**9
 """Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
 
+LOG_TIME, PUBLISH_TIME = "log_time", "publish_time"
+"""Times that a log has of every message, as MCAP calls them."""
+
 LeafPath = tuple[str, ...]
 
 
@@ -92,7 +95,8 @@ class TopicMap:
     `delay_ns` before arrival, the longest that a message may have been on its way. `frame_id`:
     messages whose `header.frame_id` differs are not taken. `publisher`: the node that may publish,
     as written. `constants`: fields of a message that goes out, by path. `qos`: of a topic of DDS;
-    others have none. `promise`: of one of several sources of the topic.
+    others have none. `promise`: of one of several sources of the topic. `where`: rows of a log are
+    its own where these columns, or fields, hold these texts.
     """
 
     topic: Topic
@@ -108,6 +112,7 @@ class TopicMap:
     constants: Mapping[str, object] = field(default_factory=dict)
     qos: QualityOfService = QualityOfService()
     promise: SourcePromise | None = None
+    where: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def names(self) -> list[str]:
@@ -134,9 +139,9 @@ class LogMap:
     """A mapping that fits its system.
 
     `topics`: several that follow each other and are one topic are its sources, the preferred first.
-    `time`: the column of time, None for the log time of an MCAP; `time_ns`: its unit. `where`:
-    rows count where these columns hold these texts. `mavlink`: the link to an
-    autopilot.
+    `time`: the column or field of time, LOG_TIME or PUBLISH_TIME, None for the log time of
+    messages; `time_ns`: its unit. `where`: rows count where these columns hold these texts, and
+    from `since_ns` to `until_ns` of the log's own time. `mavlink`: the link to an autopilot.
     """
 
     topics: tuple[TopicMap, ...]
@@ -144,3 +149,10 @@ class LogMap:
     time_ns: Fraction = Fraction(10**9)
     where: dict[str, str] = field(default_factory=dict)
     mavlink: MavlinkLink | None = None
+    since_ns: int | None = None
+    until_ns: int | None = None
+
+    def counts(self, time_ns: int) -> bool:
+        """Whether what was logged at a time is a part of what was chosen."""
+        early = self.since_ns is not None and time_ns < self.since_ns
+        return not early and (self.until_ns is None or time_ns <= self.until_ns)

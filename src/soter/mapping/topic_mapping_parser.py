@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 TOPIC_KEYS = (
     "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",
-    "qos",
+    "qos", "where",
 )  # fmt: skip
 SOURCE_KEYS = (
     *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
@@ -132,6 +132,7 @@ class TopicReader:
             publisher=problems.name(table, "publisher", where),
             constants=self._constants(problems.table(table, "set", where), message),
             qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
+            where=problems.texts(table, "where", where),
         )
         if "frame" in table and not leaf_reader.vectors:
             problems.add(

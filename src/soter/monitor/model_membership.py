@@ -61,8 +61,26 @@ class Judgement:
     state: str = ""
     """The state that needed it."""
     alarm_states: dict[str, int] = field(default_factory=dict)
+    judged_ns: int = 0
+    """How long the steps were, all together."""
+    length_ns: int = 0
+    """How long the record is."""
+    empty_runs: int = 0
+    """Of several runs those without a step that was judged."""
+    notes: tuple[str, ...] = ()
+    """What of a log was not used, and stamps of another clock."""
     span: Span | None = field(default=None, compare=False, repr=False)
     """Where the module is declared."""
+
+    @property
+    def judged(self) -> bool:
+        """Whether a step was, in every run: else there is no verdict."""
+        return self.steps > 0 and not self.empty_runs
+
+    @property
+    def judged_share(self) -> float:
+        """Of the record, by time."""
+        return min(1.0, self.judged_ns / max(1, self.length_ns))
 
 
 class _Models:
@@ -246,6 +264,8 @@ def judge(
     models = _Models(problem)
     source = "estimates" if estimates else "truth"
     judgement = Judgement(module.name, source, span=module.symbol.span)
+    if record.times_ns:
+        judgement.length_ns = record.times_ns[-1] - record.times_ns[0]
     if estimates:
         _on_estimates(reader, models, record, judgement, truths)
     else:
@@ -275,6 +295,7 @@ def _on_truth(
             before, same, u, then = last
             if same == parameter:
                 step = models.around(same, now - then, before, u)
+                judgement.judged_ns += now - then
                 _compare(step, before, u, x, judgement=judgement, record=record, k=k, names=names)
         last = x, parameter, reader.commands(record.topics[k]), now
 
@@ -341,7 +362,7 @@ def _on_estimates(
     names = [leaf.name for leaf in reader.states]
     box: tuple[Floats, Floats] | None = None
     same: tuple[int, ...] = ()
-    u, then = np.zeros(0), 0
+    u, then, seen_ns = np.zeros(0), 0, 0
     stamp: object = None
     for k, now in enumerate(record.times_ns):
         y = reader.estimate(record.topics[k])
@@ -354,7 +375,8 @@ def _on_estimates(
         u, then = reader.commands(record.topics[k]), now
         if stamp is not None and np.array_equal(y, stamp) and parameter == same:  # type: ignore[arg-type]
             continue  # nothing new was published
-        stamp = y
+        stamp, apart = y, now - seen_ns
+        seen_ns = now
         model = models.model(parameter)
         sight = sight_of(models.problem, model)
         x = sight.inverse @ (y - model.offset)
@@ -364,6 +386,7 @@ def _on_estimates(
             box, same = seen, parameter
             continue
         judgement.steps += 1
+        judgement.judged_ns += apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [names[i] for i in np.flatnonzero(low > high)]
         if wrong:

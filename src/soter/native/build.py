@@ -16,6 +16,8 @@ from soter.native.includes import included
 from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.codegen.unit import Unit
 
 RUNTIME = SOTER / "runtime"
@@ -51,6 +53,11 @@ def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
     return (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS)
 
 
+def without_link(flags: Iterable[str]) -> tuple[str, ...]:
+    """Those that a compiler takes which does not link."""
+    return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
+
+
 def library(
     unit: Unit,
     optimise: str = "-O2",
@@ -69,8 +76,7 @@ def library(
 
     def make(work: Path) -> None:
         sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
-        wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
-        runtime = objects(sources, (*wanted, *include_flags(*engine)))
+        runtime = objects(sources, (*without_link(flags), *include_flags(*engine)))
         compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
 
     return cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
@@ -91,7 +97,7 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
     return tuple(folder / name for name in names)
 
 
-def _checked(work: Path, number: int, source: str, prefix: str) -> str:
+def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
     """An extern's C, followed by the header: a wrong signature is an error, not undefined.
 
     The header comes last, so that the file may still ask the system for its features first.
@@ -121,25 +127,22 @@ def include_flags(*files: Path) -> tuple[str, ...]:
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words.
 
-    `runtime`: sources or objects of the kernel and of what else is needed.
+    `runtime`: sources or objects of the kernel and of what else is needed. The person's C comes
+    first: a mistake in it is said before a large program is compiled for minutes.
     """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
     built = work / LIBRARY
-    externs = [_checked(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
-    command = [
-        *find().command,
-        *flags,
-        f"-I{RUNTIME}",
-        f"-I{work}",
-        "-o",
-        str(built),
-        str(source),
-        *externs,
-        *runtime,
-        "-lm",
-    ]
+    compiler = [*find().command, *flags, f"-I{RUNTIME}", f"-I{work}"]
     message = "the C of this program does not compile"
-    compile_with(command, work, message, _helps(unit) if externs else (DEFECT,), TELLING)
+    helps = _helps(unit) if unit.c_sources else (DEFECT,)
+    externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    for i, extern in enumerate(externs):
+        if extern.endswith(".c"):
+            externs[i] = f"{work / f'extern_{i + 1}.o'}"
+            command = [*without_link(compiler), "-c", extern, "-o", externs[i]]
+            compile_with(command, work, message, helps, TELLING)
+    command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
+    compile_with(command, work, message, helps, TELLING)
     return built

@@ -22,7 +22,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
 LIMIT = "SOTER_CACHE_MB"
 LIMIT_MB = 2048
@@ -109,6 +109,21 @@ def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path]
         message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
     return entry
+
+
+@contextlib.contextmanager
+def making() -> Iterator[Path]:
+    """A folder of the cache for a moment; SoterError X006 where there can be none."""
+    folder = cache_dir()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_a_folder_of_others(folder)
+        work = tempfile.TemporaryDirectory(dir=folder, prefix=MAKING)
+    except OSError as error:
+        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
+        raise _unusable(message) from error
+    with work as name:
+        yield Path(name)
 
 
 def _entry(folder: Path, name: str, content: str) -> Path:

@@ -11,7 +11,6 @@ import importlib.util
 import os
 import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler_process import run_compiler
+from soter.native.python_child import python_module
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
@@ -75,9 +75,9 @@ def _zig() -> Compiler | None:
     if importlib.util.find_spec("ziglang") is None:
         return None
     version = subprocess.run(
-        [sys.executable, "-m", "ziglang", "version"], capture_output=True, text=True, check=False
+        python_module("ziglang", "version"), capture_output=True, text=True, check=False
     ).stdout.strip()
-    return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig {version}")
+    return Compiler(tuple(python_module("ziglang", "cc")), f"zig {version}")
 
 
 @lru_cache(maxsize=1)

@@ -83,7 +83,12 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
     if isinstance(layer, Clipped):
         low, high = layer.low.astype(np.float64), layer.high.astype(np.float64)
         ends = np.clip(x.low, low, high), np.clip(x.high, low, high)
-        return _Numbers(ends[0], ends[1], x.single, x.double)
+        finite = np.isfinite(low), np.isfinite(high)
+        moved = [
+            np.where(f, np.abs(a - b), 0.0)
+            for f, a, b in zip(finite, layer.decimals, (low, high), strict=True)
+        ]
+        return _Numbers(ends[0], ends[1], x.single, x.double + np.maximum(*moved))
     return _standardised(layer, x) if isinstance(layer, Standardised) else _elementwise(layer, x)
 
 

@@ -64,6 +64,12 @@ class Clipped:
     low: Floats
     high: Floats
 
+    @property
+    def decimals(self) -> tuple[Doubles, Doubles]:
+        """The bounds as people write them, (n,): 0.1 where float32 has 0.100000001."""
+        low, high = ([float(str(x)) for x in bound] for bound in (self.low, self.high))
+        return np.array(low), np.array(high)
+
 
 Layer = Standardised | Affine | Elementwise | Relu | Tanh | Clipped
 

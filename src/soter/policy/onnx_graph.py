@@ -21,8 +21,9 @@ from soter.policy.network import (
     Tanh,
     problem_of,
 )
+from soter.policy.onnx_content import onnx_content, parsed
 from soter.policy.onnx_session import NAMES
-from soter.policy.policy_errors import bad_policy, content_of, missing_package
+from soter.policy.policy_errors import bad_policy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -48,7 +49,8 @@ class _UnreadError(Exception):
 
 def read_onnx(path: Path) -> Policy:
     """The policy of a file; SoterError X003, X014, D007 without the package `onnx`."""
-    model = _parsed(path, content_of(path))
+    content = onnx_content(path)
+    model = parsed(path, content.data)
     graph = model.graph
     try:
         given, answered, network = _network(graph)
@@ -64,6 +66,9 @@ def read_onnx(path: Path) -> Policy:
         "answer": f"`{answered}`, "
         + ("the index of the largest" if network.choice else f"{network.outputs} numbers"),
     }
+    if content.beside:
+        told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
+        facts["weights"] = "in " + "; ".join(told)
     others = [x.name for x in graph.output if x.name != answered]
     assumed = (f"of its outputs `{answered}` is the answer",) if others else ()
     return Policy(str(path), network, facts, assumed)
@@ -88,24 +93,10 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     return given[0].name, answered, Network(size, tuple(layers), choice)
 
 
-def _parsed(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
-    try:
-        import onnx  # noqa: PLC0415 - an extra
-        from google.protobuf.message import DecodeError  # noqa: PLC0415 - a part of it
-    except ImportError as error:
-        raise missing_package("onnx", "what an ONNX file says") from error
-    try:
-        return onnx.load_model_from_string(data)
-    except DecodeError as error:
-        raise bad_policy(path, "it is no ONNX file") from error
-
-
 def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
-    """A constant; nothing is read from other files."""
+    """A constant, whose numbers are in the file (`onnx_content`)."""
     from onnx import TensorProto, numpy_helper  # noqa: PLC0415 - as above
 
-    if tensor.data_location == TensorProto.EXTERNAL or tensor.external_data:
-        raise _UnreadError(f"its constant `{tensor.name}` lies in another file")
     if tensor.data_type not in {TensorProto.FLOAT, TensorProto.INT64}:
         kind = TensorProto.DataType.Name(tensor.data_type)
         raise _UnreadError(f"its constant `{tensor.name}` is a {kind}: float32 is read")

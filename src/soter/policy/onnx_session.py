@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.policy.policy_errors import bad_policy, content_of, missing_package
+from soter.policy.onnx_content import onnx_content
+from soter.policy.policy_errors import bad_policy, missing_package
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -31,7 +32,7 @@ class OnnxSession:
     """
 
     def __init__(self, path: Path) -> None:
-        data = content_of(path)
+        data = onnx_content(path).data
         runtime = _onnxruntime()
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1

@@ -1,6 +1,6 @@
 """What is wrong with the file of a policy, as a diagnostic.
 
-Purpose: X014 and D007 with the file's name in them.
+Purpose: X003, X014 and D007 with the file's name in them.
 Non-goals: where in a program the file is named; `simulate/externs/` adds that.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.language.load.bounded_read import ReadError, read_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -32,11 +32,9 @@ def missing_package(package: str, purpose: str) -> SoterError:
 
 
 def content_of(path: Path) -> bytes:
-    """The bytes of a policy's file; SoterError X003 where it cannot be read, X014 if too large."""
+    """The bytes of a policy's file, an ordinary one; SoterError X003 where it cannot be read."""
     try:
-        if path.stat().st_size > FILE_MAX:
-            raise bad_policy(path, f"it is larger than {FILE_MAX >> 20} MiB")
-        return path.read_bytes()
-    except OSError as error:
-        message = f"cannot read the policy `{path}`: {reason(error)}"
+        return read_bytes(path, FILE_MAX)
+    except ReadError as error:
+        message = f"cannot read the policy `{path}`: {error}"
         raise SoterError((Diagnostic("X003", message),)) from error

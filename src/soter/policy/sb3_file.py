@@ -15,6 +15,7 @@ import io
 import json
 import zipfile
 from dataclasses import replace
+from functools import cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -32,17 +33,17 @@ from soter.policy.network import (
     problem_of,
 )
 from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
-from soter.policy.policy_errors import bad_policy, content_of
+from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
 
     from soter.policy.network import Doubles, Floats
 
-PART_MAX = 64 * 2**20
+PART_MAX, PARTS_MAX = 64 * 2**20, 10_000
 """Bytes of a part of the file, unpacked."""
 ACTIVATIONS: dict[str, Layer] = {
     "torch.nn.modules.activation.Tanh": Tanh(),
@@ -133,10 +134,15 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
 
 def _opened(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
     """The parts of a zip; X014 in the words of `otherwise` where Python reads none."""
+    if data.count(b"PK\1\2") > PARTS_MAX:
+        raise bad_policy(path, f"it has more than {PARTS_MAX:,} parts")
     try:
-        return zipfile.ZipFile(io.BytesIO(data))
+        opened = zipfile.ZipFile(io.BytesIO(data))
     except Exception as error:
         raise bad_policy(path, otherwise) from error
+    if sum(part.file_size for part in opened.infolist()) > FILE_MAX:
+        raise bad_policy(path, f"unpacked it is larger than {FILE_MAX >> 20} MiB")
+    return opened
 
 
 def _part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
@@ -165,8 +171,9 @@ def _settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
 
 def _version(parts: zipfile.ZipFile) -> str:
     try:
-        text = parts.read("_stable_baselines3_version")[:20].decode("ascii", "replace").strip()
-    except KeyError:
+        with parts.open("_stable_baselines3_version") as stream:
+            text = stream.read(20).decode("ascii", "replace").strip()
+    except Exception:  # noqa: BLE001 - it is missing or damaged, and only told
         return "of an unknown version"
     return text if text.replace(".", "").isalnum() else "of an unknown version"
 
@@ -291,7 +298,7 @@ def _ending(path: Path, kind: _Kind, actions: Made, *, choice: bool) -> list[Lay
         raise bad_policy(path, "its actions have no bounds, which it scales its answer to")
     half = np.float32(0.5) * (high - low)  # exact: a power of two
     scaled: list[Layer] = [Elementwise("+", np.ones_like(low)), Elementwise("*", half)]
-    return [Tanh(), *scaled, Elementwise("+", low)]
+    return [Tanh(), *scaled, Elementwise("+", low), Clipped(low, high)]
 
 
 def _whole(space: Made, which: str, default: int = -1) -> int:
@@ -335,14 +342,15 @@ def _tensors(path: Path, data: bytes) -> dict[str, Floats]:
         state = read_pickle(_part(path, parts, names[0]))
         if not isinstance(state, Made):
             raise bad_policy(path, "its part `policy.pth` holds no tensors by name")
+        part = cache(partial(_part, path, parts))  # of one part there may be many tensors
         return {
-            name: _tensor(path, parts, folder, made)
+            name: _tensor(path, part, folder, made)
             for name, made in state.items.items()
             if isinstance(made, Made)
         }
 
 
-def _tensor(path: Path, parts: zipfile.ZipFile, folder: str, made: Made) -> Floats:
+def _tensor(path: Path, part: Callable[[str], bytes], folder: str, made: Made) -> Floats:
     """The numbers of one tensor."""
     try:
         storage, offset, size, stride = made.arguments[:4]
@@ -351,7 +359,7 @@ def _tensor(path: Path, parts: zipfile.ZipFile, folder: str, made: Made) -> Floa
         text = kind.text if isinstance(kind, Name) else ""
         if made.name != "torch._utils._rebuild_tensor_v2" or text != "torch.FloatStorage":
             raise bad_policy(path, f"a tensor is a `{(text or made.name)[:60]}`: float32 is read")
-        flat = np.frombuffer(_part(path, parts, f"{folder}data/{key}"), "<f4")
+        flat = np.frombuffer(part(f"{folder}data/{key}"), "<f4")
         count = int(np.prod(size, dtype=np.int64))
         whole = [int(np.prod(size[i + 1 :], dtype=np.int64)) for i in range(len(size))]
         if list(stride) != whole or offset < 0 or offset + count > flat.size:

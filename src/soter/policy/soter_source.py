@@ -1,7 +1,8 @@
 """A small network as Soter: constants and a function.
 
 Purpose: a file that a program imports, so that what it answers is the same bits in interpreter and
-C: float64, sums in the order in which they stand, weights exactly those of the file.
+C: float64, sums in the order in which they stand, weights exactly those of the file; bounds of
+clips as people write them, so that what is clipped lies in a topic's set with the same bounds.
 Non-goals: what float32 would have answered (`error_bound.py` says how far it can be).
 """
 
@@ -95,7 +96,7 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
         constants = _table(f"{letter}_OPERAND", layer.operand)
         told = f"{at}[i] {layer.operation} {letter}_OPERAND[i]"
     elif isinstance(layer, Clipped):
-        low, high = (_finite(a) for a in (layer.low, layer.high))
+        low, high = (_finite(a) for a in layer.decimals)
         constants = [*_table(f"{letter}_LOW", low), *_table(f"{letter}_HIGH", high)]
         told = f"min(max({at}[i], {letter}_LOW[i]), {letter}_HIGH[i])"
     else:
@@ -107,11 +108,9 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
     ]
 
 
-def _finite(array: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+def _finite(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Bounds that are none as the largest float64: no sum that is finite is beyond it."""
-    return np.nan_to_num(
-        array.astype(np.float64), posinf=sys.float_info.max, neginf=-sys.float_info.max
-    )
+    return np.nan_to_num(array, posinf=sys.float_info.max, neginf=-sys.float_info.max)
 
 
 def _number(value: float) -> str:

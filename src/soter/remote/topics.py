@@ -17,7 +17,9 @@ from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import likely
+from soter.language.load.bounded_read import read_json_text
 from soter.language.model.python_values import ValueShapeError, from_python, to_python
+from soter.language.model.system import Bound
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -142,7 +144,7 @@ def topics_of(program: str | Path | Declared, system: str | None) -> Topics:
 
 def _of_package(path: Path, system: str | None) -> Topics:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_json_text(path))
     except OSError as error:
         message = f"cannot read `{path}`: {reason(error)}; `soter build --target posix` writes it"
         raise SoterError((Diagnostic("X013", message),)) from error
@@ -265,7 +267,8 @@ class _Fitting:
             raise _refused(f"{path}: {given} is no finite number")
         if ends is None or ends[0] <= given <= ends[1]:
             return given
-        if self._clip:
+        low, high = Bound(*ends).singles if isinstance(t, FloatType) else ends
+        if self._clip or low <= given <= high:
             return type(given)(min(max(given, ends[0]), ends[1]))
         raise _refused(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")
 

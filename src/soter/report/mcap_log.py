@@ -18,6 +18,7 @@ import heapq
 import json
 import math
 import struct
+import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -284,7 +285,13 @@ def _begun(
         raise LogUnavailableError(
             "logs are written with mcap, which is not installed: pip install 'soter[log]'"
         ) from error
-    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+    writer = Writer(
+        stream,
+        chunk_size=CHUNK_BYTES,
+        compression=CompressionType.ZSTD,
+        enable_crcs=True,
+        enable_data_crcs=True,
+    )
     writer.start(profile=PROFILE, library=f"soter {header.tool_version}")
     writer.add_metadata(METADATA_NAME, header.entries())
     ids: list[int] = []
@@ -317,9 +324,19 @@ def mended(path: Path) -> bool:
         name, key, value = (_text(s) for s in (END_NAME, "ended", "abnormally: the process died"))
         entries = struct.pack("<I", len(key) + len(value)) + key + value
         stream.write(RECORD.pack(METADATA, len(name) + len(entries)) + name + entries)
-        stream.write(RECORD.pack(DATA_END, 4) + bytes(4))
-        stream.write(RECORD.pack(FOOTER, 20) + bytes(20) + MAGIC)
+        stream.write(RECORD.pack(DATA_END, 4) + struct.pack("<I", crc_between(stream)))
+        footer = RECORD.pack(FOOTER, 20) + bytes(16)
+        stream.write(footer + struct.pack("<I", zlib.crc32(footer)) + MAGIC)
     return True
+
+
+def crc_between(stream: IO[bytes], begin: int = 0, end: int | None = None) -> int:
+    """The checksum of a part of a file, read from `begin` up to `end` or to where it ends."""
+    stream.seek(begin)
+    crc, left = 0, None if end is None else end - begin
+    while part := stream.read(CHUNK_BYTES if left is None else min(CHUNK_BYTES, left)):
+        crc, left = zlib.crc32(part, crc), None if left is None else left - len(part)
+    return crc
 
 
 def _text(text: str) -> bytes:

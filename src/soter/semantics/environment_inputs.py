@@ -20,6 +20,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
+from soter.semantics.publication_gate import to_ends
 from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
@@ -41,8 +42,8 @@ def refusal(
 
     EXTERN: the topic is not the environment's, the value is none of its type, or the time is before
     the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set. `within`: time has moved to an instant that is not over, though
-    FN may be empty: nobody is released when only an input is drawn.
+    value is not in the topic's set (`to_ends`). `within`: time has moved to an instant that is not
+    over, though FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
@@ -51,7 +52,7 @@ def refusal(
     if not c.stamps[topic] <= time_ns <= latest or not is_value(topics[topic].type, value):
         return FaultKind.EXTERN
     try:
-        machine.checks[topic](value, topics[topic].symbol.span)
+        machine.checks[topic](to_ends(topics[topic], value), topics[topic].symbol.span)
     except StepFault as fault:
         return fault.kind
     return None

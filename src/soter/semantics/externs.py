@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.python_values import inputs_to_python, outputs_from_python
 from soter.report.printable_text import visible
+from soter.semantics.publication_gate import to_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -113,7 +114,8 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
         answers = converted(shapes, step(inputs))
         for (index, burst), value in zip(writes, answers, strict=True):
             if value is not None and not (burst and not value):  # no message is no publication
-                env.published[index] = value
+                given = [to_ends(topics[index], m) for m in (value if burst else (value,))]
+                env.published[index] = tuple(given) if burst else given[0]
 
     return _guarded(component, run)
 

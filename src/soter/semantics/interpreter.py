@@ -27,7 +27,7 @@ from soter.semantics.observer_records import (
 )
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
-from soter.semantics.publication_gate import publish
+from soter.semantics.publication_gate import publish, to_ends
 from soter.semantics.random.faults import in_any_order
 from soter.semantics.random.random_draws import chosen_value
 from soter.semantics.rules import (
@@ -167,7 +167,8 @@ class Interpreter:
         refused = refusal(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
             return c, refused
-        return environment_input(self.machine, c, topic, value, time_ns), None
+        taken = to_ends(self.system.topics[topic], value)
+        return environment_input(self.machine, c, topic, taken, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
         """The inputs of the virtual-time driver at ct: the seeded draws of `input t every d`."""

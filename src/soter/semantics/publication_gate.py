@@ -97,6 +97,32 @@ def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Val
     return published if topic in bursts else (published,)
 
 
+def to_ends(topic: Topic, value: Value) -> Value:
+    """What comes from outside: the float32 of an end of the topic's set is that end."""
+    if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
+        return value
+    return _to_ends(topic.type, iter(topic.bounds), value)
+
+
+def _to_ends(t: Type, bounds: Iterator[Bound | None], value: Value) -> Value:
+    """The same of one type; takes as many bounds as the type has leaves."""
+    if isinstance(t, RecordType):
+        fields = zip(t.fields, value, strict=True)
+        return tuple([_to_ends(f, bounds, part) for (_, f), part in fields])
+    if isinstance(t, ArrayType):
+        return tuple([_to_ends(t.element, bounds, part) for part in value])
+    if isinstance(t, ListType):
+        own = [next(bounds) for _ in leaves(t.element)]
+        return tuple([_to_ends(t.element, iter(own), part) for part in value])
+    bound = next(bounds)
+    if bound is None or not isinstance(t, FloatType):
+        return value
+    low, high = bound.singles
+    if low <= value <= bound.low:
+        return bound.low
+    return bound.high if bound.high <= value <= high else value
+
+
 # ---------------------------------------------------------------- publishing, latching, counting
 
 

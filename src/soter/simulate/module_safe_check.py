@@ -62,7 +62,7 @@ class JudgedUnit(UnitBuilder):
         every = {m.index: _lowered(table, system, m) for m in system.modules}
         whole = replace(core, functions=tuple(table.by_name.values()))
         super().__init__(system, whole, None)
-        extern = _extern_functions(whole)
+        extern = extern_functions(whole)
         self.judged = {m: p for m, p in every.items() if not _calls(p) & extern}
 
     def more(self) -> list[c.CTop]:
@@ -91,7 +91,7 @@ def _calls(p: Predicate) -> set[str]:
     return {x.function for x in walk((*p.body, p.value)) if isinstance(x, Call)}
 
 
-def _extern_functions(core: CoreSystem) -> set[str]:
+def extern_functions(core: CoreSystem) -> set[str]:
     """Functions that are extern, or call one; those that are called come first."""
     extern: set[str] = set()
     for f in core.functions:

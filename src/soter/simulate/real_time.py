@@ -27,6 +27,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.binding_text import is_in_python
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
+from soter.native.python_child import python_module
 from soter.simulate.externs.extern_server import write_spec
 from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
@@ -34,6 +35,7 @@ from soter.simulate.run_observer import Observer
 from soter.simulate.trace_selection import TraceParts, names_of, wanted
 from soter.targets.posix import nodes_of, posix_package
 from soter.workers.child_process import end_with
+from soter.workers.process_tree import let_go_on
 
 if TYPE_CHECKING:
     from soter.core.core import CoreSystem
@@ -188,7 +190,7 @@ def _driven(
         if is_in_python(x.binding):
             spec = work / f"worker_{x.index}"
             write_spec(bindings.system, x, seed, spec)
-            words = [sys.executable, "-m", "soter.simulate.externs.extern_server", str(spec)]
+            words = python_module("soter.simulate.externs.extern_server", str(spec))
             command += ["--worker", f"{x.name}=exec {shlex.join(words)}"]
     with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
         process = subprocess.Popen(
@@ -200,6 +202,7 @@ def _driven(
         while process.poll() is None:
             if stop.wanted:
                 process.terminate()
+            let_go_on(process.pid)
             time.sleep(LOOK_S)
         out.seek(0)
         said.seek(0)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.build import library
+from soter.native.extern_memory import another_copy, kept_by
 from soter.native.library import Library, RunStatus
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
@@ -35,6 +36,7 @@ from soter.simulate.trace_selection import TraceParts, names_of, wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+    from pathlib import Path
 
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
@@ -63,6 +65,13 @@ BATCH = 64
 """States of the interpreter that are observed together."""
 
 
+class LoadedProgram(NamedTuple):
+    """The compiled system, and what judges its modules' `safe`."""
+
+    library: Library
+    judge: SafeJudge
+
+
 class NativeProgram:
     """A compiled system, ready to run any number of times.
 
@@ -84,9 +93,21 @@ class NativeProgram:
         self.dtype = state_dtype(system, self.layout)
         own = "-O2" if len(self.unit.source) < LARGE_C else "-Og"
         path = library(self.unit, optimise or own, extra)
-        owners = linked_symbols(system, core)
-        self.library = Library(path, self.unit.prefix, self.layout.size, owners)
-        self.judge = CompiledSafe(self.library, path, builder)
+        self._builder, self._path = builder, path
+        self._owners = linked_symbols(system, core)
+        self._shared = self._of(path)
+        self._keeps = bool(kept_by(self.unit))
+
+    def loaded(self) -> LoadedProgram:
+        """What is run; C that may keep something from call to call begins with nothing kept."""
+        if not self._keeps:
+            return self._shared
+        with another_copy(self._path) as path:
+            return self._of(path)
+
+    def _of(self, path: Path) -> LoadedProgram:
+        found = Library(path, self.unit.prefix, self.layout.size, self._owners)
+        return LoadedProgram(found, CompiledSafe(found, path, self._builder))
 
     def __repr__(self) -> str:
         return f"<soter.NativeProgram {self.system.name}>"
@@ -114,12 +135,12 @@ class NativeProgram:
         require_plain()
         bound = bound or {}
         _reset_all(bound, seed)
-        observer = None
+        observer, loaded = None, self.loaded()
         if wanted(keep_trace) or hash_trace or observed:
             observer = _observer(
-                self.system, self.layout, self.dtype, keep_trace, hash_trace, also, self.judge
+                self.system, self.layout, self.dtype, keep_trace, hash_trace, also, loaded.judge
             )
-        drive = _Drive(self, bound, seed, observer, stop or StopRequest())
+        drive = _Drive(self, loaded.library, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
         finished = drive.to(until_ns, progress, pacer)
         wall = time.perf_counter() - began
@@ -157,13 +178,14 @@ class _Drive:
     def __init__(
         self,
         program: NativeProgram,
+        library: Library,
         bound: Mapping[str, object],
         seed: int,
         observer: Observer | None,
         stop: StopRequest,
     ) -> None:
-        self.library = program.library
-        self.answers = ExternAnswers(program.system, program.layout, program.library, bound)
+        self.library = library
+        self.answers = ExternAnswers(program.system, program.layout, library, bound)
         self.state: Bytes = self.library.new_state(seed)
         self.observer = observer
         self.stop = stop

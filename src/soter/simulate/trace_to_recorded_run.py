@@ -17,6 +17,7 @@ from soter.language.load.bounded_read import opened
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import RecordType
 from soter.report.mcap_log import METADATA_NAME
+from soter.report.mcap_records import DamagedMcapError, McapRecords
 from soter.report.recorded_values import RecordedRun
 from soter.simulate.outputs.run_fields import truth_value
 from soter.simulate.outputs.to_log import require_log_package
@@ -83,34 +84,45 @@ def _keep(record: RecordedRun, topics: dict[str, Any], states: dict[str, Any]) -
 
 
 @contextmanager
-def _reader(path: Path) -> Iterator[Any]:
-    """A reader of the package `mcap`; what cannot be opened or read is SoterError D006."""
-    from mcap.reader import make_reader  # noqa: PLC0415 - an extra
-
+def _records(path: Path) -> Iterator[McapRecords]:
+    """The records of a log; what cannot be opened or read, or is damaged, is SoterError D006."""
     try:
         with opened(path) as file:
-            yield make_reader(file)
+            yield McapRecords(file)
     except OSError as error:
         raise unreadable(path, reason(error)) from error
     except SoterError:
         raise
+    except DamagedMcapError as error:
+        text = f"cannot read the log `{path}`: {error}"
+        raise SoterError((Diagnostic("D006", text, helps=(error.remedy,)),)) from error
     except Exception as error:
         raise unreadable(path, damaged(error)) from error
 
 
 def metadata(path: Path) -> dict[str, str]:
     """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
-    with _reader(path) as reader:
-        for record in reader.iter_metadata():
-            if record.name == METADATA_NAME:
-                return dict(record.metadata)
-    return {}
+    with _records(path) as records:
+        for _ in records.messages():
+            if METADATA_NAME in records.metadata:
+                break
+        return records.metadata.get(METADATA_NAME, {})
 
 
 def messages(path: Path) -> Iterator[tuple[int, str, Any]]:
-    """Time (ns), channel and message of all that is in a log, in order; SoterError D006."""
-    with _reader(path) as reader:
-        for _, channel, message in reader.iter_messages():
+    """Time (ns), channel and message of all that is in a log, in order; SoterError D006.
+
+    What its checksums and counts say is compared with what stands there.
+    """
+    last_ns = 0
+    with _records(path) as records:
+        for channel, _, message in records.messages():
+            if message.log_time < last_ns:
+                told = (
+                    f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
+                )
+                raise unreadable(path, f"{told} at a message of `{channel.topic}`")
+            last_ns = message.log_time
             yield message.log_time, channel.topic, json.loads(message.data)
 
 

@@ -43,6 +43,10 @@ def bridged_topics(
             problems.append(f"{named} has no `channel`: which topic of {middleware} is it?")
         elif not name.fullmatch(m.channel):
             problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")
+        if m.where:
+            problems.append(
+                f"`where` of {named} chooses rows of a log: a bridge takes all messages"
+            )
         if m.message is None:
             problems.append(f"{named} has no `type`: which messages are its?")
         elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":

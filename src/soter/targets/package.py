@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
@@ -95,12 +95,10 @@ class Package:
         """Whether a file stands there that is neither as soter wrote it nor as it would now."""
         path = self.folder / file.path
         try:
-            if path.stat().st_size > BYTES_MAX:
-                return True
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        except FileNotFoundError:
-            return False
-        except OSError as error:
+            digest = hashlib.sha256(read_bytes(path, BYTES_MAX)).hexdigest()
+        except ReadError as error:
+            if error.missing or path.is_file():
+                return not error.missing
             raise _cannot_write(path, error) from error
         return digest not in {self._before().get(file.path), _digest(file.text)}
 

@@ -11,6 +11,7 @@ import ctypes
 import os
 import resource
 import signal
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -19,6 +20,17 @@ PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 CLOSED_TO = 65_536
 PATIENCE_S = 5.0
 """How long what is ended may take, s."""
+
+
+def let_go_on(child: int) -> None:
+    """Have a child that was stopped go on: code of an extern may send its parents signals.
+
+    Where a person stops the command (Ctrl-Z), whoever would ask here stands still as well.
+    """
+    if sys.platform != "win32":
+        with suppress(ChildProcessError, ProcessLookupError):
+            if os.waitid(os.P_PID, child, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None:
+                os.kill(child, signal.SIGCONT)
 
 
 def adopt_orphans() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import sys
 from importlib.util import find_spec
@@ -325,3 +326,45 @@ def test_ray_flies_the_same_and_survives_workers_that_die(tmp_path: Path, here: 
     assert (tmp_path / "extern" / "flights.csv").read_bytes() == (
         tmp_path / "local" / "flights.csv"
     ).read_bytes()
+
+
+DYING_RAY = """import os
+from types import SimpleNamespace
+class exceptions:
+    class RayError(Exception): pass
+    class RayTaskError(RayError): pass
+def is_initialized(): return False
+def init(**_): pass
+def shutdown(): pass
+def cluster_resources(): return {"CPU": 1.0}
+def put(value): return value
+def remote(**_): return lambda task: SimpleNamespace(remote=lambda *given: None)
+def get(asked):
+    os.write(2, b"the head is gone")
+    os._exit(1)  # as Ray's C++ does when it has been looking for its head for a minute
+def cancel(*_, **__): pass
+"""
+CRASHING = PILOT.replace("access(MARK, F_OK) != 0", "x > 0.0")
+
+
+@pytest.mark.parametrize("workers", ["ray", "1"])
+def test_the_end_of_the_process_that_flies_is_told(tmp_path: Path, workers: str) -> None:
+    """Ray whose head is gone ends it, and so does C that crashes."""
+    (tmp_path / "ray.py").write_text(DYING_RAY)
+    (tmp_path / "s.soter").write_text(EXTERN)
+    for name, text in (("code/pilot.c", CRASHING), ("more/factor.h", HEADER.format(mark="none"))):
+        (tmp_path / name).parent.mkdir()
+        (tmp_path / name).write_text(text)
+    words = ("campaign", "s.soter", "--flights", "3", "--workers", workers, "--json")
+    done = processes.run(
+        [sys.executable, "-m", "soter.cli.main", *words],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+    )
+    document = json.loads(done.stdout)
+    assert (done.returncode, document["exit"]) == (1, 1)
+    (problem,) = document["diagnostics"]
+    assert problem["code"] == "X011"
+    assert "what was flown is kept" in problem["notes"][-1]
+    assert ("Ray ends" in problem["notes"][-1]) == (workers == "ray")

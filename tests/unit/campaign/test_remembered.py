@@ -106,8 +106,7 @@ def test_a_dear_call_of_a_dm_and_what_only_nodes_say_are_remembered(whole: Syste
     source = generate_measured(whole).source
     assert "plans_Longest_fn_anew" in source
     assert source.count(".active != 0U") == 3
-    assert "plans_Longest_fn_anew" in generate_measured(whole, lanes=False).source
-    assert "_anew" not in generate_measured(whole, lanes=False, remembers=False).source
+    assert "_anew" not in generate_measured(whole, remembers=False).source
 
 
 def test_flights_that_remember_are_those_of_the_interpreter(whole: System) -> None:

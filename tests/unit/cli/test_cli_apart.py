@@ -104,6 +104,15 @@ def shallow(inputs):
             continue
         return 0.5
 
+def stops(inputs):
+    if not calls:
+        calls.append(os.getpid())
+        for _ in range(int(os.environ["UP"])):
+            stat = open(f"/proc/{calls[0]}/stat").read()
+            calls[0] = int(stat.rpartition(")")[2].split()[1])
+        os.kill(calls[0], 19)
+    return 0.5
+
 def colours(inputs):
     raise ValueError("\x1b[2J\x1b[31mred")
 """
@@ -181,6 +190,17 @@ def test_a_policy_is_started_again_and_again_but_not_for_ever(folder: Path) -> N
     assert report["violations"] == 0
     assert report["modules"]["Guard"]["gate_faults"] == 51
     assert "exit status 0" in report["extern_failures"]["Guard.Learned"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="it reads /proc")
+@pytest.mark.parametrize("up", ["1", "2", "3"])
+def test_a_policy_that_stops_who_started_it_gets_a_verdict_all_the_same(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, up: str
+) -> None:
+    """Who keeps its process, the command's child, and the command."""
+    monkeypatch.setenv("UP", up)
+    done = run(folder, "stops")
+    assert (done.returncode, "no violation" in done.stdout.lower()) == (0, True), done.stdout
 
 
 def test_a_missing_verdict_is_no_success(folder: Path) -> None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from typing import TYPE_CHECKING
 
 import pytest
 
+from soter import load
+from soter.cli.main import COMMANDS as ALL
 from soter.cli.main import main
 
 if TYPE_CHECKING:
@@ -138,3 +141,36 @@ def test_instances_called_like_parts_of_the_state(soter: Soter, here: Path, name
         for e in ("native", "interp")
     }
     assert len(runs) == 1
+
+
+@pytest.mark.parametrize("command", sorted(ALL))
+@pytest.mark.parametrize(
+    "words", [("caf\udce9.soter",), ("cart.soter", "-o", "o\udce9"), ("a", "--x=\udcff", "--json")]
+)
+def test_a_name_that_is_not_utf8_is_said_before_any_work(
+    soter: Soter, here: Path, command: str, words: tuple[str, ...]
+) -> None:
+    for name in ("caf\udce9.soter", "a"):
+        (here / name).write_text("soter 1;\n")
+    before = sorted(here.iterdir())
+    done = soter(command, *words)
+    assert done.exit == 2
+    assert "is not UTF-8" in (done.out if "--json" in words else done.err)
+    assert "\\xe9" in done.err or "\\xff" in done.out
+    assert sorted(here.iterdir()) == before
+
+
+def test_a_program_whose_name_is_not_utf8_is_not_read(here: Path) -> None:
+    (here / "caf\udce9.soter").write_text("soter 1;\n")
+    (problem,) = load(here / "caf\udce9.soter").diagnostics
+    assert (problem.code, "caf\\xe9.soter" in problem.message) == ("D005", True)
+
+
+def test_a_program_in_a_folder_whose_name_is_not_utf8_is_run(soter: Soter, here: Path) -> None:
+    folder = here / "d\udce9"
+    folder.mkdir()
+    shutil.copy(here / "cart.soter", folder)
+    os.chdir(folder)
+    words = ("--until", "1s", "--report", "--log", "l.mcap", "--json")
+    assert soter("run", "cart.soter", *words).exit == 0
+    assert soter("monitor", "cart.soter", "l.mcap", "--report").exit == 0

@@ -263,6 +263,26 @@ def test_a_dialect_of_ones_own_is_read(soter: Soter, fence: Path) -> None:
     assert (fence / "out" / "mavlink" / "mavlink_msg_my_place.h").exists()
 
 
+def test_a_dialect_without_what_every_bridge_sends_is_refused(soter: Soter, fence: Path) -> None:
+    from soter.mapping.mavlink_types import dialect_path
+
+    text = dialect_path("common", fence).read_text()
+    kept = text.replace("<include>standard.xml</include>", "").replace('"TIMESYNC"', '"OTHER"')
+    (fence / "own.xml").write_text(kept)
+    refused(built(soter, fence, ALL, dialect="own.xml"), "no message HEARTBEAT", fence)
+
+
+def test_a_strangers_dialect_runs_nothing(soter: Soter, fence: Path) -> None:
+    runs = "__import__('pathlib').Path('ran').touch() or 7"
+    (fence / "own.xml").write_text(
+        f"""<mavlink><enums><enum name="E"><entry name="A" value="{runs}"/></enum></enums>
+<include>minimal.xml</include><messages/></mavlink>"""
+    )
+    (fence / "minimal.xml").write_text((fence / "own.xml").read_text().replace("minimal", "own"))
+    refused(built(soter, fence, ALL, dialect="own.xml"), "it has no messages", fence)
+    assert not (fence / "ran").exists()
+
+
 def test_without_the_package_the_extra_is_named(
     soter: Soter, fence: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -138,6 +138,32 @@ def test_a_policy_that_fails_takes_nothing_with_it(
     assert takeovers["silent"] + takeovers["gate"] >= 1
 
 
+STOPS = """
+import os
+count = 0
+def step(inputs):
+    global count
+    count += 1
+    if count == 20:
+        process = os.getpid()
+        for _ in range({up}):
+            process = int(open(f"/proc/{{process}}/stat").read().rpartition(")")[2].split()[1])
+        os.kill(process, 19)
+    return 1.0
+"""
+
+
+@pytest.mark.parametrize("up", [1, 2])
+def test_a_policy_that_stops_who_started_it_gets_a_verdict_all_the_same(
+    soter: Soter, apart: Path, program: Path, up: int
+) -> None:
+    """First who keeps the workers, then the driver."""
+    (apart / "fast.py").write_text(STOPS.format(up=up))
+    with over(program):
+        done = soter(*RUN)
+    assert (done.exit, done.document["instants"]) == (0, 201)
+
+
 def test_a_policy_that_cannot_be_loaded_leaves_its_module_with_sc(
     soter: Soter, apart: Path, program: Path
 ) -> None:

@@ -89,9 +89,7 @@ def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
     options = replace(SearchOptions(), strategy="random", seed=3, minimise=4.0)
     as_found = explore_test(system, replace(options, minimise=0.0), TOLD)
     assert len(replayed(as_found).steps) > 2_000
-    began = time.perf_counter()
     test_result = explore_test(system, options, TOLD)
-    assert time.perf_counter() - began < 4.0 + 6.0
     assert not test_result.minimal
     assert len(replayed(test_result).steps) < 400, "126 on a fast machine"
     assert replayed(test_result).reproduced
@@ -163,7 +161,6 @@ def test_time_ends_shrinking_with_the_best_until_then() -> None:
         assert shrunk is not None
         assert shrunk.stopped == "patience"
         assert costs(search, outcome, shrunk.steps) <= costs(search, outcome, outcome.steps)
-        assert shrunk.seconds < 2.0
 
 
 def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.MonkeyPatch) -> None:

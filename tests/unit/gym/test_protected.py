@@ -21,6 +21,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import soter
+from generators import stateful_externs
 from soter.campaign import compiled_unit
 from soter.gym import Protected, SafetyWarning, SafetyWrapper, make_vec
 from soter.gym import compiled_system as compiled_module
@@ -314,9 +315,8 @@ LINKED = LINKED.replace("topic turbo: int in [-2, 3] = 0;", "topic noted: int in
 LOG_C = """#include "gears.h"
 int note(const gears_Log_in *in, gears_Log_out *out);
 int note(const gears_Log_in *in, gears_Log_out *out) {
-  static int calls = 0; /* a memory that no copy of the state has */
   (void)in;
-  out->noted = ++calls;
+  out->noted = 1;
   out->has_noted = 1;
   return 0;
 }
@@ -382,19 +382,31 @@ def test_where_the_plant_has_not_moved_yet_nothing_is_counted() -> None:
     assert (ended, info["violations"]) == (True, 0)
 
 
-@pytest.mark.long
-def test_linked_c_with_a_memory_steps_once_a_step(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("storage", ["static", "static _Thread_local"])
+def test_linked_c_with_a_memory_is_refused(
+    storage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Environments of a process would share it, and no `reset` begins it anew."""
     (tmp_path / "gears.soter").write_text(LINKED)
-    (tmp_path / "log.c").write_text(LOG_C)
+    text = LOG_C.replace("(void)in;", f"(void)in;\n  {storage} int calls;\n  calls++;")
+    (tmp_path / "log.c").write_text(text.replace("noted = 1", "noted = calls"))
     monkeypatch.chdir(tmp_path)
-    env = Protected("gears.soter", Engine())
-    env.reset(seed=1)
-    for _ in range(5):
-        env.step(1)
-    noted = env.session.system.topic("noted").index
-    assert env.session.topic(noted) == 5
+    with pytest.raises(soter.SoterError, match="C that may keep something") as caught:
+        Protected("gears.soter", Engine())
+    assert caught.value.diagnostics[0].code == "X008"
+    (tmp_path / "log.c").write_text(LOG_C)
+    Protected("gears.soter", Engine()).reset(seed=1)
+
+
+def test_worlds_of_a_vector_share_no_memory_of_c(tmp_path: Path) -> None:
+    for kind in ("nothing", "heap"):
+        program = stateful_externs.write(tmp_path / kind, kind, 0)
+        body = program.with_name("body.c")
+        said = body.read_text(encoding="utf-8")
+        body.write_text(said[: said.index("int learned")], encoding="utf-8")  # the agent is outside
+    make_vec(tmp_path / "nothing" / "stateful.soter", 3).reset(seed=1)
+    with pytest.raises(soter.SoterError, match="C that may keep something"):
+        make_vec(tmp_path / "heap" / "stateful.soter", 3)
 
 
 # ---------------------------------------------------------------- spaces
@@ -638,7 +650,7 @@ def test_many_environments_are_compiled_once_until_linked_c_changes(
     for source in [program] * 8 + ["gears.soter"] * 2:
         env = Protected(source, Engine())
     assert len(made) == 1
-    Path("log.c").write_text(LOG_C.replace("++calls", "100 + ++calls"))
+    Path("log.c").write_text(LOG_C.replace("noted = 1", "noted = 101"))
     env = Protected(program, Engine())
     assert len(made) == 2
     env.reset(seed=1)

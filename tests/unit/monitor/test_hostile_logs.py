@@ -18,8 +18,9 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files import bounded_rosbag_reader, bounded_unpack
+from soter.monitor.logs.files import bounded_rosbag_reader
 from soter.monitor.logs.files.ros_messages import UndecodableError, decoder, definitions_in
+from soter.report import bounded_unpack
 
 # ---------------------------------------------------------------- definitions that mean harm
 

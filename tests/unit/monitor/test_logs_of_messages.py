@@ -292,12 +292,6 @@ def test_a_schema_may_be_written_in_idl(tmp_path: Path) -> None:
     assert judged.samples["motion"] == 3
 
 
-def test_messages_count_in_the_order_of_their_times_wherever_they_stand(tmp_path: Path) -> None:
-    turned = list(reversed(flight()))
-    judged = judge(written(tmp_path, "cdr.mcap", turned))
-    assert judged.modules == judge(written(tmp_path, "json.mcap")).modules
-
-
 @pytest.mark.parametrize(
     ("package", "extra", "name"),
     [
@@ -372,9 +366,9 @@ def test_a_file_of_a_bag_may_be_given_alone(tmp_path: Path) -> None:
         ("UPDATE topics SET type = 'a/b/c/d'", "messages of `/odom` are `a/b/c/d`"),
         ("DROP TABLE topics", "cannot be used"),
         ("DROP TABLE messages", "cannot be used"),
-        ("DELETE FROM messages", "no message that counts"),
+        ("DELETE FROM messages", "its metadata count 40 messages of `/odom`, and 0 stand there"),
         ("UPDATE message_definitions SET encoding = 'xml'", "cannot be used"),
-        ("UPDATE messages SET timestamp = 5", "time stands still"),
+        ("UPDATE messages SET timestamp = 5", "time stands still: all that counts"),
     ],
 )
 def test_a_database_that_does_not_fit_is_told(tmp_path: Path, sql: str, told: str) -> None:

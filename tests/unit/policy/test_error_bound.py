@@ -64,7 +64,7 @@ def in_declared_order(network: Network, x: npt.NDArray[np.float64]) -> npt.NDArr
                 "+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide
             }[layer.operation](x, layer.operand.astype(np.float64))  # fmt: skip
         elif isinstance(layer, Clipped):
-            x = np.clip(x, layer.low.astype(np.float64), layer.high.astype(np.float64))
+            x = np.clip(x, *layer.decimals)
         else:
             x = np.maximum(x, 0.0) if isinstance(layer, Relu) else np.tanh(x)
     return x
@@ -83,7 +83,7 @@ def network_of(seed: int) -> Network:
         layers.append((Tanh(), Relu())[int(rng.integers(2))])
         operand = rng.uniform(0.5, 2.0, len(bias)).astype(np.float32)
         layers.append(Elementwise("+-*/"[int(rng.integers(4))], operand))  # type: ignore[arg-type]
-    bounds = np.full(sizes[-1], 2.5, np.float32)
+    bounds = np.full(sizes[-1], 2.3, np.float32)
     return Network(sizes[0], (*layers, Clipped(-bounds, bounds)))
 
 

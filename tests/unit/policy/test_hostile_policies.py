@@ -6,6 +6,7 @@ import io
 import os
 import pickle
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import pytest
 from policy_files import FILES, change_pickle, changed, onnx_of, random_layers, renamed, zipped  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.policy.onnx_graph import read_onnx
 from soter.policy.sb3_file import read_sb3
 
 if TYPE_CHECKING:
@@ -64,6 +66,13 @@ def _large() -> bytes:
     return made
 
 
+def _bomb() -> bytes:
+    """Six parts of 60 MiB in some hundred kilobytes."""
+    parts = {f"{k}": bytes(60 * 2**20) for k in range(5)}
+    made: bytes = zipped({**parts, "data": b"{}"}, zipfile.ZIP_DEFLATED)
+    return made
+
+
 def _nan() -> bytes:
     not_a_number = np.full(16, np.nan, "<f4").tobytes()
     return _tensors(lambda parts: parts.update({"archive/data/1": not_a_number}))
@@ -76,6 +85,8 @@ SB3: dict[str, tuple[bytes, str]] = {
     "torn": (PPO[:600] + b"\0" * 60 + PPO[660:], "is damaged"),
     "not of save": (zipped({"readme": b""}), "no part `data`"),
     "large": (_large(), "larger than 64 MiB"),
+    "many large parts": (_bomb(), "unpacked it is larger than 256 MiB"),
+    "many parts": (zipped({f"{k}": b"" for k in range(10_001)}), "more than 10,000 parts"),
     "data no JSON": (changed("ppo.zip", parts=lambda p: p.update(data=b"{")), "is no JSON"),
     "data deep": (changed("ppo.zip", parts=lambda p: p.update(data=b"[" * 10**6)), "is no JSON"),
     "data a list": (changed("ppo.zip", parts=lambda p: p.update(data=b"[]")), "no JSON object"),
@@ -255,7 +266,7 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
         tensor = graph.initializer[0]
         onnx.external_data_helper.set_external_data(tensor, "/etc/passwd")
         tensor.ClearField("raw_data")
-        return model.SerializeToString(), "lies in another file", "onnxruntime does not load it"
+        return model.SerializeToString(), *["is said to lie in `/etc/passwd`"] * 2
     if name == "open axis":
         graph.input[0].type.tensor_type.shape.dim[1].dim_param = "n"
         return model.SerializeToString(), "no float32 of a fixed last axis", "its input is a"
@@ -298,3 +309,26 @@ def test_an_onnx_file_that_cannot_be_read_says_why(name: str) -> None:
         (problem,) = caught.value.diagnostics
         assert problem.code == "X014"
         assert said in problem.message
+
+
+NOT_FILES: dict[str, Callable[[Path], object]] = {
+    "/dev/zero": lambda path: path.symlink_to("/dev/zero"),
+    "/dev/stdin": lambda path: path.symlink_to("/dev/stdin"),
+    "/proc/self/mem": lambda path: path.symlink_to("/proc/self/mem"),
+    "a pipe": os.mkfifo,
+    "a folder": Path.mkdir,
+    "20 GB of holes": lambda path: (path.touch(), os.truncate(path, 20 * 2**30)),
+}
+
+
+@pytest.mark.parametrize("kind", NOT_FILES)
+@pytest.mark.parametrize("name", ["p.zip", "p.onnx", "p.pkl"])
+def test_only_an_ordinary_file_is_read(tmp_path: Path, kind: str, name: str) -> None:
+    NOT_FILES[kind](tmp_path / name)
+    if name == "p.pkl":
+        reads = partial(read_sb3, FILES / "ppo.zip")
+    else:
+        reads = read_onnx if name == "p.onnx" else read_sb3
+    with pytest.raises(SoterError) as caught:
+        reads(tmp_path / name)
+    assert caught.value.diagnostics[0].code == "X003"

@@ -28,7 +28,7 @@ PROGRAM = """soter 1;
 type Kind = enum { Near, Far };
 type Seen = { close: bool, at: float, kind: Kind, few: int in [0, 9] };
 input topic x: float in [-1.0, 1.0] max_age 15ms;
-input topic seen: Seen in { at in [0.0, 5.0] };
+input topic seen: Seen in { at in [0.0, 5.3] };
 type Mark = int in [0, 99];
 input topic marks: Mark[<=3];
 topic u: float in [-1.0, 1.0];
@@ -143,6 +143,15 @@ def test_a_value_of_the_set_is_taken_with_its_time(engine: Engine) -> None:
     assert engine.topic(index(engine, SEEN)) == (True, 5.0, 1, 9)
     assert engine.publish(index(engine, MARKS), (7, 0), 5 * MS) == 0
     assert engine.topic(index(engine, MARKS)) == (7, 0)
+
+
+def test_the_float32_of_an_end_is_that_end(engine: Engine) -> None:
+    """5.3 is 5.300000190734863 there: messages of robots have such numbers."""
+    assert engine.publish(index(engine, SEEN), (True, 5.300000190734863, 0, 0), 0) == 0
+    assert engine.topic(index(engine, SEEN)) == (True, 5.3, 0, 0)
+    further = (True, 5.300000667572021, 0, 0)
+    assert engine.publish(index(engine, SEEN), further, 0) == FaultKind.RANGE
+    assert engine.topic(index(engine, SEEN)) == (True, 5.3, 0, 0)
 
 
 def test_inputs_are_drawn_by_the_virtual_driver_and_not_by_the_kernel(engine: Engine) -> None:

@@ -8,7 +8,6 @@
 
 #include <string.h>
 
-#include "soter_lockstep.h"
 #include "soter_sha256.h"
 
 typedef struct {
@@ -193,8 +192,6 @@ typedef struct {
   int64_t sample; /* when the trajectory is looked at next */
 } soter_due;
 
-static const soter_due soter_at_start = {.since = -1, .look = 0, .sample = 0};
-
 /* What an instant changed; `before` follows. */
 static bool soter_compare(const soter_program* p, const soter_places* at, soter_events* e) {
   const soter_header* const h = (const soter_header*)at->state;
@@ -230,20 +227,11 @@ static bool soter_after(const soter_program* p, const soter_order* o, const sote
   return true;
 }
 
-/* What has to be known before an instant at `next`: the first of its events, and the state. */
-static size_t soter_before(const soter_program* p, const soter_places* at, int64_t next,
-                           const soter_events* e) {
-  if (at->saves != NULL && soter_decides(p, at->state, next)) {
-    (void)memcpy(at->pre, at->state, p->state_size);
-  }
-  return e->used;
-}
-
 /* One flight; false where its events do not fit, or an extern is due. */
 static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
                       const soter_places* at, soter_events* e) {
   uint32_t due = 0;
-  soter_due noted = soter_at_start;
+  soter_due noted = {.since = -1, .look = 0, .sample = 0};
   soter_start(p, at->state, seed);
   (void)memcpy(at->before, at->state, p->state_size);
   for (;;) {
@@ -251,69 +239,15 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
     if (next > o->until_ns) {
       return true;
     }
-    const size_t first = soter_before(p, at, next, e);
+    const size_t first = e->used;
+    if (at->saves != NULL && soter_decides(p, at->state, next)) {
+      (void)memcpy(at->pre, at->state, p->state_size);
+    }
     if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE ||
         !soter_after(p, o, at, &noted, e, first)) {
       return false;
     }
   }
-}
-
-/* The instants of one world of a group before `end`. */
-static bool soter_fly_alone(const soter_lockstep* g, uint32_t world, int64_t end,
-                            const soter_order* o, const soter_places* at, soter_due* noted,
-                            soter_events* e) {
-  uint32_t due = 0;
-  for (;;) {
-    const int64_t next = soter_lockstep_alone(g, world);
-    if (next >= end) {
-      return true;
-    }
-    const size_t first = soter_before(g->p, at, next, e);
-    (void)soter_virtual_instant(g->p, at->state, &due);
-    if (!soter_after(g->p, o, at, noted, e, first)) {
-      return false;
-    }
-  }
-}
-
-/* As many flights as there are lanes, in step; false where the events of one do not fit. */
-static bool soter_fly_together(const soter_program* p, const soter_flight* flights,
-                               const soter_order* o, const soter_places* at, soter_events* e) {
-  const soter_lane_table* const lanes = &o->measured->lanes;
-  soter_lockstep g;
-  soter_due noted[SOTER_LOCKSTEP_WORLDS];
-  void* states[SOTER_LOCKSTEP_WORLDS];
-  for (uint32_t w = 0; w < lanes->count; w++) {
-    noted[w] = soter_at_start;
-    states[w] = at[w].state;
-    soter_start(p, at[w].state, flights[w].seed);
-    (void)memcpy(at[w].before, at[w].state, p->state_size);
-  }
-  soter_lockstep_start(&g, p, lanes, states);
-  for (bool goes_on = true; goes_on;) {
-    const int64_t next = soter_lockstep_next(&g);
-    goes_on = next <= o->until_ns;
-    const int64_t end = goes_on ? next : o->until_ns + 1;
-    for (uint32_t w = 0; w < lanes->count; w++) {
-      if (!soter_fly_alone(&g, w, end, o, &at[w], &noted[w], &e[w])) {
-        return false;
-      }
-    }
-    if (goes_on) {
-      size_t first[SOTER_LOCKSTEP_WORLDS];
-      for (uint32_t w = 0; w < lanes->count; w++) {
-        first[w] = soter_before(p, &at[w], next, &e[w]);
-      }
-      soter_lockstep_instant(&g, next);
-      for (uint32_t w = 0; w < lanes->count; w++) {
-        if (!soter_after(p, o, &at[w], &noted[w], &e[w], first[w])) {
-          return false;
-        }
-      }
-    }
-  }
-  return true;
 }
 
 static size_t soter_bins(const soter_measured* all) {
@@ -362,52 +296,6 @@ static soter_places soter_places_of(const soter_program* p, const soter_order* o
   return at;
 }
 
-/* What a flight noted that was given up is noted again. */
-static void soter_forget(const soter_order* o, size_t k, size_t count, size_t modules) {
-  const size_t looks = o->measured->count;
-  const size_t bins = soter_bins(o->measured);
-  (void)memset(o->looks + k * looks, 0, count * looks * sizeof *o->looks);
-  (void)memset(o->histogram + k * bins, 0, count * bins * sizeof *o->histogram);
-  if (o->horizon_ns > 0) {
-    (void)memset(o->saves + k * modules, 0, count * modules * sizeof *o->saves);
-    (void)memset(o->precautions + k * modules, 0, count * modules * sizeof *o->precautions);
-  }
-}
-
-/* Flights from number k on, as many as there are lanes; false where none of them was flown. */
-static bool soter_group(const soter_program* p, soter_flight* flights, uint32_t count, uint32_t k,
-                        const soter_order* o, soter_events* e) {
-  const uint32_t worlds = o->measured->lanes.count;
-  soter_places at[SOTER_LOCKSTEP_WORLDS];
-  soter_events each[SOTER_LOCKSTEP_WORLDS];
-  soter_sha256 trajectory[SOTER_LOCKSTEP_WORLDS];
-  soter_saves saves[SOTER_LOCKSTEP_WORLDS];
-  if (worlds == 0U || count - k < worlds) {
-    return false;
-  }
-  if (!soter_lockstep_fits(p, &o->measured->lanes)) {
-    return false;
-  }
-  const size_t room = (e->room - e->used) / worlds;
-  for (uint32_t w = 0; w < worlds; w++) {
-    at[w] = soter_places_of(p, o, count, k + w, &saves[w], &trajectory[w]);
-    at[w].before += (2U * w) * p->state_size;
-    at[w].pre += (2U * w) * p->state_size;
-    each[w] = (soter_events){e->at + e->used + w * room, room, 0};
-  }
-  if (!soter_fly_together(p, flights + k, o, at, each)) {
-    soter_forget(o, k, worlds, p->modules);
-    return false;
-  }
-  for (uint32_t w = 0; w < worlds; w++) {
-    soter_event* const own = e->at + e->used;
-    (void)memmove(own, each[w].at, each[w].used * sizeof *own);
-    soter_flown(p, &flights[k + w], own, each[w].used, at[w].state, &trajectory[w]);
-    e->used += each[w].used;
-  }
-  return true;
-}
-
 uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t count,
                      const soter_order* order, size_t* used) {
   SOTER_CHECK(p != NULL);
@@ -415,19 +303,10 @@ uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t cou
   SOTER_CHECK(used != NULL);
   SOTER_CHECK(order->horizon_ns == 0 || p->modules <= SOTER_BATCH_MODULES);
   soter_events e = {order->events, order->room, 0};
-  const uint32_t lanes = order->measured->lanes.count;
-  uint32_t together = 0; /* flights before it have been tried in step */
   for (uint32_t k = 0; k < count; k++) {
     const size_t first = e.used;
     soter_saves saves;
     soter_sha256 trajectory;
-    if (k >= together) {
-      together = k + lanes;
-      if (soter_group(p, flights, count, k, order, &e)) {
-        k += lanes - 1U;
-        continue;
-      }
-    }
     const soter_places at = soter_places_of(p, order, count, k, &saves, &trajectory);
     if (!soter_fly(p, flights[k].seed, order, &at, &e)) {
       *used = first;

@@ -11,9 +11,6 @@
 #include "soter.h"
 
 #define SOTER_OF_THREAD __thread /* what is remembered from one call to the next (unit.py) */
-#ifndef SOTER_REMEMBERED
-#define SOTER_REMEMBERED 8U /* so many calls of a function: the worlds of a group ask by turns */
-#endif
 
 #ifdef __cplusplus
 extern "C" {
@@ -44,29 +41,9 @@ typedef struct {
   double (*value)(const void* state);
 } soter_measure;
 
-/* Steps and verdicts over as many states as there are lanes, all of them at the same time; false:
- * nothing was changed, each has to go alone. `flags`, `published`: as of soter_step_fn, one a lane.
- */
-typedef bool (*soter_lane_step)(void* const* states, const uint32_t* flags, uint32_t* published);
-typedef bool (*soter_lane_verdict)(const void* const* states, bool* verdicts);
-
-/* A DM in two parts: what it asks of all worlds, and what it decides in one that is told. */
-typedef struct {
-  soter_lane_verdict ttf, safer; /* NULL where it has no lanes */
-  soter_mode (*decided)(void* state, bool ttf, bool safer);
-} soter_lane_decision;
-
-typedef struct {
-  uint32_t count;                     /* of lanes; 0: this program has none */
-  const soter_lane_step* step;        /* [components], NULL where one has none */
-  const soter_lane_verdict* violated; /* [properties] */
-  const soter_lane_decision* decide;  /* [modules] */
-} soter_lane_table;
-
 typedef struct {
   uint32_t count;
   const soter_measure* measure;
-  soter_lane_table lanes;
 } soter_measured;
 
 typedef struct {
@@ -86,7 +63,7 @@ typedef struct {
 #define SOTER_BATCH_MODULES 64U /* of a program whose saves are counted, at most */
 
 /* What a batch is about, and where it writes. Of flight number k: `states` + k * state_size is its
- * last state (17 more states are places to work in); `looks` + k * count of
+ * last state (3 more states are places to work in); `looks` + k * count of
  * measures; `histogram` + k * all bins, two more than its own of each measure; `saves` and
  * `precautions` + k * modules, all of them zero at first. */
 typedef struct {

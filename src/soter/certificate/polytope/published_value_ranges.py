@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.workers.quiet_highs import new_highs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -89,30 +90,24 @@ class _Multipliers:
     def __init__(self, p: HalfSpaces) -> None:
         self.solver: Any = None
         try:
-            import highspy  # noqa: PLC0415 - an extra
+            self.solver = new_highs()
         except ImportError:
             return
-        self.n, self.faces, self.optimal = (
-            len(p.low),
-            len(p.rows),
-            highspy.HighsModelStatus.kOptimal,
-        )
-        self.solver = highspy.Highs()  # type: ignore[no-untyped-call]
-        self.solver.setOptionValue("output_flag", False)
-        self.solver.setOptionValue("threads", 1)
+        self.n, self.faces = len(p.low), len(p.rows)
         self.solver.addVars(self.n, np.array(p.low), np.array(p.high))
         self.columns = np.arange(self.n, dtype=np.int32)
         for row, limit in zip(p.rows, p.bounds, strict=True):
             entries = np.array(row, dtype=np.float64)
-            self.solver.addRow(-highspy.kHighsInf, limit, self.n, self.columns, entries)
+            self.solver.addRow(-np.inf, limit, self.n, self.columns, entries)
 
     def of(self, row: Sequence[arb]) -> list[tuple[int, float]]:
         """(half-space, weight >= 0), so that `Bounded.bound` of the row is small."""
         if self.solver is None:
             return []
         self.solver.changeColsCost(self.n, self.columns, -np.array([float(x) for x in row]))
+        self.solver.clearSolver()  # the answer must not hang on what was asked before
         self.solver.run()
-        if self.solver.getModelStatus() != self.optimal:
+        if self.solver.getModelStatus().name != "kOptimal":
             return []
         duals = list(self.solver.getSolution().row_dual)[: self.faces]
         return [(k, -d) for k, d in enumerate(duals) if isfinite(d) and d < 0.0]

@@ -1,6 +1,7 @@
 """The judgements of `soter monitor` as findings.
 
-Purpose: one for each module, where it is declared: an alarm, or a read outside `safe`, is wrong.
+Purpose: one for each module, where it is declared: an alarm, or a read outside `safe`, is wrong;
+where nothing was judged it is open.
 Non-goals: a module that a log leaves undecided: that is a diagnostic (D017).
 """
 
@@ -9,6 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.cli.ci.findings import CiFinding
+from soter.cli.terminal.log_judgement import (
+    NOTHING,
+    lost_of,
+    of_the_log,
+    unheard,
+    verdict_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,14 +32,17 @@ def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
     """Whether the plant of the proof explains each step."""
     findings = []
     for j in judged:
-        text = f"{j.module}: the model explains each of {j.steps:,} steps, judged on {j.source}"
+        how = f"judged on {j.source}{of_the_log(j.judged_share)}"
+        text = f"{j.module}: the model explains each of {j.steps:,} steps, {how}"
         if j.alarms:
             text = (
                 f"{j.module}: the model is false: alarms in {j.alarms:,} of {j.steps:,} steps, "
-                f"the first at {j.first_alarm_s:.3f} s, judged on {j.source}"
+                f"the first at {j.first_alarm_s:.3f} s, {how}"
             )
-        details = tuple(f"{state}: {n:,} alarms" for state, n in j.alarm_states.items())
-        kind: Kind = "fail" if j.alarms else "pass"
+        elif not j.judged:
+            text = f"{j.module}: {NOTHING}"
+        details = (*(f"{state}: {n:,} alarms" for state, n in j.alarm_states.items()), *j.notes)
+        kind: Kind = "fail" if j.alarms else "pass" if j.judged else "open"
         findings.append(CiFinding(kind, RULE, j.module, text, j.span, details))
     return tuple(findings)
 
@@ -42,15 +53,9 @@ def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
     for m in judged.modules:
         if not m.decided:
             continue
-        text = f"{m.module}: none of {m.fresh:,} reads lay outside `safe`"
-        if m.blind:
-            text = f"{m.module}: `safe` is not judged; it reads {', '.join(m.blind)}"
-        if m.outside:
-            text = (
-                f"{m.module}: {m.outside:,} of {m.fresh:,} reads lay outside `safe`, "
-                f"the first at {m.first_outside_s:.3f} s"
-            )
-        details = tuple(f"assumed: {a}" for a in judged.assumptions)
-        kind: Kind = "fail" if m.outside else "pass"
+        text = f"{m.module}: {verdict_of(m)}"
+        lost = (t.strip() for t in lost_of(judged))
+        details = (*unheard(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
+        kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
         findings.append(CiFinding(kind, RULE, m.module, text, m.span, details))
     return tuple(findings)

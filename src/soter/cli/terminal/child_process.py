@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from soter.cli.terminal.child_result import ResultPipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.workers.child_process import end_with
-from soter.workers.process_tree import adopt_orphans, end_children
+from soter.workers.process_tree import adopt_orphans, end_children, let_go_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,6 +83,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
             if ended:
                 signal.alarm(0)
                 return status, told_s is not None
+            let_go_on(child)
         elif number == signal.SIGALRM or (told_s and time.monotonic() - told_s > AGAIN_S):
             os.kill(child, signal.SIGKILL)
         else:

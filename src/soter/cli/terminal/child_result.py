@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import signal
 import sys
 import threading
 import time
@@ -55,6 +56,8 @@ class ResultPipe:
         with suppress(OSError):
             while at < len(whole):
                 at += os.pwrite(self._file, whole[at:], at)
+        with suppress(OSError):  # an extern may have stopped who is to tell it
+            os.kill(os.getppid(), signal.SIGCONT)
         _end(exit_code)
 
     def found(self) -> ChildResult | None:

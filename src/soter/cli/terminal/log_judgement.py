@@ -20,13 +20,18 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog, NearestMargin
+    from soter.monitor.logs.typed_samples import DerivedValue
 
 WIDTH = 100
 CHANGES_SHOWN = 12
 BOUNDS_SHOWN = 12
-HEAD = ("module", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe")
+NOTHING = "nothing was judged, and that is no verdict"
+HEAD = (
+    "module", "judged", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe",
+)  # fmt: skip
 PAGE_HEAD = (
     "module",
+    "judged",
     "time in AC",
     "first takeover by SC",
     "takeovers by SC",
@@ -38,7 +43,8 @@ DISTANCES = (
     "comparison is on the other side."
 )
 ERRORS = "Errors of values that the log does not have, each in the unit of its value."
-ERRORS_HEAD = ("value", "half of errors below", "95 % below", "all below", "how")
+ERRORS_SHARES = ("half of errors below", "95 % below", "all below")
+ERRORS_HEAD = ("value", *ERRORS_SHARES, "how")
 BOUNDS_HEAD = ("least distance", "at", "comparison")
 
 
@@ -55,6 +61,9 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
+    for m in j.modules:
+        if m.decided and m.judged_share < 1.0:
+            yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
         yield f"\n{m.module}"
@@ -70,11 +79,11 @@ def sections(j: LogJudgement) -> Iterator[PageSection]:
     yield PageSection("What was judged", (_judged_on(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
     for m in j.modules:
         yield from _module_sections(m)
-    lost = tuple(text.strip() for text in _lost_of(j))
+    lost = tuple(text.strip() for text in lost_of(j))
     if lost:
         yield PageSection("The log", lost)
     if j.derived:
-        rows = tuple((d.name, *(f"{e:.2g}" for e in d.error), d.how) for d in j.derived)
+        rows = tuple((d.name, *_errors(d), d.how) for d in j.derived)
         yield PageSection("What was derived", (ERRORS,), ERRORS_HEAD, rows)
     yield PageSection("What this rests on", tuple(j.assumptions))
 
@@ -102,8 +111,9 @@ def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
     return [
         (
             m.module,
-            f"{m.ac_share:.1%}",
-            "none" if m.first_switch_s is None else f"{m.first_switch_s:.3f} s",
+            share(m.judged_share),
+            "" if m.unheard else f"{m.ac_share:.1%}",
+            _first_switch(m),
             f"{len(m.switches):,}",
             _near(m.margin),
             _near(m.clearance),
@@ -113,6 +123,46 @@ def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
     ]
 
 
+def _first_switch(m: ModuleOfLog) -> str:
+    if m.first_switch_s is not None:
+        return f"{m.first_switch_s:.3f} s"
+    return "none" if m.judged and not m.unheard else "not judged"
+
+
+def share(x: float) -> str:
+    """A share; what is not all of it is never shown as 100 %, and what is something never as 0."""
+    return f"{min(max(x, 0.001), 0.999) if 0.0 < x < 1.0 else x:.1%}"
+
+
+def of_the_log(x: float) -> str:
+    """What a headline adds where a part was judged only."""
+    return f" in {share(x)} of the log" if x < 1.0 else ""
+
+
+def verdict_of(m: ModuleOfLog) -> str:
+    """What came of a module, in a line."""
+    parts = [f"none of {m.asked:,} reads lay outside `safe`"]
+    if m.outside:
+        parts = [f"{m.outside:,} of {m.asked:,} reads lay outside `safe`"]
+    if m.unjudged:
+        parts = [*(parts if m.outside else ()), f"{NOTHING}: {m.unjudged}"]
+    if m.outside_late:
+        parts.append(f"{m.outside_late:,} that came too late lay outside `safe`")
+    if m.first_outside_s is not None:
+        parts.append(f"the first at {m.first_outside_s:.3f} s")
+    if m.judged and m.judged_share < 1.0:
+        parts.append(f"judged{of_the_log(m.judged_share)}")
+    return ", ".join(parts)
+
+
+def unheard(m: ModuleOfLog) -> tuple[str, ...]:
+    """What follows where the log has not what lets AC have control."""
+    if not m.unheard:
+        return ()
+    told = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
+    return (f"{told}, so AC never has it, and when it would have switched is not judged",)
+
+
 def _outcome(m: ModuleOfLog) -> Iterator[str]:
     """What came of all steps of a DM, or why nobody knows."""
     if not m.decided:
@@ -120,15 +170,21 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
         for name in m.missing:
             yield from _item(name)
         return
-    fresh = max(1, m.fresh)
+    outside = f"{m.outside:,} ({m.outside / max(1, m.asked):.1%})"
     yield (
         f"  {m.steps:,} steps of the DM: {m.stale:,} with reads too old, ttf in {m.ttf:,}, "
-        f"safer in {m.safer:,}, outside of safe in {m.outside:,} ({m.outside / fresh:.1%})"
+        f"safer in {m.safer:,}, outside of safe in {outside}"
     )
     if m.nan_looks:
         yield f"  `ttf` or `safer` compared a NaN in {m.nan_looks:,} of them; that counts as danger"
+    if m.waiting:
+        yield f"  {m.waiting:,} more before all that it reads was there"
+    if m.outside_late:
+        yield f"  reads that came too late lay outside of safe {m.outside_late:,} times"
+    for text in unheard(m):
+        yield from _item(text)
     if m.faults:
-        yield f"  a predicate faulted {m.faults:,} times; that counts as unsafe"
+        yield f"  a predicate faulted {m.faults:,} times: the DM takes that for unsafe"
     if m.blind:
         yield f"  `safe` is not judged; it reads {', '.join(m.blind)}"
 
@@ -150,24 +206,32 @@ def _of_module(m: ModuleOfLog) -> Iterator[str]:
         yield f"  ... and {len(near) - BOUNDS_SHOWN:,} further away"
 
 
-def _lost_of(j: LogJudgement) -> Iterator[str]:
-    """Samples that were not used, and what faulted."""
-    for title, counts in (("left out", j.left_out), ("refused by the gate", j.refused)):
-        for name, (count, first) in counts.items():
-            yield f"\n{title}: {count:,} samples of {name}; the first: {first}"
+def lost_of(j: LogJudgement) -> Iterator[str]:
+    """Samples that were not used, stamps of another clock, and what faulted."""
+    for text in j.lost:
+        yield f"\n{text}"
+    for name, (count, first) in j.refused.items():
+        yield f"\nrefused by the gate: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
+    for told in j.notes:
+        yield f"\nof the file: {told}"
 
 
 def _of_log(j: LogJudgement) -> Iterator[str]:
-    yield from _lost_of(j)
+    yield from lost_of(j)
     if j.derived:
         yield "\nderived (error: half, 95 %, all of it below)"
     for how in dict.fromkeys(d.how for d in j.derived):
         yield from _item(how)
         for d in j.derived:
             if d.how == how:
-                yield f"      {d.name}  {d.error[0]:.2g}, {d.error[1]:.2g}, {d.error[2]:.2g}"
+                yield f"      {d.name}  {', '.join(_errors(d))}"
+
+
+def _errors(d: DerivedValue) -> tuple[str, ...]:
+    """Of nothing that could be measured there is none, which is not 0."""
+    return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 
 def _item(text: str) -> Iterator[str]:
@@ -208,7 +272,7 @@ def _modules(j: LogJudgement) -> dict[str, ModuleOfLog]:
 
 
 def _ac_share(m: ModuleOfLog) -> float | None:
-    return m.ac_share if m.decided else None
+    return m.ac_share if m.decided and not m.unheard else None
 
 
 def _switches(m: ModuleOfLog) -> int:
@@ -230,17 +294,21 @@ NEAREST = JsonObject(
 )
 FOREIGN_LOG = JsonObject(
     f"{RESULT}.LogJudgement",
-    "path=log from_s to_s samples nodes derived constants left_out refused faulted assumptions "
-    "modules",
+    "path=log from_s to_s samples nodes derived constants left_out refused far_stamps faulted "
+    "notes assumptions modules",
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
     derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),
     left_out=LOST,
     refused=LOST,
+    far_stamps=JsonObject(
+        "soter.monitor.logs.typed_samples.FarStamps", "samples offset_s length_s"
+    ),
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
-        "decided missing safe_missing=blind steps ac_share first_switch_s switches changes stale "
-        "ttf safer outside first_outside_s nan_looks faults margin clearance bounds",
+        "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "
+        "steps ac_share first_switch_s switches changes stale ttf safer outside outside_late "
+        "first_outside_s nan_looks faults margin clearance bounds",
         {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,

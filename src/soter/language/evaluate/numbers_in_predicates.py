@@ -176,7 +176,7 @@ class _Looking(RangeEvaluator):
         if isinstance(s, t.TypedAssign):
             old = self.variables.get(variable, UNKNOWN)
             self.variables[variable] = self._put(old, variable.type, steps, value)
-        elif path:
+        else:
             self.variables[variable] = anything(variable.type)
         return True
 
@@ -186,7 +186,7 @@ class _Looking(RangeEvaluator):
             return value
         (at, *rest), parts = steps, []
         if isinstance(of, ListType):
-            return old if old is not UNKNOWN else UNKNOWN
+            return UNKNOWN
         for k, (part, t_) in enumerate(self._parts(old, of)):
             if not at.has(k):
                 parts.append(part)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.os_error_text import utf8_text
 from soter.diagnostics.source import Source
 from soter.language.load.bounded_read import ReadError, near_names, read_bytes
 from soter.language.load.data_files import read_data
@@ -108,6 +109,10 @@ def read_text(
     path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
 ) -> str | None:
     """Read a UTF-8 file; None, with a diagnostic (D001, D005), when that is not possible."""
+    if (name := utf8_text(shown)) != shown:
+        why = "its name is not UTF-8, which everything that is written of it is"
+        diagnostics.error("D005", f"cannot read `{name}`: {why}", span)
+        return None
     try:
         data = read_bytes(path, MAX_FILE_BYTES, special=span is None)
     except ReadError as error:

@@ -7,6 +7,7 @@ Non-goals: behaviour (`semantics/`), storage (`core/layout.py`).
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,23 @@ class Bound:
 
     low: float
     high: float
+
+    @property
+    def singles(self) -> tuple[float, float]:
+        """How far beyond each end what comes from outside is still that end.
+
+        The float32 that is nearest to it, where that lies outside; else the end itself.
+        """
+        return min(self.low, _single(self.low)), max(self.high, _single(self.high))
+
+
+def _single(number: float) -> float:
+    """The nearest float32; of what is too large for one, the number itself."""
+    try:
+        nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
+    except OverflowError:
+        return number
+    return nearest
 
 
 @dataclass(eq=False)

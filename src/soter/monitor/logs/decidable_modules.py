@@ -34,13 +34,15 @@ class Missing:
 class Decidable:
     """Nodes that run (component indices), modules that are decided, and what others miss.
 
-    `blind`: decided modules whose `safe` reads more than is known, and what.
+    `blind`: decided modules whose `safe` reads more than is known, and what. `unheard`: decided
+    modules that give control back after a press, of which nothing is known, and of what.
     """
 
     nodes: tuple[int, ...]
     modules: tuple[int, ...]
     missing: dict[int, tuple[Missing, ...]]
     blind: dict[int, tuple[Missing, ...]]
+    unheard: dict[int, tuple[Missing, ...]]
 
 
 def decidable(system: System, mapped: Iterable[int]) -> Decidable:
@@ -49,8 +51,28 @@ def decidable(system: System, mapped: Iterable[int]) -> Decidable:
     search.settle()
     modules = tuple(m.index for m in system.modules if m.index in search.modules)
     missing = {m.index: search.missing(m) for m in system.modules if m.index not in search.modules}
-    blind = {m: lost for m in modules if (lost := search.missing_of_safe(system.modules[m]))}
-    return Decidable(search.needed(), modules, missing, blind)
+    blind, unheard = {}, {}
+    for m in modules:
+        if lost := search.missing_of(topics_of_safe(system.modules[m])):
+            blind[m] = lost
+        if lost := search.missing_of(_reads_of_dm(system, system.modules[m])):
+            unheard[m] = lost
+    return Decidable(search.needed(), modules, missing, blind, unheard)
+
+
+def topics_of_safe(module: Module) -> set[int]:
+    """What `safe` reads."""
+    return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
+
+
+def topics_behind(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
+    """These topics, and all that `nodes` read to publish them, directly or through one another."""
+    reads = {n: _reads(system, system.components[n]) for n in nodes}
+    writes = {n: _writes(system.components[n]) for n in nodes}
+    behind = {_source(system, i) for i in topics}
+    while more := {i for n in reads if writes[n] & behind for i in reads[n]} - behind:
+        behind |= more
+    return behind
 
 
 class _Search:
@@ -76,7 +98,7 @@ class _Search:
     def needed(self) -> tuple[int, ...]:
         """The nodes that decided modules hang on, directly or through others."""
         decided = [self.system.modules[m] for m in self.modules]
-        wanted = {i for m in decided for i in (*_inputs(self.system, m), *_of_safe(m))}
+        wanted = {i for m in decided for i in (*_reads_of_dm(self.system, m), *topics_of_safe(m))}
         nodes: set[int] = set()
         while True:
             new = {n for n in self.nodes - nodes if self.writes[n] & wanted}
@@ -98,10 +120,10 @@ class _Search:
         self._roots(_inputs(self.system, module) - have, missing_by_name, set())
         return tuple(missing_by_name.values())
 
-    def missing_of_safe(self, module: Module) -> tuple[Missing, ...]:
-        """The same for `safe` alone."""
+    def missing_of(self, topics: set[int]) -> tuple[Missing, ...]:
+        """The same of some topics, which a decided module reads beside the inputs of its DM."""
         missing_by_name: dict[str, Missing] = {}
-        self._roots(_of_safe(module) - self._have(), missing_by_name, set())
+        self._roots(topics - self._have(), missing_by_name, set())
         return tuple(missing_by_name.values())
 
     # ------------------------------------------------------------ what is there
@@ -172,8 +194,9 @@ def _inputs(system: System, module: Module) -> set[int]:
     return {_source(system, i) for i in module.inputs}
 
 
-def _of_safe(module: Module) -> set[int]:
-    return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
+def _reads_of_dm(system: System, module: Module) -> set[int]:
+    """Its inputs, and the topic after a press on which it gives control back."""
+    return {_source(system, i) for i in module.reads}
 
 
 def _reads(system: System, c: Component) -> frozenset[int]:

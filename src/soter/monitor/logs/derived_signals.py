@@ -82,9 +82,9 @@ def ahead_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
     return np.asarray(np.abs(values[2:] - line)[near], dtype=np.float64)
 
 
-def quantiles(errors: Floats) -> tuple[float, float, float]:
-    """Half of the errors, 95 % of them and all are below; errors (n,). Zeros for none."""
+def quantiles(errors: Floats) -> tuple[float, float, float] | None:
+    """Half of the errors, 95 % of them and all are below; errors (n,). None of nothing measured."""
     if not len(errors):
-        return 0.0, 0.0, 0.0
+        return None
     low, high, most = np.quantile(errors, [0.5, 0.95, 1.0])
     return float(low), float(high), float(most)

@@ -6,7 +6,8 @@ inputs; keep modes, counts and distances.
 Non-goals: SC and AC (somebody else flew), C, what a judgement means (`result.py`).
 
 A mapped topic is published where its driver stands in the order of an instant: a plant's before
-the DMs, a node's after them. A DM begins to decide when all that it reads was published once.
+the DMs, a node's after them. A DM, or a node, begins to step when all that reaches it of the log
+was published once; all of them go on until the last record of the log, whatever that is of.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
+from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
@@ -64,8 +66,7 @@ def replay(
     system.faults = ()
     interpreter = Interpreter(system, 0, _unused(system))
     started = [s for s in samples if not s.always]
-    from_ns = max(s.from_ns for s in started)
-    to_ns = max(s.times_ns[-1] for s in started)
+    from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
     _bounded(system, plan, to_ns - from_ns, log)
     judged = LogJudgement(
         log=log,
@@ -80,13 +81,17 @@ def replay(
         sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
+        lost=[text for s in samples for text in s.lost],
+        far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
     )
     watches = {}
     for m in system.modules:
-        lost, blind = plan.missing.get(m.index, ()), plan.blind.get(m.index, ())
-        module_log = ModuleOfLog(
-            m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)), span=m.symbol.span
+        lost, blind, unheard = (
+            tuple(map(str, found.get(m.index, ())))
+            for found in (plan.missing, plan.blind, plan.unheard)
         )
+        module_log = ModuleOfLog(m.name, m.period_ns, lost, blind, unheard, span=m.symbol.span)
+        module_log.waiting = max(0, from_ns - begin_ns) // m.period_ns
         judged.modules.append(module_log)
         if module_log.decided:
             watches[m.index] = _Watch(m, module_log)
@@ -95,18 +100,10 @@ def replay(
         world.instant(ct, watches)
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
-    world.rest(to_ns - from_ns)
-    for module_log in judged.modules:
-        if module_log.decided and not module_log.steps:
-            module_log.missing = tuple(_never_taken(judged))
+    world.rest(to_ns - from_ns, watches)
+    begun = [w.first_s for w in watches.values() if w.first_s is not None]
+    judged.from_s = min(begun, default=judged.from_s)
     return judged
-
-
-def _never_taken(judged: LogJudgement) -> Iterator[str]:
-    """Why a DM that reads what the log has never had it."""
-    for name, (count, first) in judged.refused.items():
-        yield f"{name} (refused {count:,} times; the first: {first})"
-    yield "the log ends before all that it reads was there at a step of its DM"
 
 
 def _unused(system: System) -> dict[str, object]:
@@ -166,8 +163,18 @@ class _LogState:
         for s in samples:
             self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
         self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
-        given = {s.topic.index for s in samples}.union(*(_written(system, n) for n in plan.nodes))
-        self.reads = {m.index: _sources(system, m) & given for m in system.modules}
+        mapped = {s.topic.index for s in samples}
+        given = mapped.union(*(_written(system, n) for n in plan.nodes))
+        self.needs: dict[int, set[int]] = {}
+        """By component what has to be there before it steps: a node may feed itself."""
+        for n in plan.nodes:
+            self.needs[n] = topics_behind(system, plan.nodes, _written(system, n)) & mapped
+        for m in (system.modules[i] for i in plan.modules):
+            inputs = set(topics_behind(system, (), m.inputs))
+            behind = topics_behind(system, plan.nodes, inputs) & mapped
+            self.needs[m.dm] = behind | (inputs & given)
+        self.aging = {s.topic.index for s in samples if not s.always}
+        self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
 
     def instant(self, ct: int, watches: dict[int, _Watch]) -> None:
         """One instant: what was published before it, then everything in the deployed order."""
@@ -183,11 +190,22 @@ class _LogState:
             if n.index in released:
                 self._step(n, watches)
 
-    def rest(self, ct: int) -> None:
-        """What came after the last step of anybody: it may still be refused."""
+    def rest(self, ct: int, watches: dict[int, _Watch]) -> None:
+        """What came after the last step of anybody: refused, or too late for a DM."""
+        self.c = replace(self.c, ct=ct)
         for feeds in self.at.values():
             for feed in feeds:
                 self._publish(feed, feed.before(ct + 1))
+        for m, watch in watches.items():
+            if self._heard(self.of_safe[m]) and self._read_by_safe(m) != watch.asked_of:
+                env = self.machine.environment(self.c, self.system.components[watch.module.dm])
+                watch.note_late(env, (ct + self.from_ns) / 1e9)
+
+    def _heard(self, topics: set[int]) -> bool:
+        return all(self.c.stamps[i] != NEVER for i in topics)
+
+    def _read_by_safe(self, module: int) -> list[object]:
+        return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.of_safe[module])]
 
     def _feed(self, driver: int, ct: int) -> None:
         for feed in self.at.get(driver, ()):
@@ -206,19 +224,39 @@ class _LogState:
             self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
 
     def _step(self, n: Component, watches: dict[int, _Watch]) -> None:
+        heard = self._heard(self.needs[n.index])
         if n.role == "dm":
             assert n.module is not None
-            if any(self.c.stamps[i] == NEVER for i in self.reads[n.module]):
-                return  # it would decide on what the program begins with, not on the log
-            watch = watches[n.module]
-            env = self.machine.environment(self.c, n)
-            self.c, verdict = dm_step(self.machine, self.c, n.index)
-            watch.note(verdict, env, (self.c.ct + self.from_ns) / 1e9)
+            if heard:
+                self._decide(n, n.module, watches[n.module])
+            else:
+                watches[n.module].found.waiting += 1
             return
+        if not heard:
+            return  # it would tell the DM what the program begins with, not the log
         self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
         if isinstance(outcome, StepOutcome) and outcome.fault is not None:
             told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
             self.judged.faulted.setdefault(n.name, told)
+
+    def _decide(self, n: Component, m: int, watch: _Watch) -> None:
+        env = self.machine.environment(self.c, n)
+        self.c, verdict = dm_step(self.machine, self.c, n.index)
+        time_s = (self.c.ct + self.from_ns) / 1e9
+        watch.note(verdict, env, time_s)
+        too_old = False
+        for i in self.of_safe[m] | self.needs[n.index]:
+            topic, age = self.system.topics[i], self.c.ct - self.c.stamps[i]
+            if topic.max_age_ns is not None:
+                too_old = too_old or (i in self.of_safe[m] and age > topic.max_age_ns)
+            elif i in self.aging:
+                self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
+        if self._heard(self.of_safe[m]):
+            watch.asked_of = self._read_by_safe(m)
+            if too_old:
+                watch.note_late(env, time_s)
+            else:
+                watch.note_safe(env, time_s, fresh=not verdict.stale)
 
 
 def _driver(system: System, topic: int) -> int:
@@ -235,12 +273,6 @@ def _written(system: System, node: int) -> set[int]:
     c = system.components[node]
     assert c.node is not None
     return {c.scope.topics[t] for t in c.node.publishes}
-
-
-def _sources(system: System, module: Module) -> set[int]:
-    """Topics that a DM reads, or the source of the queue that it does."""
-    queues = [(i, system.topics[i].queue_of) for i in module.inputs]
-    return {i if of is None else of for i, of in queues}
 
 
 def _is_due(n: Component, ct: int) -> bool:
@@ -290,11 +322,15 @@ class _Watch:
         self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
         self.of_safe = PredicateMargins(evaluator)
         self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
+        self.asked_of: list[object] = []
+        """What `safe` was last asked of."""
+        self.first_s: float | None = None
 
     def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
         """A step of the DM; `env` is what it saw."""
         module_log = self.found
         module_log.steps += 1
+        self.first_s = time_s if self.first_s is None else self.first_s
         module_log.ac += verdict.after == AC
         if verdict.before != verdict.after:
             before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
@@ -320,15 +356,30 @@ class _Watch:
                 if last is None or distance < last.distance:
                     module_log.bounds[text] = NearestMargin(distance, time_s, text)
             self.margins.seen.clear()
+
+    def note_safe(self, env: Environment, time_s: float, *, fresh: bool) -> None:
+        """Ask `safe` of reads of its own that are young enough; `fresh`: the DM's are, too."""
+        holds = self._clear(env, time_s)
+        if holds is not None:
+            self.found.asked += 1
+            self.found.judged_steps += fresh
+            self.found.outside += not holds
+
+    def note_late(self, env: Environment, time_s: float) -> None:
+        """Ask `safe` of reads that came too late to be judged."""
+        self.found.outside_late += self._clear(env, time_s) is False
+
+    def _clear(self, env: Environment, time_s: float) -> bool | None:
+        """Whether `safe` holds; None where nobody can say."""
         clear = self._asked(self.safe, env)
-        if clear is not None:
-            module_log.clearance = _least(
-                module_log.clearance, clear.far, clear, self.of_safe, time_s
-            )
-            if copysign(1.0, clear.far) < 0:
-                module_log.outside += 1
-                if module_log.first_outside_s is None:
-                    module_log.first_outside_s = time_s
+        if clear is None:
+            return None
+        found = self.found
+        found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
+        holds = copysign(1.0, clear.far) > 0
+        if not holds and found.first_outside_s is None:
+            found.first_outside_s = time_s
+        return holds
 
     def _asked(
         self, measure: Callable[[Environment], Distance] | None, env: Environment

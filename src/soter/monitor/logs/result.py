@@ -9,9 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.language.model.durations import show_ns
+
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.monitor.logs.typed_samples import DerivedValue
+    from soter.monitor.logs.typed_samples import DerivedValue, FarStamps
 
 ASSUMED = (
     "only reads are judged: where the vehicle was is known to within its estimator's errors",
@@ -55,24 +57,33 @@ class NearestMargin:
 class ModuleOfLog:
     """A module's DM on the reads of a log.
 
-    `missing`: topics without which nothing can be said; everything else is then empty. `steps` of
-    the DM; in `stale` of them a read was too old, in `fresh` none; `ttf`, `safer`, `outside` (of
-    safe), `nan_looks` (in which `ttf` or `safer` compared a NaN) and `faults` count fresh ones.
-    `margin` is of not ttf, `clearance` of `safe`; None where there was no fresh read, or where
-    `blind` says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its
-    least. `span`: where the module is declared.
+    `missing`: topics without which nothing can be said; everything else is then empty. `unheard`:
+    what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
+    it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
+    `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
+    `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
+    were, too, and in `outside` it did not hold; `outside_late`: of reads that came too late.
+    `faults` of predicates.
+    `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
+    says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
+    `span`: where the module is declared.
     """
 
     module: str
     period_ns: int
     missing: tuple[str, ...] = ()
     blind: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
     steps: int = 0
+    waiting: int = 0
     ac: int = 0
     stale: int = 0
     ttf: int = 0
     safer: int = 0
+    asked: int = 0
+    judged_steps: int = 0
     outside: int = 0
+    outside_late: int = 0
     faults: int = 0
     nan_looks: int = 0
     first_outside_s: float | None = None
@@ -86,6 +97,34 @@ class ModuleOfLog:
     def decided(self) -> bool:
         """Whether the log has all that its decision module reads."""
         return not self.missing
+
+    @property
+    def judged(self) -> bool:
+        """Whether any step was: its reads were young enough, and `safe` was asked of them."""
+        return self.judged_steps > 0
+
+    @property
+    def judged_share(self) -> float:
+        """In how much of the log, by steps of its DM, that was so."""
+        return self.judged_steps / max(1, self.steps + self.waiting)
+
+    @property
+    def violated(self) -> bool:
+        """Whether a read lay outside `safe`; alone, reads that came too late are no verdict."""
+        return self.outside > 0 or (self.judged and self.outside_late > 0)
+
+    @property
+    def unjudged(self) -> str:
+        """Why nothing was judged, "" where something was."""
+        if self.judged:
+            return ""
+        if self.blind:
+            return f"`safe` reads {', '.join(self.blind)}, which the log does not give"
+        if not self.steps:
+            return "the log ends before all that its DM reads was there"
+        if self.stale == self.steps:
+            return "every read of its DM was too old"
+        return "every read of `safe` was too old, or it faulted"
 
     @property
     def fresh(self) -> int:
@@ -112,11 +151,15 @@ class ModuleOfLog:
 class LogJudgement:
     """A log, judged. Times count from its first row.
 
-    `from_s`, `to_s`: what was judged, from when every mapped topic is known. `nodes`: nodes of the
-    program that were run for what it reads; `faulted`: those that faulted. `forced`: modules whose
-    mode the system forces. `stamps`: by topic the field that says when it was measured.
-    `sources`: by topic that has several, how many samples each gave. `left_out`, `refused`: by
-    topic how many samples had no usable value, or lay outside the topic's set, and the first.
+    `from_s`: the first step of a DM; `to_s`: the last record of the log, whatever it is of.
+    `nodes`: nodes of the program that were run for what it reads; `faulted`: those that faulted.
+    `forced`: modules whose mode the system forces. `stamps`: by topic the field that says when it
+    was measured. `sources`: by topic that has several, how many samples each gave. `left_out`,
+    `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
+    the first. `far_stamps`: by topic those that are further from the log's clock than the log is
+    long. `lost`: in words what was left out, and far stamps. `ageless`: of topics without `max_age`
+    the greatest age (ns) of a read.
+    `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
     """
 
     log: str
@@ -133,6 +176,11 @@ class LogJudgement:
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unchecked: bool = False
+    lost: list[str] = field(default_factory=list)
+    far_stamps: dict[str, FarStamps] = field(default_factory=dict)
+    ageless: dict[str, int] = field(default_factory=dict)
 
     @property
     def assumptions(self) -> list[str]:
@@ -148,9 +196,18 @@ class LogJudgement:
             names = ", ".join(f"`{n}` (`{path}`)" for n, path in self.stamps.items())
             assumptions.append(f"ages count from stamps, in the clock of the log: {names}")
         assumptions += [
+            f"`{n}` has no `max_age`: its reads count however old, here up to {show_ns(age)}"
+            for n, age in self.ageless.items()
+            if age > 0
+        ]
+        assumptions += [
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
+        if self.unchecked:
+            assumptions.append(
+                "no checksum covers the log's values: one that was changed in its place is not seen"
+            )
         if self.derived:
             assumptions.append(
                 "what is derived is not what the estimator said at that time (see its error)"

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +32,7 @@ from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.topic_sources import SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.files.log_columns import Columns, unusable
+from soter.monitor.logs.files.log_columns import Columns, decimal_of, unusable
 from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
 
@@ -45,7 +45,9 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
-TRUTHS = {"true": True, "false": False, "1": True, "0": False}
+TRUTHS = {"true": True, "false": False}
+DIGITS_MAX = 40
+"""Of a whole number: no type has more."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,26 @@ class DerivedValue:
 
     name: str
     how: str
-    error: tuple[float, float, float]
+    error: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class FarStamps:
+    """How many stamps are further from the log's clock than the log is long.
+
+    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
+    """
+
+    samples: int
+    offset_s: float
+    length_s: float
+
+    def __str__(self) -> str:
+        side = "before" if self.offset_s < 0 else "after"
+        return (
+            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
+            f"{abs(self.offset_s):,.3f} s {side} it"
+        )
 
 
 @dataclass
@@ -62,8 +83,8 @@ class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
-    `left_out`: rows without a usable value, and `first_left_out` why. `sources`: of several, how
-    many samples each gave.
+    `log_ns`: when the whole log begins and ends. `left_out`: rows without a usable value, and
+    `first_left_out` why. `sources`: of several, how many samples each gave.
     """
 
     topic: Topic
@@ -71,8 +92,10 @@ class TopicSamples:
     values: list[Value]
     linear: bool = False
     gap_ns: int = 0
+    log_ns: tuple[int, int] = (0, 0)
     left_out: int = 0
     first_left_out: str = ""
+    far_stamps: FarStamps | None = None
     stamps_ns: list[int] = field(default_factory=list)
     stamp: str = ""
     derived: list[DerivedValue] = field(default_factory=list)
@@ -84,10 +107,35 @@ class TopicSamples:
         """Whether it is the same at all times."""
         return not self.times_ns
 
+    def compare_clocks(self, stamp_ns: int | None, now_ns: int) -> None:
+        """Count a stamp, if there is one, that is further from its arrival than the log is long."""
+        if stamp_ns is None or stamp_ns <= 0:
+            return
+        offset_ns, length_ns = stamp_ns - now_ns, self.log_ns[1] - self.log_ns[0]
+        if abs(offset_ns) > length_ns:
+            before = self.far_stamps or FarStamps(0, 0.0, length_ns / 1e9)
+            furthest = max(before.offset_s, offset_ns / 1e9, key=abs)
+            self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
+
     def leave_out(self, why: str) -> None:
         """Count a row that gives no sample."""
         self.left_out += 1
         self.first_left_out = self.first_left_out or why
+
+    @property
+    def lost(self) -> list[str]:
+        """What people are told of samples that were not used, and of stamps in another clock."""
+        name = self.topic.name
+        told = []
+        if self.left_out:
+            told.append(
+                f"left out: {self.left_out:,} samples of {name}; the first: {self.first_left_out}"
+            )
+        if self.far_stamps is not None:
+            told.append(
+                f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
+            )
+        return told
 
     @property
     def from_ns(self) -> int:
@@ -101,7 +149,7 @@ class TopicSamples:
         line through that sample and the one before it, if these are no further apart.
         """
         i = bisect_right(self.times_ns, time_ns) - 1
-        if i < 0:
+        if time_ns < self.from_ns:
             return None
         since = time_ns - self.stamps_ns[i]
         if since == 0:
@@ -130,26 +178,30 @@ def samples_of(
 ) -> list[TopicSamples]:
     """All mapped topics, times counted from the first row of the log; SoterError D016."""
     first = min(c.times_ns[0] for c in columns.values())
+    begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
+    log_ns = min(begins) - first, max(ends) - first
     samples = []
     for _, maps in groupby(mapping.topics, key=lambda t: t.topic.index):
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
+        made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
         if t.promise is not None:
-            samples.append(_of_sources(path, of, first))
+            _of_sources(path, of, made, first)
+        elif t.names:
+            _of_rows(path, t, rows, made, first)
         else:
-            samples.append(_always(t) if not t.names else _of_rows(path, t, rows, first))
+            _always(t, made)
+        samples.append(made)
     return samples
 
 
-def _always(t: TopicMap) -> TopicSamples:
+def _always(t: TopicMap, made: TopicSamples) -> None:
     leaves_ = {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
-    made = TopicSamples(t.topic, [], [_built(t.topic.type, (), leaves_)])
+    made.values.append(_built(t.topic.type, (), leaves_))
     made.constants = [t.name_of(p) for p in t.leaves]
-    return made
 
 
-def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicSamples:
-    made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns)
+def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, first_ns: int) -> None:
     read: dict[LeafPath, list[Any]] = {
         p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
     }
@@ -158,10 +210,14 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
         stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
     elif t.delay_ns > 0:
         made.stamp = f"arrival less {show_ns(t.delay_ns)}"
+    follows_lines = t.linear or any(isinstance(x, SlopeSource) for x in t.leaves.values())
     for i, now in enumerate(columns.times_ns):
+        if not _counts(t, columns, i):
+            continue
         why = _foreign(t, columns, i)
         if t.stamp is not None and not why:
             why = _ill_stamped(stamps[i], now)
+            made.compare_clocks(stamps[i], now)
             if not why and made.stamps_ns and (stamps[i] or 0) - first_ns <= made.stamps_ns[-1]:
                 why = "its stamp is older than the one before it, or the same"
         row: dict[LeafPath, Value | None] = {}
@@ -170,20 +226,25 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> TopicS
         if why:
             made.leave_out(f"{columns.where[i]}: {why}")
             continue
+        if follows_lines and made.times_ns and made.stamps_ns[-1] == (stamps[i] or 0) - first_ns:
+            for column in (made.times_ns, made.stamps_ns, *read.values()):
+                column.pop()  # no line goes through two values at one time: the later one counts
         made.times_ns.append(now - first_ns)
         made.stamps_ns.append((stamps[i] or 0) - first_ns)
         for p, value in row.items():
             read[p].append(value)
     if not made.times_ns:
-        raise unusable(path, f"no row of it has all of `{t.topic.name}`", made.first_left_out)
+        chosen = " and ".join(f"{k} = {v}" for k, v in t.where.items())
+        what = f"all of `{t.topic.name}`" + (f" and {chosen}" if chosen else "")
+        raise unusable(path, f"no row of it has {what}", made.first_left_out)
     _fill(path, t, made, read)
-    return made
 
 
-def _of_sources(path: Path, sources: list[tuple[TopicMap, Columns]], first_ns: int) -> TopicSamples:
+def _of_sources(
+    path: Path, sources: list[tuple[TopicMap, Columns]], made: TopicSamples, first_ns: int
+) -> None:
     """The samples that a bridge takes of several sources: one after the other, as they arrived."""
-    topic = sources[0][0].topic
-    made = TopicSamples(topic, [], [])
+    topic = made.topic
     made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
     made.constants = [
         t.name_of(p)
@@ -197,6 +258,10 @@ def _of_sources(path: Path, sources: list[tuple[TopicMap, Columns]], first_ns: i
     arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
     for now, rank, i in sorted(arrivals):
         t, columns = sources[rank]
+        if not _counts(t, columns, i):
+            continue
+        if t.stamp is not None:
+            made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
         value, stamp, why = _of_source(path, t, columns, i, check)
         if why:
             made.leave_out(f"{columns.where[i]}: {why}")
@@ -210,7 +275,6 @@ def _of_sources(path: Path, sources: list[tuple[TopicMap, Columns]], first_ns: i
     counts = [f"{t.channel or k + 1} ({taken.count(k):,})" for k, (t, _) in enumerate(sources)]
     changes = sum(a != b for a, b in pairwise(taken))
     made.sources = f"{', '.join(counts)}, {changes:,} changes from one to the other"
-    return made
 
 
 def _of_source(
@@ -246,6 +310,11 @@ def _cells(
     }
     lost = next((p for p, value in row.items() if value is None), None)
     return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
+
+
+def _counts(t: TopicMap, columns: Columns, i: int) -> bool:
+    """Whether a row is one of those that the topic chooses."""
+    return all(str(columns.cells[k][i]).strip() == v for k, v in t.where.items())
 
 
 def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
@@ -310,7 +379,7 @@ def _ahead(
                 "on the line through the last two samples, for at most "
                 f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
             )
-            if error[-1] > 0.0:
+            if error is None or error[-1] > 0.0:
                 made.derived.append(DerivedValue(t.name_of(p), how, error))
 
 
@@ -356,27 +425,27 @@ def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
     if isinstance(t, BoolType):
         if isinstance(cell, bool):
             return cell
-        return _known(TRUTHS, str(cell).lower())
+        said = TRUTHS.get(str(cell).lower())
+        return (False, True)[_between(0, _whole(cell), 1)] if said is None else said
     if isinstance(t, EnumType):
         return t.members.index(str(cell))
     if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
         raise TypeError
-    value = int(cell) if not isinstance(cell, float) else _whole(cell)
-    if isinstance(t, IntType) and not t.low <= value <= t.high:
+    return _between(t.low, _whole(cell), t.high) if isinstance(t, IntType) else _whole(cell)
+
+
+def _between(low: int, value: int, high: int) -> int:
+    if not low <= value <= high:
         raise ValueError
     return value
 
 
-def _known(known: dict[str, bool], text: str) -> bool:
-    if text not in known:
+def _whole(cell: Any) -> int:  # noqa: ANN401 - a text, or a number
+    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
+    number = decimal_of(cell)
+    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
         raise ValueError
-    return known[text]
-
-
-def _whole(x: float) -> int:
-    if x != int(x):
-        raise ValueError
-    return int(x)
+    return int(number)
 
 
 def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:

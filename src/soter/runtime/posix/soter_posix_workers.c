@@ -286,7 +286,10 @@ void soter_posix_release(soter_posix* d) {
   if (d->keeper > 0) {
     SOTER_CHECK(d->status != NULL && !d->status->over);
     __atomic_store_n(&d->status->over, true, __ATOMIC_RELEASE);
-    (void)waitpid(d->keeper, NULL, 0);
+    int status = 0;
+    while (waitpid(d->keeper, &status, WUNTRACED) == d->keeper && WIFSTOPPED(status)) {
+      (void)kill(d->keeper, SIGCONT); /* a worker stopped who keeps it: it goes on, to end */
+    }
   }
 }
 

@@ -8,6 +8,7 @@ nodes with locals of their own, which only the native engine runs (X008).
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.native.build import library
 from soter.native.cache import digest
 from soter.native.cffi_interface import interface, opened
+from soter.native.extern_memory import another_copy, kept_by
 from soter.native.includes import included
 from soter.simulate.externs.python_answers import PlainError
 
@@ -53,12 +55,15 @@ def c_externs(
     _refuse_the_impossible(nodes, list(funs))
     if not nodes and not funs:
         return {}
-    path = str(library(generate(system, core)))
-    opened(interface(), Path(path), linked_symbols(system, core))  # says what is missing, and where
-    extern_by_name = {x.name: CExtern(_node(system, x, path)) for x in nodes}
-    extern_by_name.update(
-        {f.name: CExtern(_function(f, source, path)) for f, source in funs.items()}
-    )
+    unit = generate(system, core)
+    shared = library(unit)
+    with another_copy(shared) if kept_by(unit) else nullcontext(shared) as copy:
+        path = str(copy)
+        opened(interface(), copy, linked_symbols(system, core))  # says what is missing, and where
+        extern_by_name = {x.name: CExtern(_node(system, x, path)) for x in nodes}
+        extern_by_name.update(
+            {f.name: CExtern(_function(f, source, path)) for f, source in funs.items()}
+        )
     return extern_by_name
 
 

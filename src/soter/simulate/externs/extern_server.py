@@ -1,6 +1,6 @@
 """The process of an extern node in Python.
 
-Purpose: `python -m soter.simulate.externs.extern_server SPEC` loads the person's code and answers
+Purpose: run as a module with SPEC (`native/python_child.py`) it loads the person's code and answers
 what the driver asks, until the driver is gone. SPEC says what and how: `write_spec` writes it.
 Non-goals: being on time or right: the driver and the gate see to that.
 """

@@ -20,7 +20,7 @@ from soter.language.model.python_values import ValueShapeError, inputs_to_python
 from soter.native.package_sources import SOTER
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
-from soter.semantics.publication_gate import check_of, messages
+from soter.semantics.publication_gate import check_of, messages, to_ends
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -148,7 +148,7 @@ class _Gate:
         self.span = component.span
         written = component.node.publishes if component.node is not None else ()
         topics = [component.scope.topics[t] for t in written]
-        self.checks = [(t, check_of(system.topics[t])) for t in topics]
+        self.checks = [(system.topics[t], check_of(system.topics[t])) for t in topics]
         bursts = component.node.bursts if component.node is not None else ()
         self.bursts = [component.scope.topics[t] for t in bursts]
 
@@ -158,8 +158,8 @@ class _Gate:
             return
         for (topic, check), value in zip(self.checks, values, strict=False):
             try:
-                for message in () if value is None else messages(topic, value, self.bursts):
-                    check(message, self.span)
+                for message in () if value is None else messages(topic.index, value, self.bursts):
+                    check(to_ends(topic, message), self.span)
             except StepFault as fault:
                 failures[self.name] = fault.detail
                 return

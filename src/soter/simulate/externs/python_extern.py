@@ -33,6 +33,9 @@ if TYPE_CHECKING:
     from soter.simulate.externs.misuse_messages import Shapes
     from soter.simulate.interrupt import StopRequest
 
+_FOLDERS: set[Path] = set()
+"""Where externs of this process lie."""
+
 
 class ExternEscapeError(PlainError):
     """An extern tried to end the process."""
@@ -133,9 +136,7 @@ def _module(path: Path, span: Span | None) -> ModuleType:
             "X003", f"`{path}` is no Python file", span, "the name of a Python file ends in .py"
         )
     module = importlib.util.module_from_spec(spec)
-    folder = str(path.resolve().parent)
-    if folder not in sys.path:
-        sys.path.insert(0, folder)  # so that it finds the files beside it, now and later
+    _put_first(path.resolve().parent)
     sys.modules[full_name] = module
     try:
         outside(spec.loader.exec_module, module)
@@ -147,6 +148,29 @@ def _module(path: Path, span: Span | None) -> ModuleType:
         message = f"`{path}` cannot be loaded: {described(error, place=False)}"
         raise _problem("X003", message, span, notes=_where(error, path)) from error
     return module
+
+
+def _put_first(folder: Path) -> None:
+    """Let an extern find the files beside it, now and later.
+
+    What an extern of another folder imported under a name that this folder has, too, is forgotten:
+    else this one would be given the other's. Who imported it keeps it.
+    """
+    others = _FOLDERS - {folder}
+    for name, module in list(sys.modules.items()) if others else ():
+        file, top = getattr(module, "__file__", None), name.partition(".")[0]
+        theirs = file and any(_holds(x, top, Path(file)) for x in others)
+        if theirs and ((folder / f"{top}.py").is_file() or (folder / top).is_dir()):
+            del sys.modules[name]
+    _FOLDERS.add(folder)
+    if str(folder) in sys.path:
+        sys.path.remove(str(folder))
+    sys.path.insert(0, str(folder))
+
+
+def _holds(folder: Path, top: str, file: Path) -> bool:
+    """Whether a module or package of that name in the folder is what a file belongs to."""
+    return file == folder / f"{top}.py" or folder / top in file.parents
 
 
 def instantiated(made_from: type, name: str, span: Span | None) -> object:

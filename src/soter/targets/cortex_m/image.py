@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import shlex
 import shutil
-import sys
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler import Compiler
 from soter.native.compiler_process import CompilerOutput, run_compiler
+from soter.native.python_child import python_module
 from soter.report.printable_text import visible
 from soter.targets.cortex_m.board import SOFT
 from soter.targets.cortex_m.cortex_m_package import LIMIT_S
@@ -219,7 +219,7 @@ def _largest(package: Package, kinds: str) -> list[str]:
 
 
 def _make(package: Package, *words: str) -> CompilerOutput:
-    zig = f"ZIG={shlex.quote(sys.executable)} -m ziglang"
+    zig = f"ZIG={shlex.join(python_module('ziglang'))}"
     return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
 
 

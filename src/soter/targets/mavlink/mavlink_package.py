@@ -18,7 +18,7 @@ from soter.targets.bridge_base_package import COMMON, TRUSTED, BridgedSystem, re
 from soter.targets.bridged_topics import bridged_topics, by_topic, unsaid
 from soter.targets.leases import lease_times
 from soter.targets.mavlink.bridge_source import BridgeSource
-from soter.targets.mavlink.dialect_headers import FOLDER, dialect_headers
+from soter.targets.mavlink.dialect_headers import FOLDER, OF_EVERY_BRIDGE, dialect_headers
 from soter.targets.mavlink.set_point_mask_check import set_point_problems
 from soter.targets.package import Package, PackageFile
 
@@ -109,6 +109,13 @@ def _refuse(source: BridgeSource) -> None:
     if len(source.inward) + len(source.outward) > TOPICS_MAX:
         problems.append(f"the mapping names more than {TOPICS_MAX} topics")
     problems += _too_late(source)
+    dialect = source.link.dialect
+    problems += [
+        f"the dialect `{dialect.name}` has no message {name}, which every bridge sends: include "
+        "`minimal.xml` and `common.xml` of MAVLink"
+        for name in OF_EVERY_BRIDGE
+        if name not in dialect.messages
+    ]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
 
@@ -43,8 +44,8 @@ NEVER, HARDLY_EVER = "never", "hardly ever"
 
 def vacuity(done: Sequence[Case]) -> Vacuity | None:
     """The worst of all cases; None where `safe` and the proof say something, and AC has control."""
-    if done and not topic_reads(done[0].problem.module.symbol.safe):
-        return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
+    if done and (nothing := _reads_nothing(done[0].problem)):
+        return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _of_case(case)]
     if not every:
         return None
@@ -62,6 +63,29 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
         f"with {named}{also} {worst.text}",
         tuple(zip((p.name for p in case.problem.parameters), case.parameter, strict=True)),
     )
+
+
+def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
+    """The same of a proof by induction; `never`: as `Induction` has it."""
+    if nothing := _reads_nothing(problem):
+        return nothing
+    if never == "fails":
+        text = "`safe` holds of all values that its topics may have: it says nothing"
+        return Vacuity(NEVER, "safe", 0.0, text)
+    if never == "gets":
+        text = "AC never has control (at no decision does `safer` hold of what is fresh)"
+        return Vacuity(NEVER, "safer", 0.0, text)
+    if never == "keeps":
+        span = show_ns(problem.times.delta_dm)
+        text = f"AC never keeps control (`ttf` holds at every decision: {span} at a time at most)"
+        return Vacuity(NEVER, "ttf", 0.0, text)
+    return None
+
+
+def _reads_nothing(problem: Problem) -> Vacuity | None:
+    if topic_reads(problem.module.symbol.safe):
+        return None
+    return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
 
 
 def small_cores(done: Sequence[Case]) -> tuple[str, ...]:

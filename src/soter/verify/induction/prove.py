@@ -1,8 +1,8 @@
 """k-induction over hyperperiods.
 
 Purpose: that `safe`, every lemma and every step hold at all times: in the first hyperperiods of
-every run, and after any k hyperperiods in which they held, in the next one, too. And P2b: that no
-state is followed by so many hyperperiods in which DM never says "AC".
+every run, and after any k hyperperiods in which they held, in the next one, too. P2b: that no
+state is followed by so many hyperperiods in which DM never says "AC". And whether AC ever can.
 Non-goals: the relation (`transition_relation.py`), runs of the program (`refute.py`).
 """
 
@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.core.abstract_execution import TooManyStatementsError
 from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.transition_relation import Stretch
+from soter.verify.induction.visible_state import AC, SC, ClusterView
 from soter.workers.interruptible_solver import ctrl_c_waits
 
 if TYPE_CHECKING:
@@ -63,6 +65,9 @@ class Induction:
     returns_s: float = 0.0
     contradicted: bool = False
     """What P2b takes for granted never holds for so long."""
+    never: str = ""
+    """"gets": no decision gives AC control; "keeps": none leaves it control; "fails": `safe` holds
+    of all values that topics may have; "": nothing of these is so."""
 
     @property
     def returns_ns(self) -> int:
@@ -85,6 +90,7 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
             _latching(problem, induction, progress)
         if induction.proved:
             _returns(problem, induction)
+            induction.never = _never(problem, induction)
     except TooManyStatementsError:
         induction.why = "a step takes more statements than are followed"
     induction.seconds = time.perf_counter() - began
@@ -260,6 +266,54 @@ def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: 
     granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
     query.add(*granted)
     return bool(query.check() == terms.z3.unsat)
+
+
+# ---------------------------------------------------------------- what is proved of nothing
+
+
+def _never(problem: InductionProblem, induction: Induction) -> str:
+    """What never happens: `safe` "fails" for no values, AC never "gets" or "keeps" control.
+
+    In no hyperperiod after k that held, and in none of the first: that all holds is proved, so
+    nothing that can happen is left out.
+    """
+    if _holds_anyway(problem):
+        return "fails"
+    whole, latching = induction.hyperperiod_ns, bool(induction.latching)
+    held = induction.k * whole
+    later = partial(Stretch, problem, end=held + whole, latching=latching)
+    first = partial(
+        Stretch, problem, end=settled(problem.clocks) + held, first=True, latching=latching
+    )
+    for word in ("gets", "keeps"):
+        if not (_decided(later, held, word) or _decided(first, 0, word)):
+            return word
+    return ""
+
+
+def _holds_anyway(problem: InductionProblem) -> bool:
+    """Whether no values of the topics' sets, whoever publishes them, are outside of `safe`."""
+    terms = SolverTerms()
+    stretch = Stretch(problem, terms, 0)
+    outside = terms.no(stretch.judged(ClusterView(stretch, None, 0))[0])
+    query = terms.query()
+    query.add(outside)
+    return bool(query.check() == terms.z3.unsat)
+
+
+def _decided(made: Callable[..., Stretch], begin: int, word: str) -> bool:
+    """Whether the solver leaves open that a decision from `begin` on gives, or leaves, control."""
+    terms = SolverTerms()
+    stretch = made(terms=terms)
+    query = terms.query()
+    _assume(query, stretch, stretch.end)
+    ways = [
+        terms.both(d.mode == AC, d.before == (AC if word == "keeps" else SC))
+        for d in stretch.done
+        if d.mode is not None and not d.step.begun and d.step.effect.latest >= begin
+    ]
+    query.add(terms.either(*ways))
+    return bool(query.check() != terms.z3.unsat)
 
 
 def _term(terms: SolverTerms, truth: Term) -> Term:

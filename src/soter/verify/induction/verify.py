@@ -25,6 +25,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
+from soter.verify.diagnosis.vacuity import vacuity_of_nodes
 from soter.verify.induction.prove import induct
 from soter.verify.induction.refute import refuting_run
 from soter.verify.problem.assumption import Assumption
@@ -98,6 +99,7 @@ def verify_by_induction(
     findings["failsafe"] = _failsafe(problem)
     findings["DM"] = _decision_module(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
+    result.vacuity = vacuity_of_nodes(problem, induction.never)
     if induction.uninterpreted:
         names = ", ".join(induction.uninterpreted)
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)

@@ -22,11 +22,24 @@ import numpy.typing as npt
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
+from soter.workers.quiet_highs import new_highs
 
 SLACK = 1e-6
 """By how much a half-space must cut to count as one, and thresholds are lowered for rounding."""
 CLOSE = 2.0**-40
 """Relative distance from which on the rounding of a product decides nothing."""
+GAP = SLACK / 1000
+"""How far multipliers may lie above the value that they bound, relative to it, to be good ones."""
+USUAL: dict[str, object] = {"solver": "choose", "simplex_strategy": 1, "simplex_scale_strategy": 2}
+WAYS: tuple[dict[str, object] | None, ...] = (
+    None,
+    {},
+    {"simplex_strategy": 4},
+    {"simplex_strategy": 1, "simplex_scale_strategy": 0},
+    {"solver": "ipm"},
+)
+"""How HiGHS is asked, in turn: from where it is (None), then from scratch; with a primal simplex;
+without its scaling; by interior points. Which vertex it returns must not decide a verdict."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,19 +142,15 @@ class LinearProgram:
     """max c x on a polytope, again and again, by HiGHS: hints only."""
 
     def __init__(self, polytope: Polytope) -> None:
-        highspy = require_highs()
-        self._highs = highspy.Highs()
-        self._highs.setOptionValue("output_flag", False)
-        self._highs.setOptionValue("threads", 1)
+        self._highs = require_highs()
         self._highs.setOptionValue("presolve", "off")
         for side in ("primal", "dual"):
             self._highs.setOptionValue(f"{side}_feasibility_tolerance", 1e-10)
         self.n = len(polytope.low)
-        self.rows = 0
-        self._optimal = highspy.HighsModelStatus.kOptimal
+        self._box = polytope.low, polytope.high
+        self._rows: list[Array] = []
+        self._bounds: list[float] = []
         self._columns = np.arange(self.n, dtype=np.int32)
-        infinity = highspy.kHighsInf
-        self._infinity = infinity
         self._highs.addVars(self.n, polytope.low, polytope.high)
         for row, limit in zip(polytope.rows, polytope.bounds, strict=True):
             self.add(row, limit)
@@ -149,48 +158,83 @@ class LinearProgram:
 
     def add(self, row: Array, limit: float) -> None:
         """Cut by a half-space, row x <= limit, `row` (n,)."""
-        self._highs.addRow(-self._infinity, float(limit), self.n, self._columns, row)
-        self.rows += 1
+        self._highs.addRow(-np.inf, float(limit), self.n, self._columns, row)
+        self._rows.append(row)
+        self._bounds.append(float(limit))
 
     def is_empty(self) -> bool:
         """Whether no point was found (a hint)."""
-        return not self._solve(np.zeros(self.n))
+        return self._solve(np.zeros(self.n)) is None
 
     def limit(self, place: int, limit: float) -> None:
         """Change the bound of half-space number `place`."""
-        self._highs.changeRowBounds(place, -self._infinity, float(limit))
+        self._highs.changeRowBounds(place, -np.inf, float(limit))
+        self._bounds[place] = float(limit)
 
-    def _solve(self, row: Array) -> bool:
-        """Maximise row x; from scratch where going on from the last vertex went astray."""
+    def _solve(self, row: Array) -> tuple[Array, Array] | None:
+        """X (n,) and multipliers (half_spaces,) at the greatest value of row x; None without any.
+
+        The solver goes on from the last vertex. Where it finds nothing there, or multipliers whose
+        bound lies above row x, it is asked from scratch, and by other ways (`WAYS`).
+        """
         self._highs.changeColsCost(self.n, self._columns, -row)
-        for _ in range(2):
+        best, least = None, np.inf
+        for way in WAYS:
+            if way is not None:
+                self._highs.clearSolver()
+                for option, value in way.items():
+                    self._highs.setOptionValue(option, value)
             self._highs.run()
-            if self._highs.getModelStatus() == self._optimal:
-                return True
+            status = self._highs.getModelStatus().name
+            if status == "kOptimal":
+                solution = self._highs.getSolution()
+                x = np.asarray(solution.col_value, dtype=np.float64)
+                weights = np.maximum(-np.asarray(solution.row_dual, dtype=np.float64), 0.0) + 0.0
+                bound = self._bound(row, weights)
+                if best is None or bound < least:
+                    best, least = (x, weights), bound
+                if bound - row @ x <= GAP * (1.0 + abs(bound)):
+                    break
+            elif way is not None and status == "kInfeasible":
+                break
+        if way:
+            for option, value in USUAL.items():
+                self._highs.setOptionValue(option, value)
             self._highs.clearSolver()
-        return False
+        return best
+
+    def _bound(self, row: Array, weights: Array) -> float:
+        """What multipliers (half_spaces,) show of row x, as floats say: infinite where nothing."""
+        used = np.flatnonzero(weights)
+        rest = row - sum((weights[k] * self._rows[k] for k in used), np.zeros(self.n))
+        low, high = self._box
+        with np.errstate(invalid="ignore"):
+            ends = np.where(rest > 0.0, rest * high, np.where(rest < 0.0, rest * low, 0.0))
+        bound = float(ends.sum()) + float(sum(weights[k] * self._bounds[k] for k in used))
+        return bound if np.isfinite(bound) else np.inf
 
     def weights(self, row: Array) -> Array:
         """Multipliers, (half_spaces,), at the greatest value of row x; zeros without one.
 
         `row`: (n,).
         """
-        if not self._solve(row):
-            return np.zeros(self.rows)
-        duals = np.asarray(self._highs.getSolution().row_dual, dtype=np.float64)[: self.rows]
-        return np.maximum(-duals, 0.0) + 0.0 if np.isfinite(duals).all() else np.zeros(self.rows)
+        solution = self._solve(row)
+        if solution is None or not np.isfinite(solution[1]).all():
+            return np.zeros(len(self._rows))
+        return solution[1]
 
     def greatest(self, row: Array) -> tuple[float, Array]:
         """The greatest value of row x, `row` (n,), and x; infinity where the solver found none."""
-        solved = self._solve(row)
-        x = np.asarray(self._highs.getSolution().col_value, dtype=np.float64)
-        return (float(row @ x) if solved else np.inf), x
+        solution = self._solve(row)
+        if solution is None:
+            return np.inf, np.zeros(self.n)
+        return float(row @ solution[0]), solution[0]
 
 
 def require_highs() -> Any:  # noqa: ANN401 - an untyped module
-    """The LP solver; SoterError D007 where the extra is not installed."""
+    """An LP solver; SoterError D007 where the extra is not installed."""
     try:
-        import highspy  # noqa: PLC0415 - an extra
+        return new_highs()
     except ImportError:
         raise SoterError(
             (
@@ -201,7 +245,6 @@ def require_highs() -> Any:  # noqa: ANN401 - an untyped module
                 ),
             )
         ) from None
-    return highspy
 
 
 def lean(polytope: Polytope) -> Polytope:

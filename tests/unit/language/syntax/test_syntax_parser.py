@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,6 +11,7 @@ import pytest
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
+from work import work_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -356,14 +356,9 @@ def test_nesting_up_to_the_limit_is_fine(parsed: Parsed) -> None:
     assert parsed(f"soter 1; const X: float = {'1.0 + ' * 190}1.0;")[1] == ()
 
 
-def test_a_program_of_1500_lines_parses_quickly(parsed: Parsed, everything: str) -> None:
+def test_the_work_of_parsing_grows_with_the_text(parsed: Parsed, everything: str) -> None:
     body = everything.split("\n", 1)[1].replace("import", "//import")
-    text = "soter 1;\n" + body * (1500 // everything.count("\n"))
-    best = min(_seconds(parsed, text) for _ in range(5))
-    assert best < 0.5  # about 0.04 s on an idle machine
-
-
-def _seconds(parsed: Parsed, text: str) -> float:
-    begin = time.process_time()
-    parsed(text)
-    return time.process_time() - begin
+    times = 1500 // everything.count("\n")
+    _, once = work_of(lambda: parsed("soter 1;\n" + body))
+    _, often = work_of(lambda: parsed("soter 1;\n" + body * times))
+    assert often <= 1.1 * times * once

@@ -566,3 +566,49 @@ def test_control_does_not_come_back_where_what_the_dm_reads_is_never_fresh(tmp_p
         assert findings["P2a"].verdict == "proved"
         verdicts.append(findings["P2b"].verdict)
     assert verdicts == ["proved", "undecided", "undecided"]
+
+
+NEVER = {
+    "ttf a tautology": (
+        ("ttf !PhiPlan(candidate)", "ttf candidate == Plan.Hover || candidate != Plan.Hover"),
+        ("ttf", "AC never keeps control"),
+    ),
+    "ttf wherever safer": (
+        ("ttf !PhiPlan(candidate)", "ttf candidate != Plan.Around || PhiPlan(candidate)"),
+        ("ttf", "AC never keeps control"),
+    ),
+    "safer a contradiction": (
+        ("safer PhiPlan(candidate)", "safer PhiPlan(candidate) && !PhiPlan(candidate)"),
+        ("safer", "AC never has control"),
+    ),
+    "safer nowhere that SC leads": (
+        ("safer PhiPlan(candidate)", "safer candidate == Plan.Around"),
+        ("safer", "AC never has control"),
+    ),
+    "safe a tautology": (
+        ("safe PhiPlan(inForce)", "safe PhiPlan(inForce) || !PhiPlan(inForce)"),
+        ("safe", "`safe` holds of all values"),
+    ),
+    "safe of nothing": (("safe PhiPlan(inForce)", "safe 1 < 2"), ("safe", "reads no topic")),
+}
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("name", NEVER)
+def test_a_proof_of_nothing_says_so_in_its_headline(tmp_path: Path, name: str) -> None:
+    """By what the solver shows of every decision, whatever the predicates look like."""
+    change, (what, said) = NEVER[name]
+    given_up = () if "safer" not in name else (("safer", "returns never;\n  safer"),)
+    module_result = verified(tmp_path, change, *given_up)["SafePlanner"]
+    assert module_result.verdict == "proved", module_result.findings
+    vacuity = module_result.vacuity
+    assert vacuity is not None
+    assert (vacuity.how_often, vacuity.what) == ("never", what)
+    assert said in module_result.headline
+
+
+def test_a_proof_that_says_something_has_no_such_words(tmp_path: Path) -> None:
+    """Where AC may only rarely have control, the solver finds when."""
+    assert verified(tmp_path)["SafePlanner"].vacuity is None
+    only = ("ttf !PhiPlan(candidate)", "ttf candidate != Plan.Hover")
+    assert verified(tmp_path, only)["SafePlanner"].vacuity is None

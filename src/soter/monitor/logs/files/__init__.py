@@ -3,5 +3,5 @@
 `read_columns` is the way in, `log_columns` what comes out. `csv_log` reads tables; `message_log`
 reads messages, of `mcap_messages` or `ros_bags` (over `bounded_rosbag_reader`), whose fields are
 found by `message_parts`; `ros_messages` decodes. All of it within bounds (`bounded_gzip`,
-`bounded_unpack`).
+`report/bounded_unpack`).
 """

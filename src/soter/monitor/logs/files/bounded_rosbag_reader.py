@@ -18,7 +18,6 @@ from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Reader2
 
-from soter.monitor.logs.files.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -26,6 +25,8 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
+from soter.monitor.logs.files.whole_bags import WholeBag1, require_no_journal, require_whole
+from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -35,12 +36,14 @@ if TYPE_CHECKING:
     from rosbags.rosbag1.reader import IndexData
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
-    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, FileFacts, Wanted
     from soter.monitor.logs.files.ros_messages import Format
 
 STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
 """Instructions that SQLite is given for a file: so many a byte, and so many at all."""
 STEPS_AT_ONCE = 1_000_000
+IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+"""As they were written: a clock that was set back is not hidden by sorting."""
 
 
 class _BoundedReader1(Reader1):
@@ -60,10 +63,12 @@ class _BoundedReader1(Reader1):
             raise Reader1Error("its index is longer than the bag")
 
 
-def ros1_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
-    """Time of arrival, channel and content of each message of the wanted channels."""
+def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Time of arrival, channel and content of each message; None for what nobody wants.
+
+    In the order of the file; ContradictionError where it is not as it says.
+    """
+    facts.unchecked = True
     unpacking = BoundedUnpacking(path.stat().st_size)
     bounded = {
         decompressors["none"]: unpacking.plain,
@@ -71,44 +76,54 @@ def ros1_messages(
         decompressors["lz4"]: unpacking.lz4,
     }
     with _BoundedReader1(path) as reader:
-        reader.chunks = {
-            at: chunk._replace(decompressor=bounded[chunk.decompressor])
-            for at, chunk in reader.chunks.items()
-        }
-        chosen = _chosen(reader.connections, wanted, there)
-        decoders = {c.id: _decoder_of(c, wanted[c.topic], 1) for c in chosen}
-        for connection, time_ns, data in reader.messages(chosen) if chosen else ():
-            there[connection.topic] += 1
-            yield time_ns, connection.topic, decoders[connection.id](data)
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        names = {c.id: c.topic for c in reader.connections}
+        decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
+        for connection, time_ns, data in WholeBag1(reader, bounded).messages():
+            facts.there[names[connection]] += 1
+            content = decoders[connection](data) if connection in chosen else None
+            yield time_ns, None, names[connection], content
 
 
 def sqlite_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int], *, packed: bool
-) -> Iterator[tuple[int, str, Any]]:
+    path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
+) -> Iterator[Arrived]:
     """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
 
     Raises UndecodableError where its database or its messages are none of a bag.
     """
+    facts.unchecked = True
+    require_no_journal(path)
     _require_tables(path)
     size = path.stat().st_size
     unpacking = BoundedUnpacking(size)
     unpack = unpacking.zstd if packed else unpacking.plain
     with Reader2(path) as reader:
-        _limit(cast("Sqlite3Reader", reader.storage).dbconn, size)
-        chosen = _chosen(reader.connections, wanted, there)
-        decoders = {c.id: _decoder_of(c, wanted[c.topic], 2) for c in chosen}
-        for connection, time_ns, data in reader.messages(chosen) if chosen else ():
+        database = cast("Sqlite3Reader", reader.storage).dbconn
+        assert database is not None
+        _limit(database, size)
+        require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path)
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        for c in reader.connections:
+            facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
+        decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
+        names = {c.id: c.topic for c in reader.connections}
+        for topic, time_ns, data in database.execute(IN_ORDER):
+            name = names[topic]
+            if topic not in chosen and isinstance(time_ns, int):
+                yield time_ns, None, name, None
+                continue
             if not isinstance(data, bytes) or not isinstance(time_ns, int):
-                raise UndecodableError(f"a message of `{connection.topic}` is no bytes with a time")
-            there[connection.topic] += 1
-            yield time_ns, connection.topic, decoders[connection.id](unpack(data))
+                raise UndecodableError(f"a message of `{name}` is no bytes with a time")
+            facts.there[name] += 1
+            yield time_ns, None, name, decoders[topic](unpack(data))
 
 
 def _chosen(
-    connections: list[Connection], wanted: dict[str, Wanted], there: dict[str, int]
+    connections: list[Connection], wanted: dict[str, Wanted], facts: FileFacts
 ) -> list[Connection]:
     for connection in connections:
-        there.setdefault(connection.topic, 0)
+        facts.there.setdefault(connection.topic, 0)
     return [c for c in connections if c.topic in wanted]
 
 
@@ -144,9 +159,8 @@ def _require_tables(path: Path) -> None:
             raise UndecodableError(f"its database has a `{kind}` that no bag has")
 
 
-def _limit(database: apsw.Connection | None, size: int) -> None:
+def _limit(database: apsw.Connection, size: int) -> None:
     """Let SQLite end: after so many steps, and with so much of a row."""
-    assert database is not None
     left = STEPS_MIN + STEPS_PER_BYTE * size
 
     def is_too_long() -> bool:

@@ -26,6 +26,10 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.files.log_columns import Columns, Wanted
 
+SECOND_NS = 10**9
+OF_ROS = [Fraction(SECOND_NS), Fraction(1)]
+"""Units of the two columns of a ROS time, in ns."""
+SEVERAL = "`where` chooses the rows of one flight; `time` its column and unit"
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
 LINE_MAX = 1 << 24
@@ -46,20 +50,32 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
         help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
         raise unusable(path, "nobody says which column is the time", help_)
     columns = wanted.columns()
+    columns.unchecked = not path.name.lower().endswith(".gz")
     of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
-    needed = dict.fromkeys([mapping.time, *mapping.where, *wanted.names, *of_stamps])
-    for line, row in _rows(path, list(needed)):
+    needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
+    for line, clock, row in _rows(path, list(needed), mapping.time, columns.notes):
         if any(row[k].strip() != v for k, v in mapping.where.items()):
             continue
         where = f"line {line}"
-        now = moment(path, row[mapping.time], mapping.time_ns, where)
+        now = _time(path, mapping, clock, where)
+        if not mapping.counts(now):
+            continue
         cells = {n: row[n] for n in wanted.names}
         stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
-        add_row(path, columns, now, cells, stamps, lambda at: f"line {at}", line)
+        add_row(path, columns, now, cells, stamps, "line {}".format, line, SEVERAL)
     if not columns.times_ns:
         chosen = " and ".join(f"{k} = {v}" for k, v in mapping.where.items())
         raise unusable(path, f"no row has {chosen}" if chosen else "it has no rows")
     return columns
+
+
+def _time(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
+    """When a row counts: of a number in its unit, or of seconds and nanoseconds."""
+    if len(clock) == 1:
+        return moment(path, clock[0], mapping.time_ns, where)
+    if mapping.time_ns != SECOND_NS:
+        raise unusable(path, f"`{mapping.time}` is a time of two columns: it has no `unit`")
+    return sum(moment(path, c, u, where) for c, u in zip(clock, OF_ROS, strict=True))
 
 
 def _stamp_columns(source: StampSource) -> list[str]:
@@ -73,26 +89,32 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
     names = _stamp_columns(source)
     if any(not row[n].strip() for n in names):
         return None
-    units = [source.unit_ns] if source.kind == "number" else [Fraction(10**9), Fraction(1)]
+    units = [source.unit_ns] if source.kind == "number" else OF_ROS
     return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
 
 
-def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line and the cells that are needed of each row."""
+def _rows(
+    path: Path, needed: list[str], time: str, notes: list[str]
+) -> Iterator[tuple[int, list[str], dict[str, str]]]:
+    """Line, the cells of its time and those that are needed of each row."""
     try:
         with opened(path) as data, _text(path, data) as file:
-            reader = csv.reader(_lines(file))
+            reader = csv.reader(_lines(file, notes))
             head = [h.strip() for h in next(reader, [])]
             if not head:
                 raise unusable(path, "it is empty")
             places = {name: _place(path, head, name) for name in needed}
+            two = [f"{time}.sec", f"{time}.nanosec"]
+            of_time = two if time not in head and set(two) <= set(head) else [time]
+            clock = [_place(path, head, name) for name in of_time]
             for row in reader:
                 if not row:
                     continue
                 if len(row) != len(head):
                     text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
                     raise unusable(path, text)
-                yield reader.line_num, {name: row[at] for name, at in places.items()}
+                cells = {name: row[at] for name, at in places.items()}
+                yield reader.line_num, [row[at] for at in clock], cells
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
@@ -108,12 +130,16 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
     return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 
 
-def _lines(file: IO[str]) -> Iterator[str]:
+def _lines(file: IO[str], notes: list[str]) -> Iterator[str]:
     """Its lines; csv.Error where one is longer than any can be."""
-    while line := file.readline(LINE_MAX + 1):
+    line = "\n"
+    while next_line := file.readline(LINE_MAX + 1):
+        line = next_line
         if len(line) > LINE_MAX:
             raise csv.Error(f"a line has more than {LINE_MAX} letters")
         yield line
+    if not line.endswith(("\n", "\r")):
+        notes.append("its last line has no end: the file may be cut there")
 
 
 def _place(path: Path, head: list[str], name: str) -> int:

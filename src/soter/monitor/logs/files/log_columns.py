@@ -24,8 +24,13 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap
 
 
+Arrived = tuple[int, "int | None", str, Any]
+"""Log time, time of publishing where a file has it, channel and content of a message."""
 FIGURES_NS = 10**15
 """Beyond, nine figures of a time in seconds are not all that matters of it."""
+
+REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
+"""What helps where a bag of ROS 2 and its metadata differ."""
 
 
 @dataclass
@@ -33,13 +38,50 @@ class Columns:
     """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
 
     A cell is a text, or what a message has; None where it is not there. `stamps_ns[source][i]`:
-    when it was measured, None where it does not say. `where[i]`: for people.
+    when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
+    first and the last record of the log came, of whatever channel; None: these rows are all of it.
+    `equal`: how many have the time of the one before them. `notes`: what was found of the file
+    besides; `unchecked`: whether nothing in it tells that a value was changed.
     """
 
     times_ns: list[int] = field(default_factory=list)
     cells: dict[str, list[Any]] = field(default_factory=dict)
     stamps_ns: dict[StampSource, list[int | None]] = field(default_factory=dict)
     where: list[str] = field(default_factory=list)
+    ends_ns: tuple[int, int] | None = None
+    equal: int = 0
+    first_equal: str = ""
+    notes: list[str] = field(default_factory=list)
+    unchecked: bool = False
+
+    @property
+    def log_ns(self) -> tuple[int, int]:
+        """When the log begins and ends."""
+        return self.ends_ns or (self.times_ns[0], self.times_ns[-1])
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was found that is no error."""
+        if not self.equal:
+            return self.notes
+        told = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
+        return [
+            *self.notes,
+            f"{told} and count in the order of the file; the first: {self.first_equal}",
+        ]
+
+
+@dataclass
+class FileFacts:
+    """What is known of a file once its messages were read.
+
+    `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
+    `notes`: what was found that is no error.
+    """
+
+    there: dict[str, int] = field(default_factory=dict)
+    unchecked: bool = False
+    notes: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -76,7 +118,7 @@ def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | No
             continue
         key = None if table else t.channel
         before = by_channel.get(key, Wanted())
-        names = [*before.names, *t.names, *([] if t.frame_id is None else [HEADER_FRAME])]
+        names = [*before.names, *t.names, *t.where, *([] if t.frame_id is None else [HEADER_FRAME])]
         if None not in (before.message, t.message) and before.message != t.message and not table:
             raise unusable(path, f"the mapping gives messages of `{key}` two types")
         by_channel[key] = Wanted(
@@ -98,16 +140,25 @@ def add_row(
     stamps: Mapping[StampSource, int | None],
     where: Callable[[int], str],
     at: int,
+    *remedies: str,
 ) -> None:
-    """A row; D016 where time does not move on."""
-    if into.times_ns and time_ns <= into.times_ns[-1]:
-        kind = "stands still" if time_ns == into.times_ns[-1] else "goes back"
-        raise unusable(
-            path,
-            f"time {kind} in {where(at)}, from {_seconds(into.times_ns[-1])} s to "
-            f"{_seconds(time_ns)} s",
-            "`where` chooses the rows of one flight; `time` its column and unit",
-        )
+    """A row, in the order of the file; D016 where time goes back.
+
+    A recorder's clock that does not move on between two rows is none that was set back.
+    """
+    last = into.times_ns[-1] if into.times_ns else time_ns
+    if time_ns < last:
+        told = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
+        by = f"by {seconds_text(last - time_ns)} s"
+        step = last - into.times_ns[-2] if len(into.times_ns) > 1 else 0
+        if step:
+            by += (
+                f" ({seconds_text(last - time_ns + step)} s, had it come as soon as the one before)"
+            )
+        raise unusable(path, f"time goes back in {where(at)}, {told}, {by}", *remedies)
+    if into.times_ns and time_ns == last:
+        into.equal += 1
+        into.first_equal = into.first_equal or where(at)
     into.times_ns.append(time_ns)
     into.where.append(where(at))
     for name, column in into.cells.items():
@@ -116,19 +167,25 @@ def add_row(
         stamp_column.append(stamps[source])
 
 
-def _seconds(time_ns: int) -> str:
+def seconds_text(time_ns: int) -> str:
     """A time in s; of one since 1970 every digit."""
     if abs(time_ns) < FIGURES_NS:
         return f"{time_ns / 1e9:.9g}"
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
-def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
-    """A time in ns, exactly as it is written; SoterError D016."""
+def decimal_of(given: object) -> Decimal | None:
+    """A finite number, exactly as it is written; None for anything else."""
     try:
         number = Decimal(str(given).strip())
     except InvalidOperation:
-        number = Decimal("nan")
-    if isinstance(given, bool) or not number.is_finite() or abs(number.adjusted()) > 40:
+        return None
+    return None if isinstance(given, bool) or not number.is_finite() else number
+
+
+def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
+    """A time in ns, exactly as it is written; SoterError D016."""
+    number = decimal_of(given)
+    if number is None or abs(number.adjusted()) > 40:
         raise unusable(path, f"`{str(given)[:40]}` in {where} is no time")
     return round(Fraction(number) * unit_ns)

@@ -1,20 +1,27 @@
 """The columns of a log of messages: an MCAP, or a bag of ROS 1 or 2.
 
 Purpose: of each message of a channel that counts, the parts that a mapping names, in the order of
-their times of arrival.
+the file; times that go back in it are no other order, and are told.
 Non-goals: the files (`mcap_messages.py`, `ros_bags.py`), what is in a message (`message_parts.py`).
 """
 
 from __future__ import annotations
 
-from operator import itemgetter
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.monitor.logs.files.log_columns import add_row, moment, unusable
+from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME
+from soter.monitor.logs.files.log_columns import (
+    FileFacts,
+    add_row,
+    moment,
+    seconds_text,
+    unusable,
+)
 from soter.monitor.logs.files.mcap_messages import mcap_messages
 from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, part_of, time_ns_of
-from soter.monitor.logs.files.ros_bags import bag_messages, is_bag
+from soter.monitor.logs.files.ros_bags import bag_messages, is_bag, require_no_split
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,9 +29,21 @@ if TYPE_CHECKING:
 
     from soter.mapping.stamp_source import StampSource
     from soter.mapping.topic_mapping import LogMap
-    from soter.monitor.logs.files.log_columns import Columns, Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, Columns, Wanted
 
-    Row = tuple[int, int, int, dict[str, Any], dict[StampSource, int | None]]
+SECOND_NS = 10**9
+OF_ALL = (
+    "`[time] from` is asked of the messages of every channel that is mapped; without it their log "
+    "time counts"
+)
+CLOCK_SET = (
+    'was the clock of the recorder set? `[time] from = "header.stamp"` takes the time of the '
+    "messages; `since` and `until` choose what was recorded before or after"
+)
+UNSORTED = (
+    "if only the file is out of order: `mcap sort`, `ros2 bag convert` or `rosbag filter` write it "
+    "in order"
+)
 
 
 def read_messages(
@@ -35,50 +54,119 @@ def read_messages(
         lost = next(t.topic.name for t in mapping.topics if t.names and t.channel is None)
         raise unusable(path, f"the mapping of `{lost}` names no `channel`")
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
-    rows_by_channel: dict[str, list[Row]] = {key: [] for key in by_channel}
-    there: dict[str, int] = {}
-    for log_time_ns, channel, message in _messages(path, by_channel, there):
-        at = there[channel]
-        where = f"message {at} of `{channel}`"
-        if any(str(_part(path, message, k, where)) != v for k, v in mapping.where.items()):
+    columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
+    facts, order = FileFacts(), _Order()
+    counted: list[tuple[int, int]] = []
+    others: list[int] = []
+    for arrived in _messages(path, by_channel, facts):
+        log_ns, _, channel, message = arrived
+        if channel not in by_channel:
+            if mapping.counts(log_ns):
+                others = [min([log_ns, *others]), max([log_ns, *others])]
             continue
-        now = log_time_ns
-        if mapping.time is not None:
-            now = moment(path, _part(path, message, mapping.time, where), mapping.time_ns, where)
-        asked = by_channel[channel]
+        at = facts.there[channel]
+        where = f"message {at} of `{channel}`"
+        if not mapping.counts(log_ns) or any(
+            str(_part(path, message, k, where)) != v for k, v in mapping.where.items()
+        ):
+            continue
+        now = _time(path, mapping, arrived, where)
+        asked, into = by_channel[channel], columns_by_channel[channel]
         cells = {n: _part(path, message, n, where, n in asked.optional) for n in asked.names}
         stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
-        rows_by_channel[channel].append((log_time_ns, now, at, cells, stamps))
-    columns_by_channel: dict[str | None, Columns] = {}
-    for key, rows in rows_by_channel.items():
-        if not rows:
-            help_ = nearest_or_all(key, there)
+        name = partial("message {1} of `{0}`".format, channel)
+        add_row(path, into, now, cells, stamps, name, at, CLOCK_SET, UNSORTED)
+        order.note(now, where)
+        counted.append((log_ns, now))
+    for key, columns in columns_by_channel.items():
+        if not columns.times_ns:
+            help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
-        columns_by_channel[key] = _in_order(path, key, by_channel[key], rows)
+    ends = _ends(counted, [] if mapping.where else others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns = ends
+        columns.unchecked = facts.unchecked
+        columns.notes += [*facts.notes, *order.notes]
     return columns_by_channel
 
 
-def _messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
-    """Time of arrival, channel and content; `there` counts the messages of every channel."""
-    return (bag_messages if is_bag(path) else mcap_messages)(path, wanted, there)
+class _Order:
+    """Whether times go back from one channel to another, in the order of the file."""
+
+    def __init__(self) -> None:
+        self.latest_ns: int | None = None
+        self.times, self.most_ns, self.place = 0, 0, ""
+
+    def note(self, now: int, where: str) -> None:
+        """A message that counts."""
+        back = 0 if self.latest_ns is None else self.latest_ns - now
+        self.latest_ns = now if back <= 0 else self.latest_ns
+        self.times += back > 0
+        if back > self.most_ns:
+            self.most_ns, self.place = back, where
+
+    @property
+    def notes(self) -> list[str]:
+        """What is told of it."""
+        if not self.times:
+            return []
+        most = f"by at most {seconds_text(self.most_ns)} s, at {self.place}"
+        return [
+            f"in the order of the file time goes back {self.times:,} times between channels, {most}"
+        ]
 
 
-def _in_order(path: Path, channel: str, wanted: Wanted, rows: list[Row]) -> Columns:
-    """The rows as they arrived: a file may have them in any order."""
-    rows.sort(key=itemgetter(0))
-    into = wanted.columns()
+def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """When the log begins and ends, in the clock of the messages that count.
 
-    def where(at: int) -> str:
-        return f"message {at} of `{channel}`"
+    counted: log time and time of each; others: log times of what stands on other channels, in
+    whose clock a message that counts is as far off as the one next to the end is.
+    """
+    times = [now for _, now in counted]
+    (first, begin), (last, end) = min(counted), max(counted)
+    times += [ns - first + begin for ns in others if ns < first]
+    times += [ns - last + end for ns in others if ns > last]
+    return min(times), max(times)
 
-    for _, now, at, cells, stamps in rows:
-        add_row(path, into, now, cells, stamps, where, at)
-    return into
+
+def _messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Every message of the wanted channels; `facts` counts those of every channel."""
+    if is_bag(path):
+        return bag_messages(path, wanted, facts)
+    require_no_split(path)
+    return mcap_messages(path, wanted, facts)
 
 
-def _part(path: Path, message: Any, name: str, where: str, optional: bool = False) -> Any:  # noqa: ANN401 - what a message has
+def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
+    """When a message counts: its log time, or what the mapping says."""
+    log_ns, publish_ns, _, message = arrived
+    name = mapping.time
+    if name in (None, LOG_TIME):
+        return log_ns
+    if name == PUBLISH_TIME:
+        if publish_ns is None:
+            raise unusable(path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL)
+        return publish_ns
+    given = _part(path, message, str(name), where, False, OF_ALL)
+    if isinstance(given, (int, float, str)):
+        return moment(path, given, mapping.time_ns, where)
+    try:
+        now = time_ns_of(given)
+    except NoTimeError as error:
+        raise unusable(path, f"`{name}` in {where} is no time", OF_ALL) from error
+    if mapping.time_ns != SECOND_NS:
+        raise unusable(path, f"`{name}` in {where} is a time by itself: it has no `unit`")
+    return now
+
+
+def _part(
+    path: Path,
+    message: Any,  # noqa: ANN401 - what a message has
+    name: str,
+    where: str,
+    optional: bool = False,
+    *helps: str,
+) -> Any:  # noqa: ANN401 - the same
     """A field of a message: `position.x`, `q.0`; None where it is too far into a list."""
     try:
         return part_of(message, name)
@@ -86,7 +174,7 @@ def _part(path: Path, message: Any, name: str, where: str, optional: bool = Fals
         if optional and error.beyond:
             return None
         help_ = nearest_or_all(error.part, error.known)
-        raise unusable(path, f"{where} has no `{name}`", help_) from error
+        raise unusable(path, f"{where} has no `{name}`", help_, *helps) from error
 
 
 def _stamp(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.mapping.topic_mapping import NearestSource
 from soter.monitor.logs.files.csv_log import is_table, read_csv
-from soter.monitor.logs.files.log_columns import unusable, wanted_columns
+from soter.monitor.logs.files.log_columns import seconds_text, unusable, wanted_columns
 from soter.monitor.logs.files.message_log import read_messages
 
 if TYPE_CHECKING:
@@ -30,5 +30,11 @@ def read_columns(path: Path, mapping: LogMap) -> dict[str | None, Columns]:
     table = is_table(path)
     wanted = wanted_columns(path, mapping, table=table)
     if table:
-        return {None: read_csv(path, mapping, wanted[None])}
-    return read_messages(path, mapping, wanted)
+        columns: dict[str | None, Columns] = {None: read_csv(path, mapping, wanted[None])}
+    else:
+        columns = read_messages(path, mapping, wanted)
+    times = [t for c in columns.values() for t in (c.times_ns[0], c.times_ns[-1])]
+    if min(times) == max(times) and any(c.equal for c in columns.values()):
+        said = f"time stands still: all that counts is of {seconds_text(times[0])} s"
+        raise unusable(path, said, "`[time] from` names another time: docs/mapping.md, Logs")
+    return columns

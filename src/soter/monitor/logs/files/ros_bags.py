@@ -7,38 +7,45 @@ Non-goals: the files (`bounded_rosbag_reader.py`, `mcap_messages.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.logs.files.bounded_unpack import unpack_file
-from soter.monitor.logs.files.log_columns import unusable
+from soter.monitor.logs.files.log_columns import REINDEX, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
+from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
-    from soter.monitor.logs.files.log_columns import Wanted
+    from soter.monitor.logs.files.log_columns import Arrived, FileFacts, Wanted
 
 METADATA = "metadata.yaml"
 METADATA_MAX = 4 << 20
+SPLIT = re.compile(r"(.+)_\d+\.(db3|mcap)")
+"""How ROS 2 calls the parts of a bag."""
 FILES_MAX = 10_000
-STORAGES = ("sqlite3", "mcap")
+STORAGES = {"sqlite3": ".db3", "mcap": ".mcap"}
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
 
 @dataclass(frozen=True)
 class _Bag2:
-    """What the metadata of a bag of ROS 2 says of its files; `packed`: "", "file" or "message"."""
+    """What the metadata of a bag of ROS 2 says of its files; `packed`: "", "file" or "message".
+
+    `counts`: messages by topic, None: of all.
+    """
 
     files: tuple[Path, ...]
     storage: str
     packed: str = ""
+    counts: Mapping[str | None, int] = field(default_factory=dict)
 
 
 def is_bag(path: Path) -> bool:
@@ -46,31 +53,64 @@ def is_bag(path: Path) -> bool:
     return path.suffix.lower() in (".bag", ".db3") or path.is_dir()
 
 
-def bag_messages(
-    path: Path, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Time of arrival, channel and content of each message of the wanted channels.
 
-    `there` counts the messages of the wanted channels, and knows the others. SoterError D016, D007.
+    Of other channels the times, without content. `facts` counts the messages of the wanted
+    channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
     from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.whole_bags import ContradictionError  # noqa: PLC0415 - the same
 
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
             _require_ros1(path)
-            yield from ros1_messages(path, wanted, there)
+            yield from ros1_messages(path, wanted, facts)
         elif path.is_dir():
-            yield from _of_folder(_bag2(path), wanted, there)
+            yield from _of_folder(_bag2(path), wanted, facts)
         else:
-            yield from _of_folder(_Bag2((path,), "sqlite3"), wanted, there)
+            yield from _of_folder(_alone(path), wanted, facts)
     except SoterError:
         raise
+    except ContradictionError as error:
+        raise unusable(path, str(error), error.remedy) from error
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
         said = str(error)[:200] if _says_why(error) else ""
         raise unusable(path, said or "it is no bag of ROS, or damaged") from error
+
+
+def _alone(path: Path) -> _Bag2:
+    """A database of a bag, given alone: its counts are known where metadata name it beside it."""
+    require_no_split(path)
+    if (path.parent / METADATA).is_file():
+        bag = _bag2(path.parent)
+        if [file.name for file in bag.files] == [path.name]:
+            return bag
+    return _Bag2((path,), "sqlite3")
+
+
+def require_no_split(path: Path) -> None:
+    """SoterError D016 where other files of the same bag lie beside one that is given alone."""
+    split = SPLIT.fullmatch(path.name)
+    if split is None:
+        return
+    stem, kind = split[1], split[2]
+    beside = path.resolve().parent
+    if kind == "mcap" and beside.name != stem and not (beside / METADATA).is_file():
+        return  # whoever records without ROS may number logs that are none of one
+    others = [
+        each.name
+        for each in sorted(beside.glob(f"*.{kind}"))
+        if each.name != path.name and (m := SPLIT.fullmatch(each.name)) and m[1] == stem
+    ]
+    if others:
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+        why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
+        help_ = f"give the folder, `{path.parent}` ({REINDEX}), or move the part to one of its own"
+        raise unusable(path, why, help_)
 
 
 def _require_ros1(path: Path) -> None:
@@ -86,30 +126,33 @@ def _says_why(error: Exception) -> bool:
     return own and not isinstance(error, KeyError)
 
 
-def _of_folder(
-    bag: _Bag2, wanted: dict[str, Wanted], there: dict[str, int]
-) -> Iterator[tuple[int, str, Any]]:
+def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     from soter.monitor.logs.files.bounded_rosbag_reader import sqlite_messages  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.whole_bags import require_counts, require_no_journal  # noqa: PLC0415
 
     for file in bag.files:
         with TemporaryDirectory() as folder:
             plain = file
             if bag.packed == "file":
+                require_no_journal(file.with_suffix(""))
                 plain = Path(folder) / f"unpacked.{'db3' if bag.storage == 'sqlite3' else 'mcap'}"
                 with opened(file, pipes=False) as packed, plain.open("wb") as into:
                     unpack_file(packed, into, file.stat().st_size)
             if bag.storage == "mcap":
-                yield from mcap_messages(plain, wanted, there)
+                yield from mcap_messages(plain, wanted, facts)
             else:
                 opened(plain, pipes=False).close()
                 packed_messages = bag.packed == "message"
-                yield from sqlite_messages(plain, wanted, there, packed=packed_messages)
+                yield from sqlite_messages(plain, wanted, facts, packed=packed_messages)
+    require_counts(bag.counts, facts.there)
 
 
 def _bag2(path: Path) -> _Bag2:
     """What the metadata says; SoterError D016."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
+
+    from soter.monitor.logs.files.whole_bags import counts_of  # noqa: PLC0415 - an extra
 
     file = path / METADATA
     try:
@@ -122,6 +165,7 @@ def _bag2(path: Path) -> _Bag2:
         names, storage = said["relative_file_paths"], said["storage_identifier"]
         mode = str(said.get("compression_mode") or "").lower()
         form = str(said.get("compression_format") or "")
+        counts = counts_of(said)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag") from error
     if storage not in STORAGES:
@@ -135,7 +179,21 @@ def _bag2(path: Path) -> _Bag2:
         raise unusable(path, f"its `{METADATA}` names no files")
     if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
         raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
-    return _Bag2(tuple(path / PurePosixPath(n).name for n in names), storage, packed)
+    files = tuple(path / PurePosixPath(n).name for n in names)
+    _require_named(path, files, STORAGES[storage])
+    return _Bag2(files, storage, packed, counts)
+
+
+def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
+    """SoterError D016 where the folder has files of messages that its metadata does not name."""
+    named = {file.name for file in files}
+    if not all(file.exists() for file in files):
+        return  # which is told when they are read
+    ends = (kind, f"{kind}.zstd")
+    for each in sorted(path.iterdir()):
+        if each.name.endswith(ends) and each.name not in named:
+            why = f"`{each.name}` lies in it, and its `{METADATA}` does not name it"
+            raise unusable(path, why, f"{REINDEX}; or move the file away")
 
 
 def _is_plain(name: str) -> bool:

@@ -1,0 +1,409 @@
+"""Which command makes which figures of docs/, and which figures no command makes.
+
+Purpose: `PAGES` are tables, blocks and sentences of the pages; `SMALL` the smaller runs of sections
+of docs/benchmarks.md, each of which is a command by itself (bench/run_all.py); `EXCEPT` what
+nothing here makes again, each with its reason. bench/made_again.py reads them, and
+tests/unit/test_made_again.py refuses a table, block or sentence that is in none.
+Non-goals: running, comparing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Made:
+    """Figures of a page, and what makes them.
+
+    `where` is how a table's first row begins (`| …`), how a block's first line does (```` ``` ````
+    and the line), or a regex of a sentence whose groups are the figures. `command` is run in the
+    root of the repository; `@NAME` is that section of docs/benchmarks.md, whose kept output the
+    page has to agree with as well. `small` is a quicker run: of so many `flights` a row. `given`
+    are numbers that the program declares and nothing prints; `spread`: a row's figures stand in
+    several lines of the output; `reads`: what the command writes, in place of what it prints.
+    """
+
+    page: str
+    where: str
+    command: str
+    small: str = ""
+    flights: int = 1
+    times: str | None = None
+    given: str = ""
+    spread: bool = False
+    reads: str = ""
+
+
+@dataclass(frozen=True)
+class Small:
+    """A quicker run of a section of docs/benchmarks.md.
+
+    `arguments` come behind the section's own; `instead` in place of them. None of both: there is no
+    smaller one than the whole. `times`: headings of columns of times, where those that
+    made_again_compare knows are times of the simulated world. `machine`: why its figures are
+    another machine's or another moment's: only what is 0 is compared.
+    """
+
+    arguments: str = ""
+    instead: str = ""
+    flights: int = 1
+    times: str | None = None
+    machine: str = ""
+
+
+SIMULATED = ""
+"""No column is of times: all of them are the simulated world's."""
+CLOCK = "times of this machine"
+SCHEDULER = "when this machine schedules whom"
+
+SMALL = {
+    "Slips of newcomers": Small(),
+    "Diagnostics after a keystroke": Small("--keystrokes 5", machine=CLOCK),
+    "The drone's laps": Small("--laps 30 --jobs 1", flights=30, times=SIMULATED),
+    "Hostile advanced controllers": Small("--laps 6 --jobs 1", flights=6, times=SIMULATED),
+    "The drone's laps with a shield": Small("--laps 10 --jobs 1", flights=10, times=SIMULATED),
+    "The drone in corridors of boxes": Small("--hours 0.3", flights=2, times=SIMULATED),
+    "The surveillance drone, whole": Small("--missions 40 --rrt-hours 0.02", flights=2),
+    "The drone against the plant of its proof": Small(
+        "--laps 5 --hostile 1 --jobs 1", flights=1, times=SIMULATED
+    ),
+    "The drone on MuJoCo's rigid body": Small("--hours 0.1", flights=20),
+    "Go-to legs that PX4 flew": Small(times=SIMULATED),
+    "What every AC can make the drone miss": Small("--flights 1 --seconds 10"),
+    "The rhythm that the drone follows worst": Small("--sequences 20000"),
+    "The drone's plans": Small("--plans 60", flights=60),
+    "Coverage of the C that ships": Small(),
+    "The C that ships under Frama-C's EVA": Small(),
+    "A decision and its gate, against run-time-assurance": Small(machine=CLOCK),
+    "Docking in one to three directions, against run-time-assurance": Small(
+        "--flights 1 --directions 1", flights=1
+    ),
+    "The decision module's time": Small(machine=CLOCK),
+    "The stack of the trusted part": Small(),
+    "Images for a Cortex-M": Small(),
+    "Bad files and options": Small("--count 5 --jobs 1", flights=5),
+    "The mountain car: four drivers, alone and with RTA": Small(
+        "--episodes 40 --jobs 1", flights=40
+    ),
+    "The mountain car: Gymnasium against the proved map": Small("--steps 5000 --jobs 1"),
+    "The mountain car: training with and without the module": Small(),
+    "What people wait for": Small(machine=CLOCK),
+    "The time of soter verify": Small(machine=CLOCK),
+    "Honest modules of other kinds": Small("--only tank altitude"),
+    "The surveillance drone, proved": Small(),
+    "The surveillance drone: stacks that must not be proved": Small("--quick"),
+    "Sets on grids": Small("--no-peer"),
+    "The generated program and the kernel": Small(),
+    "The tool chain on the drone program": Small(machine=CLOCK),
+    "Campaigns": Small("--flights 2 --kills 1 --compilers gcc", machine=CLOCK),
+    "Calls of simulate from Python": Small("--repeats 1", machine=CLOCK),
+    "Protected steps of learners": Small("--worlds 64 --seconds 0.01", machine=CLOCK),
+    "Tables of data": Small("--numbers 1000", machine=CLOCK),
+    "The house": Small(),
+    "Mutants of Python before and after the tests were made faster": Small(
+        machine="beside a checkout of an older commit"
+    ),
+    "The model of time against every schedule": Small("--systems 40", flights=40),
+    "The same schedules against figures that are wrong on purpose": Small(
+        instead="bench/verify/time_model.py --blind path --systems 10", flights=10
+    ),
+    "Threads: the analysis against executions": Small("--sets 100", flights=1),
+    "The same sets, with something hidden from the analysis": Small("--sets 50"),
+    "P1c of deployed modules against all executions": Small("--cases 200", flights=200),
+    "The same switches, with something the program does not say": Small("--cases 20"),
+    "Changed modules that must not be proved": Small("--only tank"),
+    "Wrong modules that must not be proved without a word": Small(),
+    "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
+    "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
+    "What a shield is worth": Small("--flights 20", flights=20),
+    "A closed-loop adversary against shields": Small("--runs 20"),
+    "Shields that are wrong": Small("--steps 100000"),
+    "Towers flown against": Small("--towers 1 --flights 2"),
+    "A gentle stop below the drone's stop": Small("--flights 2", flights=2),
+    "The drone's tower under faults": Small("--hours 0.1", flights=6),
+    "Holes put back into the prover": Small(),
+    "The same adversaries against an engine that is not told everything": Small("--problems 1"),
+    "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),
+    "Contradictions on the examples": Small(),
+    "Before and after the house was cut anew": Small(machine="beside another checkout"),
+    "The time of soter recheck": Small(
+        instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
+    ),
+    "Certificates: checking them again": Small("--only mountain_car --bytes 10"),
+    "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
+    "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
+    "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
+    "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
+    "soter verify: eight robots and the first advice": Small(),
+    "soter test: wide steps": Small("--tests 8"),
+    "soter test against SPIN": Small("--repeats 1"),
+    "soter test: whole robots": Small("--seconds 5"),
+    "soter test: size": Small("--runs 1 --seconds 5"),
+    "soter test: two threads": Small("--runs 1"),
+    "soter test: three modules, one at a time": Small("--runs 1 --seconds 5"),
+    "soter test: seeded bugs in float programs": Small("--only cart --strategies random"),
+    "soter test: what the reductions leave out": Small("--most 100000"),
+    "soter test: equal instances": Small("--runs 1 --ticks 2"),
+    "soter test: memory": Small(),
+    "soter test against the brute-force enumerator": Small("--programs 12"),
+    "soter test and parts that share only time": Small("--programs 6"),
+    "soter test and groups of actors within an instant": Small("--programs 6"),
+    "soter test and parts that only properties join": Small("--programs 4"),
+    "soter test and instances that are equal, or nearly": Small("--programs 10"),
+    "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000"),
+    "Campaigns as device code": Small("--flights 2"),
+    "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
+    "Real time: misses, controllers that fail, the way to SC's output": Small(
+        instead="bench/real_time/driver.py --minutes 0.05 --trials 1 --kills 5 --deaths 1",
+        machine=SCHEDULER,
+    ),
+    "Tests that start processes, on a busy machine": Small(machine=SCHEDULER),
+    "Processes that outlive their command": Small("--instants 1", machine=SCHEDULER),
+    "ROS 1 under /clock": Small(),
+    "ROS 1: who dies, and what the wheels are told": Small("--ac 2 --trusted 1", machine=SCHEDULER),
+    "ROS 1: what is wrong on the wire": Small(machine=SCHEDULER),
+    "ROS 1: the bridge beside a bare echo": Small("--count 20 --rounds 1", machine=SCHEDULER),
+    "The wire of ROS 2: samples": Small("--samples 200"),
+    "A ground robot among walls": Small("--runs 20", flights=4, times=SIMULATED),
+    "Safe exploration: a thousand worlds": Small(
+        instead="bench/exploration/worlds.py --worlds 8 --workers 1 --only frontier ramming",
+        flights=2,
+        times="time|x real",
+    ),
+    "Safe exploration: other controllers, planners with bugs, and by contrast": Small(
+        instead="bench/exploration/worlds.py --worlds 20 --workers 1 --only jerking 'boxes anywhere' "
+        "'bare: ramming'",
+        flights=1,
+        times="time|x real",
+    ),
+    "Safe exploration: planners of others": Small(
+        instead="bench/exploration/worlds.py --worlds 20 --workers 1 --only learned "
+        "'bare: learned' 'boxes of an old map'",
+        flights=1,
+        times="time|x real",
+    ),
+    "Safe exploration: the mapper's margins": Small("--scenes 200 --tries 100"),
+    "Safe exploration: a lidar that is worse than assumed": Small(
+        "--worlds 1 --workers 1", times=SIMULATED
+    ),
+    "A rover among people": Small("--only hover", times="x real"),
+    "A rover among people, proved": Small(),
+    "Safe exploration, proved": Small(),
+    "Betaflight below a proved geofence": Small("--flights 8 --workers 1", flights=8, times="wall"),
+    "Betaflight on the drone's laps": Small("--flights 6 --workers 1", flights=6, times="wall"),
+    "Learned policies as nodes": Small("-n 200", machine=CLOCK),
+    "A policy in another process": Small("--seconds 0.2", machine=CLOCK),
+    "MAVLink: who dies beside an autopilot's double": Small("-n 1", machine=SCHEDULER),
+    "MAVLink: what is wrong on the wire": Small(machine=SCHEDULER),
+    "The playground, and what pages weigh": Small("--times 1", machine=CLOCK),
+    "Bugs of the fleet's leases": Small(times=SIMULATED),
+    "Four robots at a junction, one machine in trouble": Small(
+        "--runs 2", flights=2, times=SIMULATED
+    ),
+    "The junction as processes over DDS": Small("--row 0 --seconds 10", machine=SCHEDULER),
+    "Two drones as processes over DDS": Small("--seconds 10", machine=SCHEDULER),
+}
+"""Every section of docs/benchmarks.md."""
+
+LAPS = "@The drone's laps"
+FENCE = "@Betaflight below a proved geofence"
+JUNCTION = "@Four robots at a junction, one machine in trouble"
+WORLDS = "@Safe exploration: a thousand worlds"
+LIDAR = "@Safe exploration: a lidar that is worse than assumed"
+LEARNED = "@Safe exploration: planners of others"
+PEER = "@MAVLink: who dies beside an autopilot's double"
+GALLERY = "-m pytest -q -p no:cacheprovider -n 0 --long tests/correct/test_gallery.py"
+RHYTHM = "@The rhythm that the drone follows worst"
+PAGE_OF_RESULTS = "bench/running/results_page.py --out build/made-again --page build/results.md"
+DESIGN = "-m pytest -q -p no:cacheprovider -n 0 --long tests/correct/test_drone_design.py"
+
+PAGES = (
+    Made("autopilot.md", "| flights of 20 s", FENCE, given="10 2.5 30 70 6 1.5 20 10,001"),
+    Made("autopilot.md", "```arm  ", "@Betaflight on the drone's laps", times="wall"),
+    Made(
+        "autopilot.md",
+        r"AC has ([\d.]+) % of it in place of ([\d.]+) %",
+        "@Betaflight on the drone's laps",
+        spread=True,
+    ),
+    Made("autopilot.md", "```$ python", "examples/autopilot/identify.py"),
+    Made(
+        "autopilot.md",
+        "```$ soter verify examples/autopilot/autopilot",
+        "-m soter verify examples/autopilot/autopilot.soter",
+    ),
+    Made(
+        "autopilot.md",
+        "```$ soter verify examples/autopilot/corridor",
+        "-m soter verify examples/autopilot/corridor.soter --module SafeCorridor",
+    ),
+    Made("dds.md", "| through the bridge", "@The wire of ROS 2: samples", given="720 8"),
+    Made(
+        "dds.md",
+        r"Of (\d+) payloads (?:.|\n)*? were no value of the\ntype, (\d+) of another length, (\d+) ",
+        "@The wire of ROS 2: samples",
+    ),
+    Made("drone.md", "| leg | length", DESIGN),
+    Made("drone.md", r"downwards (29) mm are left to the ground †", DESIGN),
+    Made("drone.md", r"grows by at most ([\d.]+), (?:.|\n)*? TURN = ([\d.]+) †", DESIGN),
+    Made("drone.md", r"\*\*Residual\*\* (?:.|\n)*? †: ([\d.]+) m/s² in bang-bang", DESIGN),
+    Made("drone.md", r"Check on the five-state axis †(?:.|\n)*? wall is ([\d.]+) m along", DESIGN),
+    Made(
+        "drone.md",
+        "```           flights",
+        "@The drone against the plant of its proof",
+        times=SIMULATED,
+    ),
+    Made("drone.md", "```           axis", "bench/drone/bound.py"),
+    Made("drone.md", "```                   found", RHYTHM),
+    Made(
+        "drone.md",
+        "```system     hours",
+        "bench/drone/off_model.py --minutes 12",
+        small="bench/drone/off_model.py --hours 0.1",
+        flights=10,
+    ),
+    Made("drone.md", "```arm           laps", LAPS, times=SIMULATED),
+    Made("drone.md", "```AC         runs", "@Hostile advanced controllers", times=SIMULATED),
+    Made(
+        "exploration.md",
+        "| what is wrong",
+        LIDAR,
+        given="2 5 10 20 50 1 30 0.3",
+        spread=True,
+    ),
+    Made(
+        "exploration.md",
+        r"knew ([\d.]+) % of what can be reached after five minutes \(([\d.]+) % in the worst;\n"
+        r".*with (\d+) takeovers a flight",
+        LEARNED,
+    ),
+    Made("exploration.md", r"alone it hit one in (\d+) of them", LEARNED),
+    Made("exploration.md", r"In (1,000) worlds frontier exploration knew", WORLDS),
+    Made(
+        "exploration.md", r"definition: (24,000) scenes", "@Safe exploration: the mapper's margins"
+    ),
+    Made("fleet.md", "| bug | test", "@Bugs of the fleet's leases", given="21"),
+    Made("fleet.md", "| one machine | runs", JUNCTION, spread=True, given="500 400 3 2"),
+    Made("fleet.md", "| one machine, from", "@The junction as processes over DDS", given="20 70 1"),
+    Made("fleet.md", "| one drone, from", "@Two drones as processes over DDS", given="1 20"),
+    Made("fleet.md", r"the four collide (\d+) times in a minute", JUNCTION),
+    Made("gallery.md", "| file | test | verdict", GALLERY),
+    Made("ground-robot.md", "| | `/cmd_vel_nav`", "@A ground robot among walls"),
+    Made(
+        "mavlink.md",
+        r"left OFFBOARD after (\d+) ms at most \(bound (\d+)\)",
+        PEER,
+    ),
+    Made("mavlink.md", r"had the law after (\d+) ms at most \(bound (\d+)\)", PEER),
+    Made("mavlink.md", r"had SC's\ncommand after (\d+) ms at most \(bound (\d+)\)", PEER),
+    Made("newcomers.md", r"in silence; (\d+) after mending", "@Slips of newcomers"),
+    Made("real-logs.md", "```40 legs", "@Go-to legs that PX4 flew", times=SIMULATED),
+    Made(
+        "results.md",
+        "*",
+        PAGE_OF_RESULTS,
+        small=f"{PAGE_OF_RESULTS} --hours 0.5 --stack 2 --laps 10",
+        flights=2,
+        times="wall",
+        reads="build/results.md",
+    ),
+    Made(
+        "timing.md",
+        r"`bench/verify/schedulability.py` draws (10,000) sets of tasks",
+        "@Threads: the analysis against executions",
+    ),
+    Made(
+        "timing.md",
+        r"P1c of (20,000) random programs",
+        "@P1c of deployed modules against all executions",
+    ),
+)
+
+DEFINED = "what the language, a format or a program declares"
+MEASURED_ONCE = "measured once; no command makes it again"
+HELD = "a test holds it: tests/"
+ELSEWHERE = "its figures stand in docs/benchmarks.md alone"
+SESSION = f"{HELD}correct/test_"
+
+EXCEPT: dict[tuple[str, str], str] = {
+    ("assure.md", "| question"): DEFINED,
+    ("autopilot.md", "| a quiet flight, from"): f"{MEASURED_ONCE}: a body without J",
+    ("campaigns.md", "| violation"): DEFINED,
+    ("commands.md", "| format"): DEFINED,
+    ("compose-proved-modules.md", "```all of them"): f"{SESSION}compose_page.py",
+    ("compose-proved-modules.md", "```node Creep"): DEFINED,
+    ("dds.md", "| `trusted/`"): DEFINED,
+    ("dds.md", "| key"): DEFINED,
+    ("deploy.md", "``` your loop"): "a drawing",
+    ("drone.md", "| file"): DEFINED,
+    ("drone.md", "| | today's loop"): f"{MEASURED_ONCE}: a prototype that is not built",
+    ("drone.md", "| laps | derived"): f"{MEASURED_ONCE}: the same prototype",
+    ("drone.md", "| | AC share | takeovers"): f"{MEASURED_ONCE}: with an earlier mixer",
+    ("drone.md", "| gains"): DEFINED,
+    ("drone.md", "```w  = v"): "a formula",
+    ("drone.md", "```γ = "): "a formula",
+    ("editor.md", "keystrokes.py` measures"): ELSEWHERE,
+    ("evidence.md", "| item"): DEFINED,
+    ("exploration.md", "| file in"): DEFINED,
+    ("exploration.md", "| δ"): DEFINED,
+    ("exploration.md", "| from the middle of the street"): "a run of bench/exploration/people.py "
+    "--only street --set NAME=NUMBER a cell, put together by hand",
+    ("find-the-bug.md", "| in a `test`"): DEFINED,
+    ("find-the-bug.md", "| option"): DEFINED,
+    ("find-the-bug.md", "```$ soter test"): f"{SESSION}find_the_bug.py",
+    ("gallery.md", "```$ soter test"): f"{SESSION}gallery_page.py",
+    ("gallery.md", "```          every"): "a drawing",
+    ("gallery.md", "```  home 0"): "a drawing",
+    ("glossary.md", "| Soter"): DEFINED,
+    ("ground-robot.md", "| part"): DEFINED,
+    ("ground-robot.md", "| in `ranges`"): DEFINED,
+    (
+        "ground-robot.md",
+        "| | page | faster",
+    ): f"{DEFINED}; {HELD}correct/test_ground_robot.py proves"
+    " both; from where AC has control is of the formula above it",
+    ("gym.md", "| key"): DEFINED,
+    ("json.md", "| exit"): DEFINED,
+    ("language.md", "| type"): DEFINED,
+    ("language.md", "| operators"): DEFINED,
+    ("mavlink.md", "| what ends"): DEFINED,
+    ("mountain_car.md", "| AC"): DEFINED,
+    ("newcomers.md", "| who, robot"): "people, each once",
+    ("prelude.md", "| function"): f"{HELD}unit/prelude",
+    ("proof.md", "| | what"): DEFINED,
+    ("proof.md", "| symbol"): DEFINED,
+    ("prove-your-module.md", "| cells declared"): MEASURED_ONCE,
+    ("prove-your-module.md", "```SafeTank"): f"{SESSION}prove_your_module.py",
+    ("prove-your-module.md", "```P3"): f"{SESSION}prove_your_module.py",
+    ("prove-your-module.md", "```P2a"): f"{SESSION}prove_your_module.py",
+    ("prove-your-module.md", "```verify {"): DEFINED,
+    ("real-logs.md", "| file"): DEFINED,
+    ("real-time.md", "| what | needs"): DEFINED,
+    ("real-time.md", "| mechanism"): DEFINED,
+    ("real-time.md", "``` process 1"): "a drawing",
+    ("real-time.md", "driver.py` measures that with a thread"): ELSEWHERE,
+    ("semantics.md", "| part"): DEFINED,
+    ("semantics.md", "| code"): DEFINED,
+    ("semantics.md", "```euler"): "a formula",
+    ("semantics.md", "```mix(z)"): "a formula",
+    ("surveillance.md", "| file in"): DEFINED,
+    ("surveillance.md", "| verdict"): DEFINED,
+    ("surveillance.md", "| `MARGIN_H`"): MEASURED_ONCE,
+    ("surveillance.md", "| bug"): DEFINED,
+    ("surveillance.md", "| | value"): DEFINED,
+    ("surveillance.md", "| | per second"): DEFINED,
+    ("surveillance.md", "| assumed"): DEFINED,
+    ("surveillance.md", "**Hand-over.**"): "times of a proof",
+    ("surveillance.md", "**Re-checked.**"): ELSEWHERE,
+    ("testing.md", "| the report says"): DEFINED,
+    ("testing.md", "| long"): DEFINED,
+    ("testing.md", "| | variable"): f"{HELD}unit/test_long_tests.py",
+    ("testing.md", "process_tests.py` runs every test"): ELSEWHERE,
+    ("timing.md", "```thread"): f"{HELD}unit/cli/test_cli_timing.py",
+    ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
+    ("verification.md", "| kind"): DEFINED,
+    ("verification.md", '```{ "system"'): DEFINED,
+}
+"""(page, how a table or block begins, or words of a paragraph) -> why nothing here makes it."""

@@ -1,0 +1,129 @@
+"""Whether the C of externs may keep something from one call to the next, and C that kept nothing.
+
+Purpose: `kept_by`, from the objects that a compiler makes of it: C without variables of its own
+that only calls functions which keep nothing cannot. Whoever is not known to keep nothing may.
+`another_copy` is loaded beside a library: what its C keeps is its own.
+Non-goals: what it does keep; assembler and addresses that are written down in the C, which can
+do anything.
+"""
+
+from __future__ import annotations
+
+import shutil
+import struct
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.native.build import checked_extern, include_flags, library_flags, texts
+from soter.native.cache import cached, digest, making
+from soter.native.compiler import compile_with, find
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.codegen.unit import Unit
+
+TOLD = "memory.txt"
+LASTS = "it has variables that last from call to call"
+MATH = """
+acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
+floor fma fmax fmin fmod frexp hypot ilogb ldexp llrint llround log log10 log1p log2 logb lrint
+lround modf nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn sin
+sincos sinh sqrt tan tanh tgamma trunc
+"""
+OTHERS = """
+abort abs labs llabs memchr memcmp memcpy memmove memset strchr strcmp strcpy strlen strncmp strncpy
+__stack_chk_fail _GLOBAL_OFFSET_TABLE_
+"""
+KEEP_NOTHING = {f"{name}{suffix}" for name in MATH.split() for suffix in ("", "f", "l")}
+KEEP_NOTHING.update(OTHERS.split())
+"""Functions of libraries whose answer only depends on what they are given."""
+WRITABLE, OCCUPIES = 1, 2
+SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
+ELF = b"\x7fELF\x02\x01"
+RELOCATED = (".data.rel.ro", ".init_array", ".fini_array")
+"""Sections that are only written while the library is loaded."""
+
+
+@contextmanager
+def another_copy(path: Path) -> Iterator[Path]:
+    """A copy of a library, to be loaded in the block; it stays loaded as long as the process.
+
+    SoterError X006 where the cache cannot be written.
+    """
+    with making() as work:
+        yield Path(shutil.copy2(path, work))
+
+
+def kept_by(unit: Unit) -> str:
+    """Why the C of the externs of a unit may keep something, in words; empty: it cannot.
+
+    SoterError X004 where it does not compile.
+    """
+    for source in unit.c_sources:
+        if Path(source).suffix != ".c":
+            return f"`{Path(source).name}` is no file of C"
+    if not unit.c_sources:
+        return ""
+    compiler, flags = find(), library_flags()
+    parts = [unit.header, compiler.identity, *flags, *texts(*unit.c_sources)]
+
+    def make(work: Path) -> None:
+        (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
+        files = [checked_extern(work, k, s, unit.prefix) for k, s in enumerate(unit.c_sources)]
+        objects = [work / f"extern_{k + 1}.o" for k in range(len(files))]
+        wanted = [f for f in flags if f != "-shared" and not f.startswith("-Wl,")]
+        for file, built in zip(files, objects, strict=True):
+            own = [*wanted, *include_flags(), f"-I{work}", "-c", file, "-o", str(built)]
+            compile_with([*compiler.command, *own], work, "the C of an extern does not compile")
+        (work / TOLD).write_text(_of([o.read_bytes() for o in objects]), encoding="utf-8")
+
+    folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD,), make)
+    return (folder / TOLD).read_text(encoding="utf-8")
+
+
+def _of(objects: list[bytes]) -> str:
+    """The same of objects."""
+    if any(data[:6] != ELF for data in objects):
+        return "the compiler's objects cannot be looked into"
+    defined, called = set[str](), set[str]()
+    for data in objects:
+        for name, flags, length in _sections(data):
+            writable = flags & WRITABLE and flags & OCCUPIES
+            if writable and length and not name.startswith(RELOCATED):
+                return LASTS
+        for name, section in _symbols(data):
+            if section == COMMON:
+                return LASTS
+            (called if section == UNDEFINED else defined).add(name)
+    left = sorted(called - defined - KEEP_NOTHING - {""})
+    return f"it calls `{left[0]}`, which may keep something" if left else ""
+
+
+def _table(data: bytes) -> list[tuple[int, ...]]:
+    (at,) = struct.unpack_from("<Q", data, 0x28)
+    size, count = struct.unpack_from("<HH", data, 0x3A)
+    return [struct.unpack_from("<IIQQQQIIQQ", data, at + k * size) for k in range(count)]
+
+
+def _name(data: bytes, at: int) -> str:
+    return data[at : data.index(b"\0", at)].decode("utf-8", "replace")
+
+
+def _sections(data: bytes) -> Iterator[tuple[str, int, int]]:
+    """Name, flags and length of each section."""
+    table = _table(data)
+    names = table[struct.unpack_from("<H", data, 0x3E)[0]][4]
+    for name, _, flags, _, _, length, *_ in table:
+        yield _name(data, names + name), flags, length
+
+
+def _symbols(data: bytes) -> Iterator[tuple[str, int]]:
+    """Name and section of each symbol."""
+    table = _table(data)
+    for _, kind, _, _, offset, length, link, _, _, entry in table:
+        if kind == SYMBOLS:
+            for at in range(offset + entry, offset + length, entry):
+                name, _, _, section = struct.unpack_from("<IBBH", data, at)
+                yield _name(data, table[link][4] + name), section

@@ -1,0 +1,130 @@
+"""Which C of externs may keep something from call to call, and that runs begin without it."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from generators import stateful_externs
+from generators.flights_of_runs import alone, figures
+from soter.codegen.unit import generate
+from soter.native.extern_memory import kept_by
+from soter.simulate.run import NativeProgram
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.codegen.unit import Unit
+
+KEEPS = {
+    "counter": "static int calls;\ndouble moved(double s, double u, double w) "
+    "{ return s + u * w + (double)calls++; }",
+    "initialised": "static double table[2] = {1.0, 2.0};\n"
+    "double moved(double s, double u, double w) "
+    "{ table[u > w] += 0.5; return table[s > 0.0]; }",
+    "another thread's": "static _Thread_local double last;\n"
+    "double moved(double s, double u, double w) { last += s; return last * u + w; }",
+    "error number": "#include <errno.h>\ndouble moved(double s, double u, double w) "
+    "{ errno += 1; return s + u + w + errno; }",
+    "a file": "#include <stdio.h>\ndouble moved(double s, double u, double w) "
+    '{ FILE *const f = fopen("kept", "a"); if (f) { fclose(f); } return s + u + w; }',
+    "memory": "#include <stdlib.h>\ndouble moved(double s, double u, double w) "
+    "{ return s + u + w + (malloc(8) ? 0.5 : 0.0); }",
+    "the clock": "#include <time.h>\ndouble moved(double s, double u, double w) "
+    "{ return s + u + w + (double)time(NULL); }",
+    "signgam": "double lgamma(double);\ndouble moved(double s, double u, double w) "
+    "{ return lgamma(s + u + w); }",
+}
+KEEPS_NOTHING = {
+    "arithmetic": "double moved(double s, double u, double w) { return s + u * w; }",
+    "functions of math.h": "#include <math.h>\ndouble moved(double s, double u, double w) "
+    "{ return sqrt(fabs(s)) + sin(u) * cos(u) + pow(w, 3.0) + fmod(s, 2.0) + floor(u); }",
+    "constants": "static const double table[3] = {1.0, 2.0, 4.0};\n"
+    "double moved(double s, double u, double w) { return table[(s > u) + (u > w)]; }",
+    "constant addresses": "static double plus(double x) { return x + 1.0; }\n"
+    "static double minus(double x) { return x - 1.0; }\n"
+    "static double (*const table[2])(double) = {plus, minus};\n"
+    "double moved(double s, double u, double w) { return table[s > u](w); }",
+    "constants of a function": "double moved(double s, double u, double w) "
+    '{ static const char said[] = "text"; return s + u + w + said[s > 0.0]; }',
+    "large values on the stack": "#include <string.h>\ndouble moved(double s, double u, double w) "
+    "{ volatile double all[99]; memset((void *)all, 0, sizeof all); all[s > u] = w; "
+    "return all[1]; }",
+}
+
+
+def unit_of(folder: Path, text: str) -> Unit:
+    file = stateful_externs.write(folder, "nothing", 0)
+    said = file.read_text(encoding="utf-8").replace('from "c:body.c:moved"', 'from "c:own.c:moved"')
+    file.write_text(said, encoding="utf-8")
+    (folder / "own.c").write_text(text, encoding="utf-8")
+    return generate(soter.load(file).flat())
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("name", KEEPS)
+def test_what_may_keep_something_is_said(name: str, tmp_path: Path) -> None:
+    assert kept_by(unit_of(tmp_path, KEEPS[name]))
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("name", KEEPS_NOTHING)
+def test_what_cannot_keep_anything_is_not(name: str, tmp_path: Path) -> None:
+    assert kept_by(unit_of(tmp_path, KEEPS_NOTHING[name])) == ""
+
+
+def test_every_kind_of_the_generator_is_known(tmp_path: Path) -> None:
+    for kind in stateful_externs.KINDS:
+        unit = generate(stateful_externs.system(tmp_path / kind, kind, 0))
+        assert bool(kept_by(unit)) == (kind != "nothing"), kind
+
+
+def test_what_is_no_c_may_keep_anything(tmp_path: Path) -> None:
+    unit = unit_of(tmp_path, KEEPS_NOTHING["arithmetic"])
+    assert "own.o" in kept_by(replace(unit, c_sources=(str(tmp_path / "own.o"),)))
+
+
+def test_a_header_that_changes_is_looked_at_again(tmp_path: Path) -> None:
+    text = '#include "inner.h"\ndouble moved(double s, double u, double w) { return add(s, u, w); }'
+    inner = "static double add(double s, double u, double w) { return s + u + w; }\n"
+    (tmp_path / "inner.h").write_text(inner, encoding="utf-8")
+    unit = unit_of(tmp_path, text)
+    assert kept_by(unit) == ""
+    inner = inner.replace("{ return", "{ static double all; all += s; return all +")
+    (tmp_path / "inner.h").write_text(inner, encoding="utf-8")
+    assert kept_by(unit)
+
+
+# ---------------------------------------------------------------- runs in one process
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize(
+    ("kind", "engine"), [("static", "native"), ("thread", "native"), ("heap", "interp")]
+)
+def test_a_run_is_the_same_whatever_ran_before(kind: str, engine: str, tmp_path: Path) -> None:
+    program = soter.load(stateful_externs.write(tmp_path, kind, 2))
+
+    def run(seed: int) -> str | None:
+        return program.simulate(seed=seed, engine=engine).trace_sha256
+
+    first = [alone(lambda seed=seed: run(seed)) for seed in (3, 4)]
+    assert [run(3), run(4), run(3)] == [first[0], first[1], first[0]]
+    assert first[0] != first[1]
+    again = soter.load(tmp_path / "stateful.soter")
+    assert again.simulate(seed=4, engine=engine).trace_sha256 == first[1]
+
+
+def test_runs_of_threads_share_nothing(tmp_path: Path) -> None:
+    program = NativeProgram(stateful_externs.system(tmp_path, "heap", 3))
+
+    def run(seed: int) -> object:
+        return figures(program.run(10**9, seed, keep_trace=True))
+
+    seeds = range(12)
+    with ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(run, seeds)) == [alone(lambda s=s: run(s)) for s in seeds]

@@ -1,0 +1,204 @@
+"""An ONNX file with its weights beside it: read from its own folder, or refused."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from policy_files import onnx_of, random_layers  # type: ignore[import-not-found]
+
+from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
+from soter.policy import onnx_content as content
+from soter.policy.network import answer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+@pytest.fixture(autouse=True)
+def _extra() -> None:
+    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+
+
+def moved(
+    model: Any, name: str = "weights", offset: int | None = None, length: int | None = None
+) -> bytes:
+    """The bytes of all constants, which the model then has in a file of that name."""
+    from onnx.external_data_helper import set_external_data
+
+    raw = b""
+    for tensor in model.graph.initializer:
+        start = len(raw) if offset is None else offset
+        size = len(tensor.raw_data) if length is None else length
+        set_external_data(tensor, name, start, size)
+        raw += tensor.raw_data
+        tensor.ClearField("raw_data")
+    return raw
+
+
+def refusal(path: Path) -> list[str]:
+    """What both readers say, which is the same."""
+    from soter.policy.onnx_graph import read_onnx
+    from soter.policy.onnx_session import OnnxSession
+
+    told = []
+    for what in (read_onnx, OnnxSession):
+        with pytest.raises(SoterError) as caught:
+            what(path)
+        (problem,) = caught.value.diagnostics
+        assert problem.code == "X014"
+        told.append(problem.message)
+    assert told[0] == told[1]
+    return told
+
+
+def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
+    """As layers and in onnxruntime; one file may have several constants, or each its own."""
+    from soter.policy.onnx_graph import read_onnx
+    from soter.policy.onnx_session import OnnxSession
+
+    layers = random_layers(3, 4, 8, 2)
+    model = onnx_of(layers, "Tanh")
+    inside, beside = tmp_path / "inside.onnx", tmp_path / "beside.onnx"
+    inside.write_bytes(model.SerializeToString())
+    (tmp_path / "weights").write_bytes(moved(model))
+    beside.write_bytes(model.SerializeToString())
+    x = np.linspace(-2.0, 2.0, 4, dtype=np.float32)
+    mine = [answer(read_onnx(p).network, x) for p in (inside, beside)]
+    assert (mine[0] == mine[1]).all()
+    said = []
+    for path in (inside, beside):
+        session = OnnxSession(path)
+        session.observation[:] = x
+        said.append(session.run())
+    assert said[0] == said[1]
+
+
+def test_a_constant_of_an_operator_may_lie_beside(tmp_path: Path) -> None:
+    from onnx import helper
+
+    from soter.policy.onnx_session import OnnxSession
+
+    model = onnx_of(random_layers(3, 2, 2), "Relu")
+    raw = moved(model)
+    tensors = list(model.graph.initializer)
+    del model.graph.initializer[:]
+    for tensor in reversed(tensors):
+        made = helper.make_node("Constant", [], [tensor.name], value=tensor)
+        model.graph.node.insert(0, made)
+    (tmp_path / "weights").write_bytes(raw)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    session = OnnxSession(tmp_path / "p.onnx")
+    session.observation[:] = 1.0
+    weight, bias = random_layers(3, 2, 2)[0]
+    assert np.allclose(session.run(), weight.sum(axis=1) + bias)
+
+
+def _link(folder: Path) -> None:
+    (folder.parent / "outside").write_bytes((folder / "weights").read_bytes())
+    (folder / "weights").unlink()
+    (folder / "weights").symlink_to(folder.parent / "outside")
+
+
+def _fifo(folder: Path) -> None:
+    (folder / "weights").unlink()
+    os.mkfifo(folder / "weights")
+
+
+def _folder(folder: Path) -> None:
+    (folder / "weights").unlink()
+    (folder / "weights").mkdir()
+
+
+def _cut(folder: Path) -> None:
+    (folder / "weights").write_bytes((folder / "weights").read_bytes()[:-1])
+
+
+SPOILT: dict[str, tuple[Callable[[Path], object], str]] = {
+    "missing": (lambda f: (f / "weights").unlink(), "there is no such file"),
+    "a link that leads out": (_link, "is said to lie in"),
+    "a pipe": (_fifo, "it is no ordinary file"),
+    "a folder": (_folder, "it is a folder"),
+    "cut": (_cut, "does not lie in `weights`, which has "),
+}
+NAMES = {
+    "absolute": "/etc/passwd",
+    "above": "../outside",
+    "round about": "nets/../../outside",
+    "an address": "*/_ORT_MEM_ADDR_/*",
+    "none": "",
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_file_beside_that_is_not_as_said_is_refused(tmp_path: Path, name: str) -> None:
+    spoil, said = SPOILT[name]
+    (tmp_path / "own").mkdir()
+    model = onnx_of(random_layers(3, 2, 3), "Relu")
+    (tmp_path / "own" / "weights").write_bytes(moved(model))
+    (tmp_path / "own" / "p.onnx").write_bytes(model.SerializeToString())
+    spoil(tmp_path / "own")
+    assert said in refusal(tmp_path / "own" / "p.onnx")[0]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_outside_of_the_folder_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (tmp_path / "own" / "nets").mkdir(parents=True)
+    model = onnx_of(random_layers(3, 2, 3), "Relu")
+    (tmp_path / "outside").write_bytes(moved(model, NAMES[name]))
+    (tmp_path / "own" / "p.onnx").write_bytes(model.SerializeToString())
+    monkeypatch.chdir(tmp_path / "own" / "nets")
+    told = refusal(tmp_path / "own" / "p.onnx")[0]
+    assert ("no such file" if name == "an address" else "is said to lie in") in told
+
+
+@pytest.mark.parametrize("place", [(-8, None), (None, -1), (2**40, None)])
+def test_a_place_that_is_not_in_the_file_is_refused(
+    tmp_path: Path, place: tuple[int | None, int | None]
+) -> None:
+    model = onnx_of(random_layers(3, 2, 3), "Relu")
+    (tmp_path / "weights").write_bytes(moved(model, "weights", *place))
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    assert "does not lie in `weights`" in refusal(tmp_path / "p.onnx")[0]
+
+
+def test_many_constants_of_one_file_are_counted_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A small file may not become a large one."""
+    model = onnx_of(random_layers(3, 8, 8, 8), "Relu")
+    (tmp_path / "weights").write_bytes(moved(model))
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    size = (tmp_path / "weights").stat().st_size
+    monkeypatch.setattr(content, "FILE_MAX", size)
+    assert content.onnx_content(tmp_path / "p.onnx").beside
+    model = onnx_of(random_layers(3, 8, 8, 8), "Relu")
+    moved(model, offset=0, length=size)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    assert "larger than" in refusal(tmp_path / "p.onnx")[0]
+
+
+def test_what_is_written_of_a_policy_names_the_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One bit of the file beside is another function, and another hash in its first lines."""
+    model = onnx_of(random_layers(3, 2, 3), "Relu")
+    raw = moved(model)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    texts = []
+    for data in (raw, raw[:-4] + np.float32(1.5).tobytes()):
+        (tmp_path / "weights").write_bytes(data)
+        assert main(["policy", "../p.onnx", "-o", "learned.soter"]) == 0
+        texts.append((tmp_path / "elsewhere" / "learned.soter").read_text().splitlines())
+    heads = [[x for x in text if x.startswith("// weights: in `weights`")] for text in texts]
+    assert len(heads[0]) == len(heads[1]) == 1
+    assert heads[0] != heads[1]
