@@ -1,4 +1,4 @@
-"""A NaN that `ttf` or `safer` compares is danger: on both engines, bit by bit, whatever surrounds it.
+"""A NaN that `ttf` or `safer` compares is danger: on both engines alike, whatever is around it.
 
 One program has a module a case; what each of them reads, a plant says: `s.k` counts its periods.
 """
@@ -85,7 +85,9 @@ fun looped(x: float): bool {
   return false;
 }
 plant P period 50ms {
-  drives s = { k: k, minus: -1.0, two: 2.0, huge: 1.0e300, zero: 0.0, once: k == 10.0 ? -1.0 : 1.0 };
+  drives s = {
+    k: k, minus: -1.0, two: 2.0, huge: 1.0e300, zero: 0.0, once: k == 10.0 ? -1.0 : 1.0
+  };
   state k: float = 0.0;
   next k = k + 1.0;
 }
@@ -237,6 +239,13 @@ def test_what_cannot_be_nan_is_not_looked_at(ttf: str, may: bool, tmp_path: Path
     assert bool(maybe_nan(system, system.modules[0])) is may
     (decision,) = lower(system).decisions
     assert (decision.ttf.maybe_nan, decision.safer.maybe_nan) == (may, False)
+
+
+def test_a_ttf_that_only_a_nan_fulfils_is_not_told_to_never_hold(tmp_path: Path) -> None:
+    for ttf, told in (("sqrt(s.x) < -1.0", False), ("abs(s.x) < -1.0", True)):
+        (tmp_path / "b.soter").write_text(BOUNDED.format(ttf=ttf))
+        checked = check_file(str(tmp_path / "b.soter"))
+        assert ("W022" in [d.code for d in checked.diagnostics.items]) is told
 
 
 LISTS = """

@@ -83,7 +83,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
 
 
 def _predicates(decision: core.Decision, name: str) -> list[c.CStmt]:
-    """ttf and safer; where they may compare a NaN, whether they did is counted."""
+    """Its `ttf` and `safer`; where they may compare a NaN, whether they did is counted."""
     parts = (("ttf", decision.ttf), ("safer", decision.safer))
     nan = [n for n, p in parts if p.maybe_nan]
     body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []

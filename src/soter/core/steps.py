@@ -247,7 +247,7 @@ def lower_predicate(
 def lower_deciding(
     functions: FunctionTable, system: System, module: Module, predicate: typed.TypedExpr
 ) -> core.Predicate:
-    """A predicate of the DM, `ttf` or `safer` or a part of one: a NaN that is compared is a fault."""
+    """A predicate of the DM, or a part of one: a NaN that is compared is a fault."""
     looked_at = maybe_nan(system, module, predicate) & all_operands(predicate)
     span = predicate.span
     return lower_predicate(functions, system, module.scope, predicate, span, looked_at=looked_at)

@@ -92,7 +92,7 @@ class PredicateEvaluator(Evaluator):
     _EXPRESSIONS: ClassVar[
         dict[type[t.TypedExpr], Callable[[ExpressionEvaluator, Any], Compiled]]
     ] = {
-        **ExpressionEvaluator._EXPRESSIONS,
+        **ExpressionEvaluator._EXPRESSIONS,  # noqa: SLF001 - the table that it extends
         t.TypedBinary: _comparing,  # type: ignore[dict-item]
         t.Builtin: _comparing,  # type: ignore[dict-item]
         _Operand: _operand,  # type: ignore[dict-item]

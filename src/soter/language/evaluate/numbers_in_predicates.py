@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.evaluate import ranges
 from soter.language.evaluate.decision_predicates import compared_operands
 from soter.language.evaluate.range_evaluation import (
     ELEMENTS,
@@ -23,7 +22,6 @@ from soter.language.evaluate.range_evaluation import (
     ReadPlace,
     TooHardError,
     anything,
-    constant,
 )
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.topic_ranges import MOST, published
@@ -248,7 +246,7 @@ def _read(system: System, place: ReadPlace) -> Range:
         return published(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):
         return TIMES
-    known = anything(place.type) if place.kind in ("truth",) else _finite(place.type)
+    known = anything(place.type) if place.kind == "truth" else _finite(place.type)
     if not isinstance(known, Range):
         raise TooHardError
     return known

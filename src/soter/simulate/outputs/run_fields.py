@@ -187,7 +187,8 @@ DOCUMENT = JsonObject(
     ),
     modules=JsonObject(
         f"{RESULT}.ModuleSummary",
-        "ac_share switches_to_sc switches_to_ac gate_faults looks outside first_outside_s nan_looks",
+        "ac_share switches_to_sc switches_to_ac gate_faults looks outside first_outside_s "
+        "nan_looks",
     ),
     proofs=JsonObject(
         "soter.language.model.proof_verdicts.Proof",

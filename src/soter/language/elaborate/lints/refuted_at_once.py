@@ -24,6 +24,7 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 )
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.numbers_in_predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed
@@ -236,6 +237,8 @@ def doubt_constants(
         always(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
         for i, e in enumerate((ttf, safer))
     )
+    if (ttf_always, safer_always) != (None, None) and maybe_nan(system, module):
+        return False  # the ranges of IEEE's comparisons, and a NaN is danger
     name = f"of module `{symbol.name}`"
     if ttf_always is False:
         message, at, label = f"`ttf` {name} never holds", ttf, "AC is never taken off"
