@@ -172,8 +172,8 @@ SMALL = {
         times="time|x real",
     ),
     "Safe exploration: other controllers, planners with bugs, and by contrast": Small(
-        instead="bench/exploration/worlds.py --worlds 20 --workers 1 --only jerking 'boxes anywhere' "
-        "'bare: ramming'",
+        instead="bench/exploration/worlds.py --worlds 20 --workers 1 --only jerking "
+        "'boxes anywhere' 'bare: ramming'",
         flights=1,
         times="time|x real",
     ),
@@ -238,7 +238,7 @@ PAGES = (
         "```$ soter verify examples/autopilot/corridor",
         "-m soter verify examples/autopilot/corridor.soter --module SafeCorridor",
     ),
-    Made("dds.md", "| through the bridge", "@The wire of ROS 2: samples", given="720 8"),
+    Made("dds.md", "| through the bridge", "@The wire of ROS 2: samples", given="720 8 1.1 0.3"),
     Made(
         "dds.md",
         r"Of (\d+) payloads (?:.|\n)*? were no value of the\ntype, (\d+) of another length, (\d+) ",
@@ -288,7 +288,11 @@ PAGES = (
     Made("fleet.md", "| one machine | runs", JUNCTION, spread=True, given="500 400 3 2"),
     Made("fleet.md", "| one machine, from", "@The junction as processes over DDS", given="20 70 1"),
     Made("fleet.md", "| one drone, from", "@Two drones as processes over DDS", given="1 20"),
-    Made("fleet.md", r"the four collide (\d+) times in a minute", JUNCTION),
+    Made(
+        "fleet.md",
+        r"the four collide (\d+) times in a minute",
+        "-m soter run examples/fleet/junction.soter --system Unprotected",
+    ),
     Made("gallery.md", "| file | test | verdict", GALLERY),
     Made("ground-robot.md", "| | `/cmd_vel_nav`", "@A ground robot among walls"),
     Made(
@@ -343,7 +347,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("drone.md", "| | AC share | takeovers"): f"{MEASURED_ONCE}: with an earlier mixer",
     ("drone.md", "| gains"): DEFINED,
     ("drone.md", "```w  = v"): "a formula",
-    ("drone.md", "```γ = "): "a formula",
+    ("drone.md", "```\N{GREEK SMALL LETTER GAMMA} = "): "a formula",
     ("editor.md", "keystrokes.py` measures"): ELSEWHERE,
     ("evidence.md", "| item"): DEFINED,
     ("exploration.md", "| file in"): DEFINED,
