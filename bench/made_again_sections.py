@@ -394,7 +394,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("semantics.md", "```mix(z)"): "a formula",
     ("surveillance.md", "| file in"): DEFINED,
     ("surveillance.md", "| verdict"): DEFINED,
-    ("surveillance.md", "| `MARGIN_H`"): MEASURED_ONCE,
+    ("surveillance.md", "| `MARGIN_H`"): f"{SESSION}drone_roadmap.py",
     ("surveillance.md", "| bug"): DEFINED,
     ("surveillance.md", "| | value"): DEFINED,
     ("surveillance.md", "| | per second"): DEFINED,
