@@ -227,21 +227,37 @@ static bool soter_after(const soter_program* p, const soter_order* o, const sote
   return true;
 }
 
+/* How far the next instant is from the one before, at most: somebody is released again by then. */
+static int64_t soter_wait_most(const soter_program* p) {
+  int64_t most = INT64_MAX;
+  for (uint32_t i = 0; i < p->components; i++) {
+    const soter_component_info* const info = &p->component[i];
+    if (info->happens == NULL && info->phase_ns == 0 && info->period_ns < most) {
+      most = info->period_ns;
+    }
+  }
+  return most;
+}
+
 /* One flight; false where its events do not fit, or an extern is due. */
 static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
                       const soter_places* at, soter_events* e) {
   uint32_t due = 0;
+  const int64_t wait = soter_wait_most(p);
+  const soter_header* const h = (const soter_header*)at->state;
   soter_due noted = {.since = -1, .look = 0, .sample = 0};
   soter_start(p, at->state, seed);
   (void)memcpy(at->before, at->state, p->state_size);
   for (;;) {
-    const int64_t next = soter_next_instant(p, at->state);
-    if (next > o->until_ns) {
-      return true;
-    }
     const size_t first = e->used;
-    if (at->saves != NULL && soter_decides(p, at->state, next)) {
-      (void)memcpy(at->pre, at->state, p->state_size);
+    if (at->saves != NULL || wait > o->until_ns - h->ct) {
+      const int64_t next = soter_next_instant(p, at->state);
+      if (next > o->until_ns) {
+        return true;
+      }
+      if (at->saves != NULL && soter_decides(p, at->state, next)) {
+        (void)memcpy(at->pre, at->state, p->state_size);
+      }
     }
     if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE ||
         !soter_after(p, o, at, &noted, e, first)) {
