@@ -189,6 +189,7 @@ ALSO_ODOMETRY = {"channel": "/odom", "type": "nav_msgs/Odometry"}
 BAD: dict[str, tuple[dict[str, Any], str]] = {
     "no channel": (mapping(seen={"channel": None}), "`seen` has no `channel`"),
     "no type": (mapping(seen={"type": None, "frame_id": None}), "`seen` has no `type`"),
+    "a choice of a log": (mapping(seen={"where": {"id": "1"}}), "`where` of `seen` chooses rows"),
     "relative": (mapping(seen={"channel": "odom"}), "`odom` is no name of a topic of ROS 2"),
     "private": (mapping(seen={"channel": "~/odom"}), "is no name of a topic of ROS 2"),
     "a digit": (mapping(seen={"channel": "/a/1b"}), "is no name of a topic of ROS 2"),
