@@ -83,6 +83,7 @@ SMALL = {
     "The stack of the trusted part": Small(),
     "Images for a Cortex-M": Small(),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
+    "Damaged logs": Small("--flips 20", flights=20),
     "The mountain car: four drivers, alone and with RTA": Small(
         "--episodes 40 --jobs 1", flights=40
     ),

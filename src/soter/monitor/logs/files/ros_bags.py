@@ -160,7 +160,7 @@ def _bag2(path: Path) -> _Bag2:
         text = read_bytes(file, METADATA_MAX).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
-        raise unusable(path, f"its `{METADATA}` cannot be read: {why}") from error
+        raise unusable(path, f"its `{METADATA}` cannot be read: {why}", REINDEX) from error
     try:
         said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
         names, storage = said["relative_file_paths"], said["storage_identifier"]
@@ -168,7 +168,7 @@ def _bag2(path: Path) -> _Bag2:
         form = str(said.get("compression_format") or "")
         counts = counts_of(said)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
-        raise unusable(path, f"its `{METADATA}` is none of a bag") from error
+        raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
     if storage not in STORAGES:
         raise unusable(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
