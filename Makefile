@@ -21,7 +21,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 THIRD_PARTIES := tests/unit/verify/polytope tests/unit/verify/induction tests/unit/certificate tests/unit/monitor tests/unit/mapping \
   tests/unit/policy tests/unit/gym tests/unit/report tests/unit/editor tests/unit/targets tests/unit/cli tests/correct
 
-.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format fuzz playground docs proofs bench bench-quick vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format fuzz playground docs proofs bench bench-quick figures vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -97,6 +97,9 @@ bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 
 bench-quick: $(VENV)/.dev  ## 15 seconds: what people wait for, beside its targets; bench/quick.py --help
 	$(PY) bench/quick.py
+
+figures: $(VENV)/.dev  ## every figure of docs/ made again, beside what the page says; hours. SMALL=1: quicker runs
+	$(PY) bench/made_again.py --resume $(if $(SMALL),--small)
 
 vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)
 	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package

@@ -2,13 +2,13 @@
 
     make figures          (or: .venv/bin/python bench/made_again.py [--small] [--only TEXT] ...)
 
-Purpose: before a release every table, block and sentence with figures stands beside what its command
-prints today (bench/made_again_sections.py has them): sections of docs/benchmarks.md beside a new
-run, other pages beside the same output. `--small` makes the quicker runs, in which what is 0 has to
-be 0 and shares have to fit; `--kept` runs nothing: pages beside the kept output of
-docs/benchmarks.md. Outputs and verdicts are written to build/made-again as they come, and `--resume`
-takes those that are of the code that is checked out. Exit code: 0 all compared equal; 3 something differs; 4 nothing
-differs and something was not made.
+Purpose: before a release every table, block and sentence with figures stands beside what its
+command prints today (bench/made_again_sections.py has them): sections of docs/benchmarks.md beside
+a new run, other pages beside the same output. `--small` makes the quicker runs, in which what is 0
+has to be 0 and shares have to fit; `--kept` runs nothing: pages beside the kept output of
+docs/benchmarks.md. Outputs and verdicts are written to build/made-again as they come; `--resume`
+takes outputs of the code that is checked out. Exit code: 0 all figures came out; 3 something
+differs; 4 nothing differs, and something was not made.
 Non-goals: mending pages; `make bench` writes docs/benchmarks.md.
 """
 
@@ -214,10 +214,14 @@ def _last(text: str) -> str:
 
 def made_of(command: str) -> str:
     """Which versions of the code, the examples and the benchmark's folder are checked out."""
-    folder = str(Path(command.split()[0]).parent) if ".py" in command.split()[0] else "tests"
+    folder = (
+        str(Path(command.split(maxsplit=1)[0]).parent)
+        if ".py" in command.split(maxsplit=1)[0]
+        else "tests"
+    )
     told = subprocess.run(
         ["git", "rev-parse", *(f"HEAD:{x}" for x in ("src", "examples", folder))], cwd=ROOT,
-        capture_output=True, text=True, check=True,
+        capture_output=True, text=True, check=False,
     )  # fmt: skip
     return " ".join(x[:8] for x in told.stdout.split())
 
@@ -244,7 +248,7 @@ def run(command: str, limit_s: float, reads: str = "") -> Output:
     if reads and (ROOT / reads).exists():
         text = (ROOT / reads).read_text(encoding="utf-8")
     if "Traceback (most recent call last)" in wrong or not text.strip():
-        code, text = (code if code else 70), f"{text}\n{wrong}"
+        code, text = (code or 70), f"{text}\n{wrong}"
     return Output(text, code, time.monotonic() - began, made_of(command))
 
 

@@ -25,7 +25,8 @@ HEX = r"\b(?=[0-9a-f]*[a-f])(?=[0-9a-f]*\d)[0-9a-f]{8,}\b"
 NUMBER = r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
 TOKEN = re.compile(rf"{HEX}|{NUMBER}")
 UNIT = r"(?:ns|us|µs|ms|s|min|KB|MB|KiB|MiB|GB)\b(?!/)"
-WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}|{NUMBER} ?(?:x|×) real(?: time)?")
+TIMES = "\N{MULTIPLICATION SIGN}"
+WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}|{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
 CLOCK = (
     r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|took|time|search|s|ms|us|ns|seconds|check s|rate|ratio|"
     r"(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|.*, (?:s|ms|us|ns)|"
@@ -54,12 +55,12 @@ class Compared:
 
 
 def value(number: str) -> float:
-    """A number as it is written in pages: with commas, or with gaps, between thousands."""
-    return float(re.sub(r"[,\s]", "", number))
+    """A number as it is written in pages, with commas between thousands."""
+    return float(number.replace(",", ""))
 
 
 def lines(text: str, times: str | None = None) -> list[Line]:
-    """The lines of an output; `times`: headings (a regex) of columns of times, else CLOCK and units."""
+    """The lines of an output; `times`: headings (a regex) of times, else CLOCK and units."""
     heading = re.compile(rf"\s*(?:{CLOCK if times is None else times or '(?!)'})\s*", re.IGNORECASE)
     made, before, spans, cells = [], "", list[tuple[int, int]](), set[int]()
     for raw in text.splitlines():
@@ -175,7 +176,6 @@ def sampled(kept: str, made: str, flights: int, times: str | None = None) -> Com
 def numbers_in(text: str) -> list[str]:
     """The numbers of a page's text, none of what stands in code or in a link's address."""
     text = re.sub(r"`[^`]*`|\]\([^)]*\)", " ", text)
-    text = re.sub(r"(?<=\d)[ \u00a0\u202f](?=\d{3}(?!\d))", ",", text)
     return [m[0] for m in TOKEN.finditer(text) if re.fullmatch(NUMBER, m[0])]
 
 

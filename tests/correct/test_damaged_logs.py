@@ -1,6 +1,6 @@
 """Logs that were damaged: refused, read as before, or with a word about it; never wrongly.
 
-Non-goals: the ways themselves (`bench/hostile/damaged_logs.py`), whose whole table is a long test.
+Non-goals: the ways themselves (`bench/hostile/log_damages.py`), whose whole table is a long test.
 """
 
 from __future__ import annotations
@@ -13,18 +13,16 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
 
 from bench.hostile.damaged_logs import (
-    KINDS,
     REFUSED,
     SAME,
     UNSEEN,
-    WAYS,
     WRONG,
     cells,
-    flight,
     flips,
     outcome,
     read,
 )
+from bench.hostile.log_damages import KINDS, WAYS, flight
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import random
+import re
 import shutil
 from collections import deque
 from pathlib import Path
@@ -68,9 +69,8 @@ def test_the_cells_are_the_whole_inner_room(script: Any) -> None:
         assert free == within
 
 
-def test_every_node_leads_to_every_other_in_its_piece_of_the_room(script: Any) -> None:
-    """Pieces by cells that share a face, not by the edges of the roadmap."""
-    cells = script.cells_of(script.inner_room())
+def pieces_by_faces(cells: Any) -> dict[int, int]:
+    """Of each cell its piece of the room, by cells that share a face."""
     piece: dict[int, int] = {}
     for first in range(len(cells)):
         if first in piece:
@@ -84,6 +84,38 @@ def test_every_node_leads_to_every_other_in_its_piece_of_the_room(script: Any) -
                     if min(shared) >= 0.0 and sum(s > 0.0 for s in shared) >= 2:
                         piece[j] = first
                         wait.append(j)
+    return piece
+
+
+PAGE = (DRONE.parents[1] / "docs" / "surveillance.md").read_text(encoding="utf-8")
+MARGINS = re.findall(r"^\| (\d\.\d\d) \| one \| (\d)", PAGE, re.MULTILINE)
+
+
+@pytest.mark.pages
+def test_other_margins_leave_the_pieces_that_the_page_says(
+    script: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The table of docs/surveillance.md, every row and both columns."""
+    boxes = (DRONE / "boxes.soter").read_text(encoding="utf-8")
+    for name in ("city.soter", "utopia.json"):
+        shutil.copy(DRONE / name, tmp_path)
+    monkeypatch.setattr(script, "HERE", tmp_path)
+
+    def pieces(horizontal: str, vertical: str) -> int:
+        text = boxes.replace("MARGIN_H: float = 0.785", f"MARGIN_H: float = {horizontal}")
+        text = text.replace("MARGIN_V: float = 1.10", f"MARGIN_V: float = {vertical}")
+        (tmp_path / "boxes.soter").write_text(text, encoding="utf-8")
+        return len(set(pieces_by_faces(script.cells_of(script.inner_room())).values()))
+
+    assert len(MARGINS) == 4
+    found = {h: (pieces(h, "1.14"), pieces(h, "1.20")) for h, _ in MARGINS}
+    assert found == {h: (1, int(n)) for h, n in MARGINS}
+
+
+def test_every_node_leads_to_every_other_in_its_piece_of_the_room(script: Any) -> None:
+    """Pieces by cells, not by the edges of the roadmap."""
+    cells = script.cells_of(script.inner_room())
+    piece = pieces_by_faces(cells)
     roadmap = document()
     nodes = [(n["x"], n["y"], n["z"]) for n in roadmap["nodes"]]
     of = [

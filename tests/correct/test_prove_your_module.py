@@ -65,6 +65,40 @@ def test_predicates_that_are_left_out_are_computed(tank: Path) -> None:
     assert "computed from the sets" in verified.stdout
 
 
+SIZES = re.findall(r"^\| (\d+) \| (computed|written)(.*?) \| (.*) \|$", PAGE, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("cells", "how", "bounds", "said"), SIZES)
+def test_grids_of_other_sizes_say_what_the_table_says(
+    cells: str, how: str, bounds: str, said: str, tmp_path: Path
+) -> None:
+    """Bounds of `ttf` are those of the sentence above the table where a row has none."""
+    low, high = (
+        re.findall(r"\d\.\d+", bounds)
+        or re.findall(r"`ttf level < (\S+) \|\| level >\s+(\S+)`, on grids", PAGE)[0]
+    )
+    text = TANK.replace("/ 320", f"/ {cells}")
+    text = text.replace("level < 0.25 || level > 1.75", f"level < {low} || level > {high}")
+    written = [x for x in text.splitlines() if not x.startswith(("  ttf", "  safer"))]
+    text = "\n".join(written) if how == "computed" else text
+    (tmp_path / "sized.soter").write_text(text, encoding="utf-8")
+    out = _soter(tmp_path, "verify", "sized.soter").stdout
+    proved = re.search(r"^P2b +(\w+)", out, re.MULTILINE)
+    verdict, back = (
+        proved[1] if proved else "",
+        re.search(r"control back within (.* s)$", out, re.MULTILINE),
+    )
+    refined = re.search(r"\((\d+) -> (\d+) cells\)", out)
+    verdict = f"{verdict}, refined to {refined[2]}" if refined else verdict
+    verdict = verdict if back else f"P2b {verdict}"
+    shares = re.findall(r"(?:not ttf|safer) (\S+%)", out)
+    assert " | ".join([verdict, *shares, back[1] if back else "\N{EN DASH}"]) == said
+
+
+def test_the_sizes_of_the_table_are_found() -> None:
+    assert len(SIZES) == 5
+
+
 def test_the_declared_times_of_the_page_are_proved(tank: Path) -> None:
     block = re.findall(r"^```\n(verify \{.*?\n\})\n```", PAGE, re.MULTILINE | re.DOTALL)[0]
     timed = _changed(tank, "verify { grid level in [0.2, 1.8] / 320; }", block)

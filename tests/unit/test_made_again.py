@@ -19,8 +19,8 @@ if str(ROOT) not in sys.path:
 
 from bench import made_again  # noqa: E402 - needs the path
 from bench.made_again_compare import compared, numbers_in, sampled, stood  # noqa: E402
-from bench.made_again_sections import EXCEPT, PAGES, SMALL, Small  # noqa: E402
-from bench.run_all import BENCHMARKS  # noqa: E402
+from bench.made_again_sections import EXCEPT, PAGES, SMALL  # noqa: E402
+from bench.run_all import BENCHMARKS, Result  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,14 +30,17 @@ NOT_ASKED = {"benchmarks.md", "decisions.md"}
 """The first is asked section by section; the second is a diary."""
 NUMBERS_OF_A_BLOCK = 4
 """A block without a language that has fewer numbers is a drawing or a formula."""
-SCRIPT = re.compile(r"bench/[\w/]+\.py")
+SCRIPT = re.compile(r"bench/\w+/\w+\.py")
 DAGGER = "†"
 
 
 def tables(text: str) -> Iterator[str]:
     """The first row with words of every table that has a figure outside of code."""
     rows: list[str] = []
-    for line in [*re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S).splitlines(), ""]:
+    for line in [
+        *re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL).splitlines(),
+        "",
+    ]:
         if line.startswith("|"):
             rows.append(line)
             continue
@@ -55,8 +58,8 @@ def blocks(text: str) -> Iterator[str]:
 
 def sentences(text: str) -> Iterator[str]:
     """Every paragraph that has figures and a mark of them, or names a benchmark."""
-    text = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
-    text = re.sub(r"^(\||#|    ).*$", "", text, flags=re.M)
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^(\||#|    ).*$", "", text, flags=re.MULTILINE)
     for paragraph in re.split(r"\n\s*\n|\n(?=- |\d+\. )", text):
         if (SCRIPT.search(paragraph) or DAGGER in paragraph) and numbers_in(paragraph):
             yield paragraph
@@ -124,3 +127,163 @@ def test_every_section_and_exception_is_of_something_that_there_is() -> None:
 def commands() -> Iterator[str]:
     for small in (False, True):
         yield from (s.command for s in made_again.sections(small=small))
+
+
+# ---------------------------------------------------------------- comparing
+
+KEPT = """
+arm        flights  violations  AC share  wall  digest
+─────────  ───────  ──────────  ────────  ────  ────────────
+Protected    1,000           0    96.6 %  12 s  9904839878dc
+Alone        1,000         601   100.0 %   9 s  ca950ab9b019
+the whole took 3.25 s; verdict proved
+"""
+
+
+def test_an_output_with_other_times_is_the_same() -> None:
+    again = KEPT.replace("12 s", "31 s").replace("9 s", "8.5 s").replace("3.25 s", "999 s")
+    told = compared(KEPT, f"a new line\n{again}")
+    assert told.differ == []
+    assert told.figures == 6
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("601", "602"),
+        ("96.6", "96.7"),
+        (" 0 ", " 1 "),
+        ("proved", "undecided"),
+        ("9904839878dc", "9904839878dd"),
+        ("Alone        1,000         601   100.0 %   9 s  ca950ab9b019\n", ""),
+    ],
+)
+def test_a_figure_or_a_word_that_is_another_one_differs(old: str, new: str) -> None:
+    assert len(compared(KEPT, KEPT.replace(old, new)).differ) == 1
+    assert compared(KEPT, KEPT.replace(old, new, 1)).figures == 6
+
+
+def test_times_of_the_simulated_world_are_figures_where_the_section_says_so() -> None:
+    lap = "arm   lap\n────  ───────\nours  10.68 s\n"
+    assert compared(lap, lap.replace("10.68", "10.70")).differ == []
+    assert len(compared(lap, lap.replace("10.68", "10.70"), times="").differ) == 1
+    row = "arm  flights   wall\nours     100  409 s\n"
+    assert compared(row, row.replace("409", "12"), times="wall").differ == []
+    assert len(compared(row, row.replace("100", "200"), times="wall").differ) == 1
+
+
+def test_a_markdown_table_has_columns_of_times_too() -> None:
+    rows = "| arm | flights | took |\n|---|---|---|\n| ours | 100 | 7.5 |\n"
+    assert compared(rows, rows.replace("7.5", "9.1")).differ == []
+    assert len(compared(rows, rows.replace("100", "99")).differ) == 1
+
+
+def test_a_smaller_run_is_held_to_zeros_and_shares() -> None:
+    some = KEPT.replace("1,000", "20").replace("601", "11").replace("96.6", "93.0")
+    some = some.replace("9904839878dc", "00ff00ff00ff").replace("ca950ab9b019", "11ff00ff00ff")
+    lines = "\n".join(x for x in some.splitlines() if "─" not in x)
+    kept = KEPT.replace("  9904839878dc", "").replace("  ca950ab9b019", "")
+    made = some.replace("  00ff00ff00ff", "").replace("  11ff00ff00ff", "")
+    assert sampled(kept, made, 20).differ == []
+    assert sampled(kept, made, 20).figures == 3
+    assert sampled(kept, lines, 20).figures < 3, "another digest is another line"
+    assert len(sampled(kept, made.replace(" 0 ", " 8 "), 20).differ) == 1
+    assert len(sampled(kept, made.replace("93.0", "50.0"), 20).differ) == 1
+    assert sampled(kept, made.replace("93.0", "50.0"), 2).differ == [], "two flights may say that"
+    assert len(sampled(kept, made.replace("100.0", "93.0"), 20).differ) == 1
+
+
+def test_rows_of_a_page_stand_in_a_line_of_the_output() -> None:
+    output = "Fenced 1,000 0 9.148 2.383 0.813\nBare 200 195"
+    rows = ["| the module, of 10 m | 1,000 | 0 | 9.15 |", "| without | 200 | **195** |"]
+    given = frozenset({"10"})
+    assert stood(rows, output, given, spread=False).differ == []
+    assert stood(rows, output, given, spread=False).figures == 5
+    assert len(stood(rows, output, frozenset(), spread=False).differ) == 1
+    assert len(stood([rows[0].replace("9.15", "9.17")], output, given, spread=False).differ) == 1
+    mixed = ["| one | 200 | 9.15 |"]
+    assert len(stood(mixed, output, given, spread=False).differ) == 1, "of two lines"
+    assert stood(mixed, output, given, spread=True).differ == []
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("100 sent, 1,234.5 m, `7` and [8](a9.md) of 3", ["100", "1,234.5", "8", "3"]),
+        ("hash 9904839878dc, x2, 1e-06, 96.6 %", ["1e-06", "96.6"]),
+    ],
+)
+def test_numbers_of_a_page(text: str, numbers: list[str]) -> None:
+    assert numbers_in(text) == numbers
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_the_command_says_what_differs_and_goes_on_where_it_was_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Over three commands: one prints what is kept, one another figure, one breaks."""
+    texts = {"right": "4 robots, 0 hits", "wrong": "4 robots, 2 hits", "broken": ""}
+    ran: list[str] = []
+
+    def run(command: str, _limit_s: float, _reads: str = "") -> made_again.Output:
+        ran.append(command)
+        text = texts[command]
+        return made_again.Output(text or "no such module", 0 if text else 2, 1.0, "code")
+
+    kept = {n: Result(n, "2026-01-01", "0" * 8, "```\n4 robots, 0 hits\n```") for n in texts}
+    found = [made_again.Section("benchmarks.md", n, n, 0, None, "", None) for n in texts]
+    monkeypatch.setattr(made_again, "OUT", tmp_path)
+    monkeypatch.setattr(made_again, "run", run)
+    monkeypatch.setattr(made_again, "made_of", lambda _: "code")
+    monkeypatch.setattr(made_again, "results", lambda: kept)
+    monkeypatch.setattr(made_again, "sections", lambda **_: found)
+
+    def said(*arguments: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["made_again.py", *arguments])
+        return made_again.main(), capsys.readouterr().out
+
+    assert said("--only", "right")[0] == 0
+    code, output = said("--resume")
+    assert ran == ["right", "wrong", "broken"], "what was made is taken"
+    assert code == 3
+    assert "'4 robots, 0 hits': page says 0, made 2" in output
+    assert "NOT MADE: exit 2: no such module" in output
+    assert "3 sections, 4 figures compared: 1 as the page says, 1 differ, 1 not made" in output
+    assert said("--only", "broken")[0] == 4, "nothing differs, and nothing was made"
+    code, output = said("--only", "right", "--seconds", "0")
+    assert (code, ran[-1]) == (4, "broken"), "no time, nothing begun"
+
+
+def test_a_command_that_takes_too_long_is_ended_with_what_it_started(tmp_path: Path) -> None:
+    script = tmp_path / "sleeps.py"
+    script.write_text(
+        "import subprocess, sys\n"
+        "print('begun', flush=True)\n"
+        f"child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(600)'])\n"
+        f"open({str(tmp_path / 'child')!r}, 'w').write(str(child.pid))\n"
+        "child.wait()\n"
+    )
+    output = made_again.run(str(script), 3.0)
+    assert output.code is None
+    pid = (tmp_path / "child").read_text()
+    stat = Path(f"/proc/{pid}/stat")
+    assert not stat.exists() or stat.read_text().split()[2] == "Z"
+
+
+def test_pages_agree_with_what_is_kept_of_the_benchmarks() -> None:
+    """Tables that were taken from docs/benchmarks.md: nothing is run."""
+    verdicts = [made_again.verdict(s, output) for s, output in made_again.kept_outputs()]
+    assert [(v.section, v.differ) for v in verdicts if v.differ] == []
+    assert [v.section for v in verdicts if not v.figures] == []
+
+
+SOME = [s for s in made_again.sections(small=True) if s.made is None]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("section", SOME, ids=lambda s: s.name)
+def test_a_smaller_run_of_a_section_comes_out(section: made_again.Section) -> None:
+    told = made_again.verdict(section, made_again.run(section.command, 3600.0))
+    assert (told.differ, told.not_made) == ([], "")

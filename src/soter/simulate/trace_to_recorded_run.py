@@ -131,9 +131,10 @@ def damaged(error: Exception) -> str:
 
     It unpacks what stands there without a look at it: a damaged file makes it raise anything.
     """
-    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
+    from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
-    said = str(error)[:200] if isinstance(error, (McapError, ValueError)) else ""
+    told = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
+    said = str(error)[:200] if told else ""
     return said or "it is no MCAP file, or damaged"
 
 

@@ -267,6 +267,8 @@ class Case:
     spent: dict[str, float] = field(default_factory=dict)
     """Seconds per claim."""
     counts: dict[str, int] = field(default_factory=dict)
+    vain: float = 0.0
+    """`GridGroup.core`: the share of C that may be followed for nothing; 0: all of it."""
     lawful: FailsafeClaim | None = None
     """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None

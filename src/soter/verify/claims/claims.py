@@ -14,6 +14,7 @@ from soter.verify.claims.case import Case
 from soter.verify.claims.failsafe_claim import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
+    VAIN,
     FailsafeClaim,
     inside,
     without_law,
@@ -115,6 +116,7 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
     library, _ = library_of(problem)
     try:
         law = open_case(problem, library, groups, case.parameter, None)
+        law.vain = VAIN
         if not (constraint(law) and core(law)):
             return FailsafeClaim(parts, parts, NOTHING_KEPT)
     except UnboundedError as error:

@@ -30,6 +30,13 @@ NOT_FOR_LAWS = (
 )
 OTHER_CELLS = "a law is not looked at on a"
 NOTHING_KEPT = "no set was found that the law keeps"
+VAIN = 0.001
+"""Of C: with more cells that stay in it and never come back to the set it is given up as empty.
+
+A law that drifts leaves nothing, one layer of cells a round, and each is followed to the end: a
+hundred times the work of SC's own set, for an answer that is known after the first layers. Of every
+law that keeps something, in the examples and the tests, there was not one such cell.
+"""
 NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 

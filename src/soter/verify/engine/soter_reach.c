@@ -186,7 +186,11 @@ static int continue_chain(core_job* job, int who, cell_chain* k) {
   } else {
     return NEVER;
   }
-  return found == NOT_YET && k->n == job->w->longest ? NEVER : found;
+  if (found == NOT_YET && k->n == job->w->longest) {
+    job->w->r.vain[who]++;
+    return NEVER;
+  }
+  return found;
 }
 
 /* Asks for the commands around the chains, and moves those on for which they are known. */

@@ -107,6 +107,8 @@ typedef struct {
   int32_t* dirty;
   int32_t* sums; /* (tiles + 1) along each axis */
   int32_t dirty_n, cursor, rounds;
+  int32_t vain[2];  /* cells that were followed as far as may be, for nothing */
+  int32_t vain_max; /* with more of them the rounds end early; 0: however many there are */
   int64_t steps;
 } soter_reach_rounds;
 

@@ -82,7 +82,7 @@ class GridProof(GroupProof):
         """K: a greatest fixpoint."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
-        kept = self.engine.core(self.found.allowed)
+        kept = self.engine.core(self.found.allowed, vain=case.vain)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)
         case.count("longest", int(kept.witness.max()))

@@ -40,6 +40,8 @@ SLICE_S = 0.1
 """How long the engine works between two looks at the stop flag."""
 LONGEST = 250
 """The largest N a witness (uint8) may have, with room for a mark."""
+VAIN_LEAST = 100
+"""So many cells may always be followed for nothing: it takes no time."""
 POOL_BYTES = 2**28
 SEGMENTS = 2
 SEGMENTS_MAX = 64
@@ -53,11 +55,15 @@ WORTH_A_STEP = 0.02
 
 @dataclass(frozen=True)
 class Core:
-    """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took."""
+    """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took.
+
+    `vain`: cells that were followed for as many holds as may be, and never came back to K.
+    """
 
     witness: Bytes
     rounds: int
     steps: int
+    vain: int = 0
 
     @property
     def cells(self) -> Bools:
@@ -165,20 +171,24 @@ class GridGroup(GridModel):
 
     # ------------------------------------------------------------ K
 
-    def core(self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4) -> Core:
+    def core(
+        self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4, vain: float = 0.0
+    ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
         The greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over
         [0, N delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}.
         A chain is given up when its images have been more than a cell away from K `patience`
         times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
-        the grid's shape.
+        the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
+        end for nothing; with more of them K is given up, and none; 0: as many as there are.
         """
         if self.still:
             return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
         if allowed.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
-        return self._core(allowed, longest, patience)
+        most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
+        return self._core(allowed, longest, patience, most)
 
     @property
     def still(self) -> bool:
@@ -201,7 +211,7 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core(self, allowed: Bools, longest: int, patience: int) -> Core:
+    def _core(self, allowed: Bools, longest: int, patience: int, vain_max: int) -> Core:
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
@@ -226,12 +236,15 @@ class GridGroup(GridModel):
         commands = np.empty(self.tiles * max(1, int(self.c.commands)), dtype=np.float64)
         w.known, w.command = self.pointer(known, "uint8_t *"), self.pointer(commands, "double *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
+        w.r.vain_max = vain_max
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", w.r.cursor / max(1, w.r.dirty_n))
         lib.soter_reach_core_end(self.c, w)
+        if w.r.dirty_n:
+            witness[...] = 0
         del rounds
-        return Core(witness, int(w.r.rounds), int(w.r.steps))
+        return Core(witness, int(w.r.rounds), int(w.r.steps), sum(w.r.vain))
 
     # ------------------------------------------------------------ tubes under all of U
 

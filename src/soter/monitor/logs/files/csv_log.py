@@ -17,6 +17,7 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.bounded_gzip import BoundedGzip
 from soter.monitor.logs.files.log_columns import add_row, moment, unusable
+from soter.monitor.logs.files.other_formats import remedies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -62,7 +63,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
             continue
         cells = {n: row[n] for n in wanted.names}
         stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
-        add_row(path, columns, now, cells, stamps, "line {}".format, line, SEVERAL)
+        add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
         chosen = " and ".join(f"{k} = {v}" for k, v in mapping.where.items())
         raise unusable(path, f"no row has {chosen}" if chosen else "it has no rows")
@@ -118,7 +119,7 @@ def _rows(
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise unusable(path, f"it is no CSV: {error}") from error
+        raise unusable(path, f"it is no CSV: {error}", *remedies(path)) from error
 
 
 def _text(path: Path, data: BinaryIO) -> IO[str]:

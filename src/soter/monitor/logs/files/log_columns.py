@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.message_types import HEADER_FRAME
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
     from pathlib import Path
 
     from soter.mapping.message_types import MessageType
@@ -138,9 +138,9 @@ def add_row(
     time_ns: int,
     cells: Mapping[str, Any],
     stamps: Mapping[StampSource, int | None],
-    where: Callable[[int], str],
-    at: int,
-    *remedies: str,
+    *,
+    where: str,
+    remedies: tuple[str, ...] = (),
 ) -> None:
     """A row, in the order of the file; D016 where time goes back.
 
@@ -155,12 +155,12 @@ def add_row(
             by += (
                 f" ({seconds_text(last - time_ns + step)} s, had it come as soon as the one before)"
             )
-        raise unusable(path, f"time goes back in {where(at)}, {told}, {by}", *remedies)
+        raise unusable(path, f"time goes back in {where}, {told}, {by}", *remedies)
     if into.times_ns and time_ns == last:
         into.equal += 1
-        into.first_equal = into.first_equal or where(at)
+        into.first_equal = into.first_equal or where
     into.times_ns.append(time_ns)
-    into.where.append(where(at))
+    into.where.append(where)
     for name, column in into.cells.items():
         column.append(cells[name])
     for source, stamp_column in into.stamps_ns.items():

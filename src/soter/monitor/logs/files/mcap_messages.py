@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import json
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.log_columns import unusable
+from soter.monitor.logs.files.other_formats import remedies
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -23,6 +24,7 @@ from soter.monitor.logs.files.ros_messages import (
     require_type,
 )
 from soter.report.bounded_unpack import TooLargeError
+from soter.report.mcap_log import MAGIC
 from soter.report.mcap_records import DamagedMcapError, McapRecords
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.trace_to_recorded_run import damaged
@@ -50,6 +52,7 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     require_log_package()
     try:
         with opened(path) as file:
+            _require_mcap(path, file)
             yield from _Reading(wanted, facts).messages(McapRecords(file))
     except SoterError:
         raise
@@ -61,6 +64,13 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
         raise unusable(path, reason(error)) from error
     except Exception as error:
         raise unusable(path, damaged(error)) from error
+
+
+def _require_mcap(path: Path, file: BinaryIO) -> None:
+    """SoterError D016 where it does not begin as an MCAP does."""
+    if file.read(len(MAGIC)) != MAGIC:
+        raise unusable(path, "it is no MCAP", *remedies(path))
+    file.seek(0)
 
 
 class _Reading:

@@ -7,7 +7,6 @@ Non-goals: the files (`mcap_messages.py`, `ros_bags.py`), what is in a message (
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
@@ -64,8 +63,7 @@ def read_messages(
             if mapping.counts(log_ns):
                 others = [min([log_ns, *others]), max([log_ns, *others])]
             continue
-        at = facts.there[channel]
-        where = f"message {at} of `{channel}`"
+        where = f"message {facts.there[channel]} of `{channel}`"
         if not mapping.counts(log_ns) or any(
             str(_part(path, message, k, where)) != v for k, v in mapping.where.items()
         ):
@@ -74,8 +72,8 @@ def read_messages(
         asked, into = by_channel[channel], columns_by_channel[channel]
         cells = {n: _part(path, message, n, where, n in asked.optional) for n in asked.names}
         stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
-        name = partial("message {1} of `{0}`".format, channel)
-        add_row(path, into, now, cells, stamps, name, at, CLOCK_SET, UNSORTED)
+        helps = (CLOCK_SET, UNSORTED)
+        add_row(path, into, now, cells, stamps, where=where, remedies=helps)
         order.note(now, where)
         counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():

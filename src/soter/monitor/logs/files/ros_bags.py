@@ -19,6 +19,7 @@ from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.logs.files.log_columns import REINDEX, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
+from soter.monitor.logs.files.other_formats import remedies
 from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def _require_ros1(path: Path) -> None:
     """SoterError D016 where it does not begin as a bag of ROS 1 does."""
     with opened(path, pipes=False) as file:
         if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-            raise unusable(path, "it is no bag of ROS 1, version 2.0")
+            raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies(path))
 
 
 def _says_why(error: Exception) -> bool:
