@@ -14,7 +14,7 @@ from soter.core.plants import lower_plant
 from soter.core.read_write_footprint import footprint_of, written_names, written_topics
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.evaluate.conjuncts import premise_of
-from soter.language.evaluate.numbers_in_predicates import all_operands, maybe_nan
+from soter.language.evaluate.predicates.numbers_in_predicates import all_operands, maybe_nan
 from soter.language.model import typed
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType

@@ -11,8 +11,8 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import queues_of
 from soter.semantics.externs import (

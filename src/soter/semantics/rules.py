@@ -104,7 +104,8 @@ def dm_step(
         gate_fault=put(c.gate_fault, module.index, False),
     )
     nan = nan_in_ttf or nan_in_safer
-    return c, DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after, nan)
+    verdict = DecisionVerdict(module.index, ttf, safer, stale, gate_fault, mode, after, nan=nan)
+    return c, verdict
 
 
 def ac_or_sc_step(

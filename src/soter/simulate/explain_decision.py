@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.types import (

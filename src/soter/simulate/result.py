@@ -240,9 +240,11 @@ class Run:
             share = ac_ns / end if end > 0 else 0.0
             counts = int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
             own = self.safe_looks[m.index] if self.safe_looks else None
-            judged = () if own is None else (own.looks, own.outside, own.first_outside_s)
+            judged = (
+                (0, None, None) if own is None else (own.looks, own.outside, own.first_outside_s)
+            )
             nan_looks = int(row["nan_looks"])
-            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged, nan_looks=nan_looks)
+            summary_by_module[m.name] = ModuleSummary(share, *counts, *judged, nan_looks)
         return summary_by_module
 
     @property

@@ -39,7 +39,7 @@ from soter.certificate.induction.solver_values import (
     unknown,
 )
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.language.evaluate.numbers_in_predicates import operands_in
+from soter.language.evaluate.predicates.numbers_in_predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.types import (
     ArrayType,

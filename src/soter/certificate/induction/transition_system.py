@@ -17,7 +17,7 @@ import z3
 from soter.certificate.induction.exactness_rules import is_exact
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import either, inside, known, opaque, unknown
-from soter.language.evaluate.numbers_in_predicates import maybe_nan
+from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE

@@ -24,6 +24,8 @@ from soter.language.model.types import leaf_count
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
+    from typing_extensions import Self
+
     from soter.language.evaluate.expressions import Compiled, Extern
     from soter.language.model.system import Scope
     from soter.language.model.types import Value
@@ -57,7 +59,7 @@ class Evaluator(ExpressionEvaluator):
         self._bodies: dict[t.FunSymbol, Executed] = {}
 
     @classmethod
-    def of(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Evaluator:
+    def of(cls, scope: Scope, externs: Mapping[t.FunSymbol, Extern] | None = None) -> Self:
         """The evaluator for the code of one instance in a system."""
         return cls(
             scope.params,

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe
 from soter.monitor.logs.files.log_columns import unusable

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.core.layout import encode_into, size_of
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.numbers_in_predicates import maybe_nan
+from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
 from soter.verify.deploy.dm_test_inputs import SC

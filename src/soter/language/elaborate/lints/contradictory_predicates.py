@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, cast
 from soter.diagnostics.fix import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.conjuncts import conjuncts, disjuncts
-from soter.language.evaluate.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.same_expression import same_expression
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed

@@ -24,7 +24,7 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 )
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.numbers_in_predicates import maybe_nan
+from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always
 from soter.language.model import typed

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.evaluate.decision_predicates import compared_operands
+from soter.language.evaluate.predicates.decision_predicates import compared_operands
 from soter.language.evaluate.range_evaluation import (
     ELEMENTS,
     UNKNOWN,
