@@ -1,7 +1,8 @@
 """What is being done just now, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a line about how long it will take, for whoever shows one.
+`passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a
+line about how long it will take, for whoever shows one.
 Non-goals: how far it is: those who know call their `progress`.
 """
 
