@@ -1,7 +1,8 @@
 """What is being done just now, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`announce`: a line about how long it will take, for whoever shows one.
+`passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a
+line about how long it will take, for whoever shows one.
 Non-goals: how far it is: those who know call their `progress`.
 """
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 _listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
+_current: ContextVar[str] = ContextVar("current", default="")
 _announcer: ContextVar[Callable[[str], None] | None] = ContextVar("announcer", default=None)
 
 
@@ -22,7 +24,19 @@ def phase(name: str, *, anew: bool = False) -> None:
     """Say what begins; `anew`: shares that are told from here on begin at nothing."""
     listener = _listener.get()
     if listener is not None:
+        _current.set(name)
         listener(name, anew)
+
+
+@contextmanager
+def passing_phase(name: str) -> Iterator[None]:
+    """A phase as long as the block takes; the one before it goes on afterwards."""
+    before = _current.get()
+    phase(name)
+    try:
+        yield
+    finally:
+        phase(before)
 
 
 def announce(text: Callable[[], str]) -> None:
@@ -40,9 +54,10 @@ def listening_to_phases(
 
     `announcer(line)` is told what is announced.
     """
-    before = _listener.set(listener), _announcer.set(announcer)
+    before = _listener.set(listener), _announcer.set(announcer), _current.set("")
     try:
         yield
     finally:
         _listener.reset(before[0])
         _announcer.reset(before[1])
+        _current.reset(before[2])

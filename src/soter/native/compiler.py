@@ -16,7 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler_process import run_compiler
 from soter.native.python_child import python_module
@@ -127,8 +127,8 @@ def compile_with(
     telling: tuple[str, ...] = (),
 ) -> None:
     """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
-    phase("compiling")
-    done = run_compiler(command, work, TIMEOUT_S)
+    with passing_phase("compiling"):
+        done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:
         return
     lines = done.text.replace(str(work) + os.sep, "").strip().splitlines()

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find
@@ -95,7 +96,8 @@ def stack_of(
     content = digest([compiler.identity, rules, entries, str(below), *left, *flags, *texts])
 
     def make(work: Path) -> None:
-        stack = _measured(work, list(compiler.command), flags, files, entries, left, below)
+        with passing_phase("compiling the package: how much stack it needs"):
+            stack = _measured(work, list(compiler.command), flags, files, entries, left, below)
         (work / FOUND).write_text(json.dumps(vars(stack)), encoding="utf-8")
 
     told = json.loads(

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import threading
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +16,7 @@ from soter.cli.main import main
 from soter.cli.terminal.console import Console, colorful
 from soter.cli.terminal.progress import CLEAR, LineOfProgress, ProgressBar
 from soter.cli.test import progress_text
-from soter.diagnostics.current_phase import listening_to_phases, phase
+from soter.diagnostics.current_phase import listening_to_phases, passing_phase, phase
 from soter.explore.search_options import SearchProgress
 
 if TYPE_CHECKING:
@@ -86,13 +87,14 @@ def test_a_log_has_a_line_every_ten_seconds_whether_or_not_anything_is_told(
     with ProgressBar(console(log)) as show:
         assert show is not None
         phase("Cart: P2b")
+        clock[0] = 4.0
         show(0.25)
         told.set()
         assert ticks.done.wait()
     assert log.getvalue().splitlines() == [
-        "soter: 10 s  25%  30 s left  Cart: P2b",
-        "soter: 20 s  25%  60 s left  Cart: P2b",
-        "soter: 30 s  25%  90 s left  Cart: P2b",
+        "soter: 14 s  25%  2 s left  Cart: P2b, 14 s",
+        "soter: 24 s  25%  Cart: P2b, 24 s",
+        "soter: 34 s  25%  Cart: P2b, 34 s",
     ]
 
 
@@ -132,7 +134,7 @@ def test_the_bar_names_its_phase_and_never_runs_backwards(clock: list[float]) ->
         clock[0] = 10.0
         phase("Cart: P2b")
         show(0.5)
-        assert terminal.getvalue().endswith("Cart: P2b")
+        assert terminal.getvalue().endswith("Cart: P2b, 0 s")
         shares = []
         for n, share in enumerate((0.2, 0.6, 0.1)):
             clock[0] = 11.0 + n
@@ -141,10 +143,87 @@ def test_the_bar_names_its_phase_and_never_runs_backwards(clock: list[float]) ->
         assert shares == ["50", "60", "60"]
         clock[0] = 20.0
         phase("running S", anew=True)
-        assert terminal.getvalue().endswith("   0%  running S")
+        assert terminal.getvalue().endswith(f"{CLEAR}running S, 0 s")
     before = terminal.getvalue()
     phase("nobody looks")
     assert terminal.getvalue() == before
+
+
+def shown(terminal: Terminal) -> str:
+    """The line that is on the terminal now."""
+    return terminal.getvalue().rpartition(CLEAR)[2]
+
+
+def test_what_is_left_is_never_more_than_was_said(clock: list[float]) -> None:
+    terminal = Terminal()
+    said = []
+    with ProgressBar(console(terminal)) as show:
+        assert show is not None
+        for now, share in ((10, 0.5), (12, 0.5), (30, 0.6), (31, 0.9), (32, 0.9), (60, 0.91)):
+            clock[0] = now
+            show(share)
+            said += re.findall(r"([0-9]+) s left", shown(terminal))
+    assert said == ["10", "8", "3", "2"]
+
+
+def test_once_all_that_is_counted_is_done_nothing_stands_at_a_hundred(clock: list[float]) -> None:
+    """As in a build, which compiles what it has made: what is done now, and since when."""
+    terminal = Terminal()
+    lines = []
+    with ProgressBar(console(terminal)) as show:
+        assert show is not None
+        clock[0] = 10.0
+        phase("Cart: computing ttf and safer", anew=True)
+        show(0.5)
+        clock[0] = 20.0
+        show(1.0)
+        with passing_phase("compiling"):
+            for now in (21.0, 34.0):
+                clock[0] = now
+                show(1.0)
+                lines.append(shown(terminal))
+        clock[0] = 35.0
+        show(1.0)
+        lines.append(shown(terminal))
+    assert lines == ["compiling, 1 s", "compiling, 14 s", "Cart: computing ttf and safer, 1 s"]
+
+
+def test_a_build_says_what_it_does_and_not_only_that_it_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between two compilations sets are computed: they are named, each when it is computed."""
+    monkeypatch.setattr("soter.verify.deploy.missing_predicates._kept", lambda *_: None)
+    (tmp_path / "law.soter").write_text(LAW, encoding="utf-8")
+    phases: list[str] = []
+    shares: list[float] = []
+    with listening_to_phases(lambda name, _: phases.append(name)):
+        load(tmp_path / "law.soter").build("c", tmp_path / "out", progress=shares.append)
+    assert [name for name, _ in groupby(p for p in phases if p != "compiling")] == [
+        "Guard: computing ttf and safer",
+        "Guard: what its fail-safe law keeps",
+        "Guard: computing ttf and safer",
+        "Guard: what SC keeps",
+        "Guard: where AC may have control",
+    ]
+    assert shares == [0.0]
+
+
+LAW = """soter 1;
+topic pos: float in [-50.0, 50.0] max_age 20ms;
+topic vel: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms { reads vel; drives pos = x; state x: float; der x = vel; }
+node Fast period 10ms { publishes vel; step { publish vel = 1.0; } }
+node Stop period 10ms { publishes vel; step { publish vel = 0.0; } }
+rta Guard {
+  ac Fast;
+  sc Stop;
+  period 50ms;
+  safe abs(pos) < 10.0;
+  failsafe vel = 0.0;
+  verify { grid pos in [-10.0, 10.0] / 40; recover never; }
+}
+system Track { c: Cart; module Guard; until 1s; }
+"""
 
 
 def test_a_long_line_is_cut_as_only_one_line_can_be_taken_back(

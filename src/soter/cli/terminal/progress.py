@@ -7,6 +7,7 @@ Non-goals: standard output, which the result has to itself.
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from contextlib import ExitStack, suppress
@@ -98,16 +99,19 @@ class LineOfProgress:
 
 
 class ProgressBar(LineOfProgress):
-    """Called with the share that is done: a bar, what is being done, how long it may still take.
+    """Called with the share that is done: a bar, what is being done and for how long, what is left.
 
-    The bar never runs backwards, unless a phase that begins anew has another name.
+    A share is shown where it says something: not before the first one, and not once all is done
+    that is counted. It never falls, unless a phase that begins anew has another name; what is left
+    never rises: where it turns out to be more than was said nothing is said of it.
     """
 
     def __init__(self, console: Console) -> None:
         super().__init__(console)
         self._phase = ""
         self._furthest = 0.0
-        self._phase_began = self._began
+        self._share_began = self._phase_began = self._told = self._began
+        self._left_s = math.inf
         self._during = ExitStack()
 
     def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
@@ -125,25 +129,44 @@ class ProgressBar(LineOfProgress):
         self._write(f"{CLEAR if self._shown else ''}soter: {line}\n")
 
     def _enter_phase(self, name: str, anew: bool) -> None:
-        if anew and name != self._phase:
-            self._furthest, self._phase_began = 0.0, time.perf_counter()
+        if name != self._phase:
+            self._phase_began = time.perf_counter()
+            if anew:
+                self._furthest, self._share_began = 0.0, self._phase_began
+                self._left_s = math.inf
         self._phase = name
-        self._show_share(self._furthest)
+        self._show_now()
 
     def _show_share(self, share: float) -> None:
-        self._furthest = max(self._furthest, min(share, 1.0))
-        if self._is_time():
-            spent_s = time.perf_counter() - self._phase_began
-            self._write(CLEAR + self._line(self._furthest, spent_s))
+        if share > self._furthest:
+            self._furthest, self._told = min(share, 1.0), time.perf_counter()
+        self._show_now()
 
-    def _line(self, share: float, spent_s: float) -> str:
-        full = int(share * WIDTH)
+    def _show_now(self) -> None:
+        if self._is_time():
+            self._write(CLEAR + self._line())
+
+    def _line(self) -> str:
+        words = self._so_far()
+        if not 0.0 < self._furthest < 1.0:
+            return clipped(words)
+        full = int(self._furthest * WIDTH)
         fill, rest = ("#", "-") if self._console.ascii_only else ("━", "╌")
-        return clipped(f"{fill * full}{rest * (WIDTH - full)}  {self._words(share, spent_s)}")
+        return clipped(f"{fill * full}{rest * (WIDTH - full)}  {words}")
 
     def _so_far(self) -> str:
-        return self._words(self._furthest, time.perf_counter() - self._phase_began).strip()
+        share = f"{self._furthest:4.0%}" if 0.0 < self._furthest < 1.0 else ""
+        since = f"{time.perf_counter() - self._phase_began:.0f} s"
+        doing = f"{self._phase}, {since}" if self._phase else since
+        return "  ".join(p for p in (share, self._remaining(), doing) if p).strip()
 
-    def _words(self, share: float, spent_s: float) -> str:
-        left = f"{spent_s / share - spent_s:.0f} s left" if 0.001 < share < 1.0 else ""
-        return "  ".join(p for p in (f"{share:4.0%}", left, self._phase) if p)
+    def _remaining(self) -> str:
+        """How long it may still take, reckoned when the last share was told."""
+        share, now = self._furthest, time.perf_counter()
+        if not 0.001 < share < 1.0:
+            return ""
+        left_s = (self._told - self._share_began) * (1.0 / share - 1.0) - (now - self._told)
+        if left_s <= 0.0 or left_s > self._left_s:
+            return ""
+        self._left_s = left_s
+        return f"{left_s:.0f} s left"

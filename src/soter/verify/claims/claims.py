@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import passing_phase
 from soter.verify.claims.case import Case
 from soter.verify.claims.failsafe_claim import (
     NOTHING_INSIDE,
@@ -114,13 +115,14 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
         return FailsafeClaim(parts, parts, "the law is not about the same states as SC")
     groups = [p.group for p in case.proofs]
     library, _ = library_of(problem)
-    try:
-        law = open_case(problem, library, groups, case.parameter, None)
-        law.vain = VAIN
-        if not (constraint(law) and core(law)):
-            return FailsafeClaim(parts, parts, NOTHING_KEPT)
-    except UnboundedError as error:
-        return FailsafeClaim(parts, parts, str(error))
+    with passing_phase(f"{case.problem.name}: what its fail-safe law keeps"):
+        try:
+            law = open_case(problem, library, groups, case.parameter, None)
+            law.vain = VAIN
+            if not (constraint(law) and core(law)):
+                return FailsafeClaim(parts, parts, NOTHING_KEPT)
+        except UnboundedError as error:
+            return FailsafeClaim(parts, parts, str(error))
     return inside(law.sets, parts)
 
 

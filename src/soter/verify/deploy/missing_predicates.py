@@ -191,7 +191,7 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 
 def _sets(problem: Problem, progress: Progress | None) -> list[Pairs] | None:
     """From the cache, or computed; None where the engine has no answer."""
-    phase("computing ttf and safer", anew=True)
+    phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
     key = _key(problem, library)
     sets = _kept(key, problem)
@@ -208,11 +208,15 @@ def _computed(
     every = list(cases(problem))
     case_pairs = []
     for i, parameter in enumerate(every):
-        tell = _part(progress, i, len(every))
+        if progress is not None:
+            progress(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = claims.open_case(problem, library, problem.groups, parameter, _telling(tell))
-            if not (claims.constraint(case) and claims.core(case)):
+            case = claims.open_case(problem, library, problem.groups, parameter, None)
+            within = claims.constraint(case)
+            phase(f"{problem.name}: what SC keeps")
+            if not (within and claims.core(case)):
                 return None
+            phase(f"{problem.name}: where AC may have control")
             claims.free_phase(case)
             levels(case)
         except UnboundedError:
@@ -222,13 +226,6 @@ def _computed(
             return None
         case_pairs.append(pairs)
     return case_pairs
-
-
-def _telling(progress: Progress | None) -> Callable[[str, float], None] | None:
-    """As the engine tells it: K first, the tubes after it."""
-    if progress is None:
-        return None
-    return lambda what, share: progress(0.9 * share if what == "core" else 0.9 + 0.1 * share)
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:

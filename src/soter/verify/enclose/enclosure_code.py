@@ -217,11 +217,8 @@ class _Unit:
         }
         legend = [f"in[{i}] {x.name}" for i, x in enumerate(q.inputs)]
         legend += [f"param[{i}] {x.name}" for i, x in enumerate(q.parameters)]
-        items: list[c.CTop] = [
-            c.FileComment(
-                (f"Enclosures of module {self.module.name} of {self.system.name}.", *legend)
-            )
-        ]
+        # no name of a system: what is equal in several is compiled, and computed with, once
+        items: list[c.CTop] = [c.FileComment(("Enclosures of a module.", *legend))]
         items += [c.Define(f"SOTER_{n}", str(k)) for n, k in counts.items()]
         items.append(c.Include("soter_form.h"))
         prototypes = [

@@ -106,7 +106,7 @@ class _Synthesis:
         """Down to the fixpoint; gives K so far."""
         group, lib = self.group, self.group.library.lib
         while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
-            group.tell("synthesis", self.work.r.cursor / max(1, self.work.r.dirty_n))
+            group.tell("synthesis", 0.0)  # nobody knows how many rounds are left
         return group.cells_of(self.memory["kept"])
 
     def of_estimates(self, kept: Bools) -> Masks:
@@ -164,7 +164,7 @@ class _Synthesis:
                 return CommandTable(kept, self.chosen(kept, masks), self.commands, admits)
             lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
             lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
-            group.tell("synthesis", float(kept.mean()))
+            group.tell("synthesis", 0.0)
 
     def chosen(self, kept: Bools, masks: Masks) -> Bytes:
         """One of the commands that serve; 255 where no state of K can be.
@@ -252,7 +252,7 @@ def way(
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
     lib.soter_reach_way_begin(group.c, w)
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
-        group.tell("way", w.r.cursor / max(1, w.r.dirty_n))
+        group.tell("way", 0.0)  # the same
     del memory, inside, allowed, image, slot
     return RecoveryRanks(rank, taken, time_ns, int(w.r.steps))
 

@@ -239,7 +239,7 @@ class GridGroup(GridModel):
         w.r.vain_max = vain_max
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
-            self.tell("core", w.r.cursor / max(1, w.r.dirty_n))
+            self.tell("core", 0.0)  # nobody knows how many rounds are left
         lib.soter_reach_core_end(self.c, w)
         if w.r.dirty_n:
             witness[...] = 0
