@@ -33,6 +33,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bench.made_again_compare import (  # noqa: E402 - needs the path
+    ROW_RULE,
     Compared,
     compared,
     counted,
@@ -98,7 +99,10 @@ class Verdict:
 
 
 def sections(*, small: bool) -> list[Section]:
-    """Every section of docs/benchmarks.md, then those of the other pages."""
+    """Every section of docs/benchmarks.md, then those of the other pages.
+
+    `small`: of these the blocks alone; what a row or a sentence says is of the whole run.
+    """
     kept, found = results(), []
     for b in BENCHMARKS:
         s = SMALL[b.name]
@@ -111,6 +115,8 @@ def sections(*, small: bool) -> list[Section]:
         found.append(Section("benchmarks.md", b.name, command, flights, s.times, s.machine, None))
     by_name = {s.name: s for s in found}
     for m in PAGES:
+        if small and not m.where.startswith(("```", WHOLE_PAGE)):
+            continue
         name = m.where.lstrip("`").split("\n")[0][:60]
         if m.command.startswith(BENCHMARK):
             of = by_name[m.command[1:]]
@@ -130,7 +136,7 @@ def sections(*, small: bool) -> list[Section]:
 
 
 def table(page: str, where: str) -> list[str]:
-    """The rows of a table, from its first row on; empty where there is none."""
+    """The rows of a table, by its head or, where that is empty, by its first row."""
     text = page.splitlines()
     starts = [k for k, line in enumerate(text) if line.startswith(where)]
     rows = []
@@ -138,7 +144,7 @@ def table(page: str, where: str) -> list[str]:
         if not line.startswith("|"):
             break
         rows.append(line)
-    return rows
+    return rows[2:] if len(rows) > 1 and ROW_RULE.match(rows[1]) else rows
 
 
 def block(page: str, where: str) -> str:
@@ -158,7 +164,7 @@ def said(m: Made, page: str) -> Iterator[str]:
     if m.where == WHOLE_PAGE:
         yield page
     elif m.where.startswith("|"):
-        yield from table(page, m.where)[2:]
+        yield from table(page, m.where)
     elif m.where.startswith("```"):
         yield from filter(None, [without_prompts(block(page, m.where))])
     else:
@@ -183,8 +189,6 @@ def judged(s: Section, text: str) -> Compared:
         return _as_lines(s, told[0], text)
     if s.machine:
         text = results()[s.made.command[1:]].text
-    elif s.flights:
-        return Compared()
     return stood(told, text, frozenset(s.made.given.split()), spread=s.made.spread)
 
 
