@@ -319,6 +319,41 @@ PAGES = (
         reads="build/results.md",
     ),
     Made(
+        "surveillance.md",
+        r"NumPy: ([\d,]+)\ncommands, imitated to ([\d.]+) m/s²",
+        "examples/drone/eight_train.py -o build/eight.json",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"`Learned` alone(?:.|\n)*?: (\d+) stay within ([\d.]+) m of the loop\n\(([\d.]+) to "
+        r"([\d.]+) rad/s\), (\d+) do not \(([\d.]+) to ([\d.]+) rad/s, up to ([\d.]+) m\), "
+        r"(\d+) of them collide(?:.|\n)*?for ([\d.]+) %. Right, (\d+) laps (?:.|\n)*?: (\d+) coll",
+        "examples/drone/figures.py 5 -o build/figure-5.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"over (\d+) laps ([\d.]+) s, ([\d.]+) s and ([\d.]+) s; (\d+) laps of AC alone collide, "
+        r"of\nthe protected ones none; AC is in control for ([\d.]+) %",
+        "examples/drone/figures.py 12a -o build/figure-12a.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"\*Ours\*: (\d+) s of the mission with its (\d+)\nplans; SC (?:.|\n)*?, for ([\d.]+) s in "
+        r"all \(AC ([\d.]+) %(?:.|\n)*?the drone is ([\d.]+) m off its plan",
+        "examples/drone/figures.py 12b -o build/figure-12b.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"takes over after ([\d.]+) s with ([\d.]+) % of charge left, a margin\nof ([\d.]+) % over "
+        r"(?:.|\n)*?in a dock ([\d.]+) s later, of (\d+) s put by, with ([\d.]+) %",
+        "examples/drone/figures.py 12c -o build/figure-12c.html",
+        spread=True,
+    ),
+    Made(
         "timing.md",
         r"`bench/verify/schedulability.py` draws (10,000) sets of tasks",
         "@Threads: the analysis against executions",
@@ -357,6 +392,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("evidence.md", "| item"): DEFINED,
     ("exploration.md", "| file in"): DEFINED,
     ("exploration.md", "| δ"): DEFINED,
+    ("exploration.md", "paper.soter -o paper.html"): f"{SESSION}exploration_flights.py",
     ("find-the-bug.md", "| in a `test`"): DEFINED,
     ("find-the-bug.md", "| option"): DEFINED,
     ("find-the-bug.md", "```$ soter test"): f"{SESSION}find_the_bug.py",
@@ -398,6 +434,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("surveillance.md", "| file in"): DEFINED,
     ("surveillance.md", "| verdict"): DEFINED,
     ("surveillance.md", "| `MARGIN_H`"): f"{SESSION}drone_roadmap.py",
+    ("surveillance.md", "The walls of the city"): f"{SESSION}drone_roadmap.py, its pieces",
     ("surveillance.md", "| bug"): DEFINED,
     ("surveillance.md", "| | value"): DEFINED,
     ("surveillance.md", "| | per second"): DEFINED,

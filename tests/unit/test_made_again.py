@@ -30,7 +30,7 @@ NOT_ASKED = {"benchmarks.md", "decisions.md"}
 """The first is asked section by section; the second is a diary."""
 NUMBERS_OF_A_BLOCK = 4
 """A block without a language that has fewer numbers is a drawing or a formula."""
-SCRIPT = re.compile(r"bench/\w+/\w+\.py")
+SCRIPT = re.compile(r"(?:bench|examples)/\w+/\w+\.py")
 DAGGER = "†"
 
 
