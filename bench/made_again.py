@@ -298,14 +298,18 @@ def kept_outputs() -> Iterator[tuple[Section, Output]]:
 def made_outputs(
     chosen: list[Section], file: Path, *, resume: bool, seconds: float, each: float
 ) -> Iterator[tuple[Section, Output]]:
-    """Sections with the outputs of their commands, each of which is run once; kept in `file`."""
+    """Sections with the outputs of their commands, each of which is run once; kept in `file`.
+
+    What took long the last time comes last.
+    """
     began = time.monotonic()
     known: dict[str, Output] = {}
     if file.exists():
         told = json.loads(file.read_text(encoding="utf-8"))
         known = {c: Output(**o) for c, o in told.items()}
     fresh = {c for c, o in known.items() if resume and o.code is not None and o.of == made_of(c)}
-    for s in chosen:
+    took = {c: o.seconds for c, o in known.items()}
+    for s in sorted(chosen, key=lambda s: took.get(s.command, 0.0)):
         if s.command not in fresh:
             left = seconds - (time.monotonic() - began)
             if left <= 0:
@@ -369,14 +373,16 @@ def written(s: Section, output: Output) -> None:
 def told_at_last(verdicts: list[Verdict], file: Path) -> int:
     """Write the verdicts, print their sums, and say the exit code."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps([asdict(v) for v in verdicts], indent=1, ensure_ascii=False)
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    known |= {v.section: asdict(v) for v in verdicts}
+    text = json.dumps(known, indent=1, ensure_ascii=False)
     file.write_text(text + "\n", encoding="utf-8")
     states = Counter(
         "not made" if v.not_made else "differ" if v.differ else "as the page says" for v in verdicts
     )
     figures = sum(v.figures for v in verdicts)
     print(f"{len(verdicts)} sections, {figures:,} figures compared: ", end="")
-    print(", ".join(f"{n} {state}" for state, n in states.most_common()))
+    print(", ".join(f"{n} {state}" for state, n in sorted(states.items())))
     return 3 if states["differ"] else 4 if states["not made"] or not verdicts else 0
 
 
