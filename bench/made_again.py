@@ -59,7 +59,8 @@ BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 class Section:
     """What is compared: a text of a page, the command, and how.
 
-    `flights` is 0 where the command is the whole one. `machine` says why only zeros are compared.
+    `flights` is 0 where the command is the whole one; else `part` says that it has fewer rows, and
+    not fewer flights a row. `machine` says why only zeros are compared.
     """
 
     page: str
@@ -69,6 +70,7 @@ class Section:
     times: str | None
     machine: str
     made: Made | None
+    part: bool = False
 
     @property
     def title(self) -> str:
@@ -112,7 +114,9 @@ def sections(*, small: bool) -> list[Section]:
         reduced = small and bool(s.arguments or s.instead)
         command = (s.instead or f"{whole} {s.arguments}") if reduced else whole
         flights = s.flights if reduced else 0
-        found.append(Section("benchmarks.md", b.name, command, flights, s.times, s.machine, None))
+        found.append(
+            Section("benchmarks.md", b.name, command, flights, s.times, s.machine, None, s.part)
+        )
     by_name = {s.name: s for s in found}
     for m in PAGES:
         if small and not m.where.startswith(("```", WHOLE_PAGE)):
@@ -194,6 +198,8 @@ def judged(s: Section, text: str) -> Compared:
 
 def _as_lines(s: Section, kept: str, text: str) -> Compared:
     """Line by line; only zeros and shares where it is a smaller run, or another machine's."""
+    if s.part and s.flights:
+        return compared(kept, text, s.times, part=True)
     if s.flights or s.machine:
         return sampled(kept, text, max(s.flights, 1), s.times)
     return compared(kept, text, s.times)

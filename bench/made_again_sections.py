@@ -43,7 +43,7 @@ class Small:
     smaller one than the whole. `times`: headings of columns of times, where those that
     made_again_compare knows are times of the simulated world. `machine`: why its figures are
     another machine's or another moment's: only what is 0 is compared. `apart`: why `make test-long`
-    does not make it.
+    does not make it. `part`: the smaller run has fewer rows, and they are those of the whole one.
     """
 
     arguments: str = ""
@@ -52,6 +52,7 @@ class Small:
     times: str | None = None
     machine: str = ""
     apart: str = ""
+    part: bool = False
 
 
 SIMULATED = ""
@@ -77,7 +78,9 @@ SMALL = {
     ),
     "The drone on MuJoCo's rigid body": Small("--hours 0.1", flights=20),
     "Go-to legs that PX4 flew": Small(times=SIMULATED, apart=MINUTES),
-    "What every AC can make the drone miss": Small("--flights 1 --seconds 10"),
+    "What every AC can make the drone miss": Small(
+        "--flights 1 --seconds 10", apart="not made yet"
+    ),
     "The rhythm that the drone follows worst": Small("--sequences 20000"),
     "The drone's plans": Small("--plans 60", flights=60),
     "Coverage of the C that ships": Small(apart=MINUTES),
@@ -97,10 +100,10 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "The time of soter verify": Small(machine=CLOCK),
-    "Honest modules of other kinds": Small("--only tank altitude"),
+    "Honest modules of other kinds": Small("--only tank altitude", part=True),
     "The surveillance drone, proved": Small(apart=MINUTES),
-    "The surveillance drone: stacks that must not be proved": Small("--quick"),
-    "Sets on grids": Small("--no-peer"),
+    "The surveillance drone: stacks that must not be proved": Small("--quick", part=True),
+    "Sets on grids": Small("--no-peer", part=True),
     "The generated program and the kernel": Small(apart=MINUTES),
     "The tool chain on the drone program": Small(machine=CLOCK),
     "Campaigns": Small("--flights 2 --kills 1 --compilers gcc", machine=CLOCK),
@@ -111,13 +114,15 @@ SMALL = {
     "Mutants of Python before and after the tests were made faster": Small(machine=BEFORE),
     "The model of time against every schedule": Small("--systems 40", flights=40),
     "The same schedules against figures that are wrong on purpose": Small(
-        instead="bench/verify/time_model.py --blind path --systems 10", flights=10
+        instead="bench/verify/time_model.py --blind path --systems 10",
+        flights=10,
+        apart="its counts are of all systems",
     ),
     "Threads: the analysis against executions": Small("--sets 100", flights=1),
     "The same sets, with something hidden from the analysis": Small("--sets 50"),
     "P1c of deployed modules against all executions": Small("--cases 30", flights=30),
     "The same switches, with something the program does not say": Small("--cases 20"),
-    "Changed modules that must not be proved": Small("--only tank"),
+    "Changed modules that must not be proved": Small("--only tank", part=True),
     "Wrong modules that must not be proved without a word": Small(apart=MINUTES),
     "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
     "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
@@ -135,7 +140,7 @@ SMALL = {
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),
-    "Certificates: checking them again": Small("--only mountain_car --bytes 10"),
+    "Certificates: checking them again": Small("--only mountain_car --bytes 10", part=True),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
@@ -143,12 +148,14 @@ SMALL = {
     "soter verify: eight robots and the first advice": Small(apart=MINUTES),
     "soter test: wide steps": Small("--tests 8"),
     "soter test against SPIN": Small("--repeats 1", apart="needs SPIN"),
-    "soter test: whole robots": Small("--seconds 5"),
-    "soter test: size": Small("--runs 1 --seconds 5"),
-    "soter test: two threads": Small("--runs 1"),
-    "soter test: three modules, one at a time": Small("--runs 1 --seconds 5"),
-    "soter test: seeded bugs in float programs": Small("--only cart --strategies random"),
-    "soter test: what the reductions leave out": Small("--most 100000"),
+    "soter test: whole robots": Small("--seconds 5", part=True),
+    "soter test: size": Small("--runs 1 --seconds 5", part=True),
+    "soter test: two threads": Small("--runs 1", part=True),
+    "soter test: three modules, one at a time": Small("--runs 1 --seconds 5", part=True),
+    "soter test: seeded bugs in float programs": Small(
+        "--only cart --strategies random", apart="its searches end by the clock"
+    ),
+    "soter test: what the reductions leave out": Small("--most 100000", apart=MINUTES),
     "soter test: equal instances": Small("--runs 1 --ticks 2"),
     "soter test: memory": Small(apart=MINUTES),
     "soter test against the brute-force enumerator": Small("--programs 12"),
@@ -156,7 +163,7 @@ SMALL = {
     "soter test and groups of actors within an instant": Small("--programs 6"),
     "soter test and parts that only properties join": Small("--programs 4"),
     "soter test and instances that are equal, or nearly": Small("--programs 10"),
-    "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000"),
+    "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Campaigns as device code": Small("--flights 2", apart="needs NVRTC"),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(
