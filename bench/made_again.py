@@ -33,6 +33,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bench.made_again_compare import (  # noqa: E402 - needs the path
+    ROW_RULE,
     Compared,
     compared,
     counted,
@@ -58,7 +59,8 @@ BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 class Section:
     """What is compared: a text of a page, the command, and how.
 
-    `flights` is 0 where the command is the whole one. `machine` says why only zeros are compared.
+    `flights` is 0 where the command is the whole one; else `part` says that it has fewer rows, and
+    not fewer flights a row. `machine` says why only zeros are compared.
     """
 
     page: str
@@ -68,6 +70,7 @@ class Section:
     times: str | None
     machine: str
     made: Made | None
+    part: bool = False
 
     @property
     def title(self) -> str:
@@ -98,7 +101,10 @@ class Verdict:
 
 
 def sections(*, small: bool) -> list[Section]:
-    """Every section of docs/benchmarks.md, then those of the other pages."""
+    """Every section of docs/benchmarks.md, then those of the other pages.
+
+    `small`: of these the blocks alone; what a row or a sentence says is of the whole run.
+    """
     kept, found = results(), []
     for b in BENCHMARKS:
         s = SMALL[b.name]
@@ -108,9 +114,13 @@ def sections(*, small: bool) -> list[Section]:
         reduced = small and bool(s.arguments or s.instead)
         command = (s.instead or f"{whole} {s.arguments}") if reduced else whole
         flights = s.flights if reduced else 0
-        found.append(Section("benchmarks.md", b.name, command, flights, s.times, s.machine, None))
+        found.append(
+            Section("benchmarks.md", b.name, command, flights, s.times, s.machine, None, s.part)
+        )
     by_name = {s.name: s for s in found}
     for m in PAGES:
+        if small and not m.where.startswith(("```", WHOLE_PAGE)):
+            continue
         name = m.where.lstrip("`").split("\n")[0][:60]
         if m.command.startswith(BENCHMARK):
             of = by_name[m.command[1:]]
@@ -130,7 +140,7 @@ def sections(*, small: bool) -> list[Section]:
 
 
 def table(page: str, where: str) -> list[str]:
-    """The rows of a table, from its first row on; empty where there is none."""
+    """The rows of a table, by its head or, where that is empty, by its first row."""
     text = page.splitlines()
     starts = [k for k, line in enumerate(text) if line.startswith(where)]
     rows = []
@@ -138,7 +148,7 @@ def table(page: str, where: str) -> list[str]:
         if not line.startswith("|"):
             break
         rows.append(line)
-    return rows
+    return rows[2:] if len(rows) > 1 and ROW_RULE.match(rows[1]) else rows
 
 
 def block(page: str, where: str) -> str:
@@ -158,7 +168,7 @@ def said(m: Made, page: str) -> Iterator[str]:
     if m.where == WHOLE_PAGE:
         yield page
     elif m.where.startswith("|"):
-        yield from table(page, m.where)[2:]
+        yield from table(page, m.where)
     elif m.where.startswith("```"):
         yield from filter(None, [without_prompts(block(page, m.where))])
     else:
@@ -183,13 +193,13 @@ def judged(s: Section, text: str) -> Compared:
         return _as_lines(s, told[0], text)
     if s.machine:
         text = results()[s.made.command[1:]].text
-    elif s.flights:
-        return Compared()
     return stood(told, text, frozenset(s.made.given.split()), spread=s.made.spread)
 
 
 def _as_lines(s: Section, kept: str, text: str) -> Compared:
     """Line by line; only zeros and shares where it is a smaller run, or another machine's."""
+    if s.part and s.flights:
+        return compared(kept, text, s.times, part=True)
     if s.flights or s.machine:
         return sampled(kept, text, max(s.flights, 1), s.times)
     return compared(kept, text, s.times)
@@ -294,14 +304,18 @@ def kept_outputs() -> Iterator[tuple[Section, Output]]:
 def made_outputs(
     chosen: list[Section], file: Path, *, resume: bool, seconds: float, each: float
 ) -> Iterator[tuple[Section, Output]]:
-    """Sections with the outputs of their commands, each of which is run once; kept in `file`."""
+    """Sections with the outputs of their commands, each of which is run once; kept in `file`.
+
+    What took long the last time comes last.
+    """
     began = time.monotonic()
     known: dict[str, Output] = {}
     if file.exists():
         told = json.loads(file.read_text(encoding="utf-8"))
         known = {c: Output(**o) for c, o in told.items()}
     fresh = {c for c, o in known.items() if resume and o.code is not None and o.of == made_of(c)}
-    for s in chosen:
+    took = {c: o.seconds for c, o in known.items()}
+    for s in sorted(chosen, key=lambda s: took.get(s.command, 0.0)):
         if s.command not in fresh:
             left = seconds - (time.monotonic() - began)
             if left <= 0:
@@ -365,14 +379,16 @@ def written(s: Section, output: Output) -> None:
 def told_at_last(verdicts: list[Verdict], file: Path) -> int:
     """Write the verdicts, print their sums, and say the exit code."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps([asdict(v) for v in verdicts], indent=1, ensure_ascii=False)
+    known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    known |= {v.section: asdict(v) for v in verdicts}
+    text = json.dumps(known, indent=1, ensure_ascii=False)
     file.write_text(text + "\n", encoding="utf-8")
     states = Counter(
         "not made" if v.not_made else "differ" if v.differ else "as the page says" for v in verdicts
     )
     figures = sum(v.figures for v in verdicts)
     print(f"{len(verdicts)} sections, {figures:,} figures compared: ", end="")
-    print(", ".join(f"{n} {state}" for state, n in states.most_common()))
+    print(", ".join(f"{n} {state}" for state, n in sorted(states.items())))
     return 3 if states["differ"] else 4 if states["not made"] or not verdicts else 0
 
 

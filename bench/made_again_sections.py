@@ -42,7 +42,8 @@ class Small:
     `arguments` come behind the section's own; `instead` in place of them. None of both: there is no
     smaller one than the whole. `times`: headings of columns of times, where those that
     made_again_compare knows are times of the simulated world. `machine`: why its figures are
-    another machine's or another moment's: only what is 0 is compared.
+    another machine's or another moment's: only what is 0 is compared. `apart`: why `make test-long`
+    does not make it. `part`: the smaller run has fewer rows, and they are those of the whole one.
     """
 
     arguments: str = ""
@@ -50,15 +51,22 @@ class Small:
     flights: int = 1
     times: str | None = None
     machine: str = ""
+    apart: str = ""
+    part: bool = False
 
 
 SIMULATED = ""
 """No column is of times: all of them are the simulated world's."""
 CLOCK = "times of this machine"
 SCHEDULER = "when this machine schedules whom"
+BETAFLIGHT = "needs Betaflight's sources"
+BEFORE = "needs a checkout of an older commit"
+PEER = "needs run-time-assurance in an environment of its own"
+ROS = "needs ROS 1"
+MINUTES = "nothing smaller than the whole, which takes minutes; tests of its own hold it"
 
 SMALL = {
-    "Slips of newcomers": Small(),
+    "Slips of newcomers": Small(apart=MINUTES),
     "Diagnostics after a keystroke": Small("--keystrokes 5", machine=CLOCK),
     "The drone's laps": Small("--laps 30 --jobs 1", flights=30, times=SIMULATED),
     "Hostile advanced controllers": Small("--laps 6 --jobs 1", flights=6, times=SIMULATED),
@@ -69,19 +77,21 @@ SMALL = {
         "--laps 5 --hostile 1 --jobs 1", flights=1, times=SIMULATED
     ),
     "The drone on MuJoCo's rigid body": Small("--hours 0.1", flights=20),
-    "Go-to legs that PX4 flew": Small(times=SIMULATED),
-    "What every AC can make the drone miss": Small("--flights 1 --seconds 10"),
+    "Go-to legs that PX4 flew": Small(times=SIMULATED, apart=MINUTES),
+    "What every AC can make the drone miss": Small(
+        "--flights 1 --seconds 10", apart="not made yet"
+    ),
     "The rhythm that the drone follows worst": Small("--sequences 20000"),
     "The drone's plans": Small("--plans 60", flights=60),
-    "Coverage of the C that ships": Small(),
-    "The C that ships under Frama-C's EVA": Small(),
-    "A decision and its gate, against run-time-assurance": Small(machine=CLOCK),
+    "Coverage of the C that ships": Small(apart=MINUTES),
+    "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
+    "A decision and its gate, against run-time-assurance": Small(machine=CLOCK, apart=PEER),
     "Docking in one to three directions, against run-time-assurance": Small(
-        "--flights 1 --directions 1", flights=1
+        "--flights 1 --directions 1", flights=1, apart=PEER
     ),
     "The decision module's time": Small(machine=CLOCK),
-    "The stack of the trusted part": Small(),
-    "Images for a Cortex-M": Small(),
+    "The stack of the trusted part": Small(apart="needs gcc and clang"),
+    "Images for a Cortex-M": Small(apart=MINUTES),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
     "Damaged logs": Small("--flips 20", flights=20),
     "The mountain car: four drivers, alone and with RTA": Small(
@@ -91,30 +101,30 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "The time of soter verify": Small(machine=CLOCK),
-    "Honest modules of other kinds": Small("--only tank altitude"),
-    "The surveillance drone, proved": Small(),
-    "The surveillance drone: stacks that must not be proved": Small("--quick"),
-    "Sets on grids": Small("--no-peer"),
-    "The generated program and the kernel": Small(),
+    "Honest modules of other kinds": Small("--only tank altitude", part=True),
+    "The surveillance drone, proved": Small(apart=MINUTES),
+    "The surveillance drone: stacks that must not be proved": Small("--quick", part=True),
+    "Sets on grids": Small("--no-peer", part=True),
+    "The generated program and the kernel": Small(apart=MINUTES),
     "The tool chain on the drone program": Small(machine=CLOCK),
     "Campaigns": Small("--flights 2 --kills 1 --compilers gcc", machine=CLOCK),
     "Calls of simulate from Python": Small("--repeats 1", machine=CLOCK),
     "Protected steps of learners": Small("--worlds 64 --seconds 0.01", machine=CLOCK),
     "Tables of data": Small("--numbers 1000", machine=CLOCK),
     "The house": Small(),
-    "Mutants of Python before and after the tests were made faster": Small(
-        machine="beside a checkout of an older commit"
-    ),
+    "Mutants of Python before and after the tests were made faster": Small(machine=BEFORE),
     "The model of time against every schedule": Small("--systems 40", flights=40),
     "The same schedules against figures that are wrong on purpose": Small(
-        instead="bench/verify/time_model.py --blind path --systems 10", flights=10
+        instead="bench/verify/time_model.py --blind path --systems 10",
+        flights=10,
+        apart="its counts are of all systems",
     ),
     "Threads: the analysis against executions": Small("--sets 100", flights=1),
     "The same sets, with something hidden from the analysis": Small("--sets 50"),
     "P1c of deployed modules against all executions": Small("--cases 30", flights=30),
     "The same switches, with something the program does not say": Small("--cases 20"),
-    "Changed modules that must not be proved": Small("--only tank"),
-    "Wrong modules that must not be proved without a word": Small(),
+    "Changed modules that must not be proved": Small("--only tank", part=True),
+    "Wrong modules that must not be proved without a word": Small(apart=MINUTES),
     "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
     "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
     "What a shield is worth": Small("--flights 20", flights=20),
@@ -123,37 +133,39 @@ SMALL = {
     "Towers flown against": Small("--towers 1 --flights 2"),
     "A gentle stop below the drone's stop": Small("--flights 2", flights=2),
     "The drone's tower under faults": Small("--hours 0.1", flights=6),
-    "Holes put back into the prover": Small(),
+    "Holes put back into the prover": Small(apart=MINUTES),
     "The same adversaries against an engine that is not told everything": Small("--problems 1"),
     "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),
-    "Contradictions on the examples": Small(),
-    "Before and after the house was cut anew": Small(machine="beside another checkout"),
+    "Contradictions on the examples": Small(apart="takes hours"),
+    "Before and after the house was cut anew": Small(machine=BEFORE),
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),
-    "Certificates: checking them again": Small("--only mountain_car --bytes 10"),
+    "Certificates: checking them again": Small("--only mountain_car --bytes 10", part=True),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
-    "soter verify: eight robots and the first advice": Small(),
+    "soter verify: eight robots and the first advice": Small(apart=MINUTES),
     "soter test: wide steps": Small("--tests 8"),
-    "soter test against SPIN": Small("--repeats 1"),
-    "soter test: whole robots": Small("--seconds 5"),
-    "soter test: size": Small("--runs 1 --seconds 5"),
-    "soter test: two threads": Small("--runs 1"),
-    "soter test: three modules, one at a time": Small("--runs 1 --seconds 5"),
-    "soter test: seeded bugs in float programs": Small("--only cart --strategies random"),
-    "soter test: what the reductions leave out": Small("--most 100000"),
+    "soter test against SPIN": Small("--repeats 1", apart="needs SPIN"),
+    "soter test: whole robots": Small("--seconds 5", part=True),
+    "soter test: size": Small("--runs 1 --seconds 5", part=True),
+    "soter test: two threads": Small("--runs 1", part=True),
+    "soter test: three modules, one at a time": Small("--runs 1 --seconds 5", part=True),
+    "soter test: seeded bugs in float programs": Small(
+        "--only cart --strategies random", apart="its searches end by the clock"
+    ),
+    "soter test: what the reductions leave out": Small("--most 100000", apart=MINUTES),
     "soter test: equal instances": Small("--runs 1 --ticks 2"),
-    "soter test: memory": Small(),
+    "soter test: memory": Small(apart=MINUTES),
     "soter test against the brute-force enumerator": Small("--programs 12"),
     "soter test and parts that share only time": Small("--programs 6"),
     "soter test and groups of actors within an instant": Small("--programs 6"),
     "soter test and parts that only properties join": Small("--programs 4"),
     "soter test and instances that are equal, or nearly": Small("--programs 10"),
-    "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000"),
-    "Campaigns as device code": Small("--flights 2"),
+    "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
+    "Campaigns as device code": Small("--flights 2", apart="needs NVRTC"),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(
         instead="bench/real_time/driver.py --minutes 0.05 --trials 1 --kills 5 --deaths 1",
@@ -161,11 +173,11 @@ SMALL = {
     ),
     "Tests that start processes, on a busy machine": Small(machine=SCHEDULER),
     "Processes that outlive their command": Small("--instants 1", machine=SCHEDULER),
-    "ROS 1 under /clock": Small(),
+    "ROS 1 under /clock": Small(apart=ROS),
     "ROS 1: who dies, and what the wheels are told": Small("--ac 2 --trusted 1", machine=SCHEDULER),
     "ROS 1: what is wrong on the wire": Small(machine=SCHEDULER),
     "ROS 1: the bridge beside a bare echo": Small("--count 20 --rounds 1", machine=SCHEDULER),
-    "The wire of ROS 2: samples": Small("--samples 200"),
+    "The wire of ROS 2: samples": Small("--samples 200", apart="needs Fast DDS and cyclonedds"),
     "A ground robot among walls": Small("--runs 20", flights=4, times=SIMULATED),
     "Safe exploration: a thousand worlds": Small(
         instead="bench/exploration/worlds.py --worlds 8 --workers 1 --only frontier ramming",
@@ -188,17 +200,21 @@ SMALL = {
     "Safe exploration: a lidar that is worse than assumed": Small(
         "--worlds 1 --workers 1", times=SIMULATED
     ),
-    "A rover among people": Small("--only hover", times="x real"),
-    "A rover among people, proved": Small(),
-    "Safe exploration, proved": Small(),
-    "Betaflight below a proved geofence": Small("--flights 8 --workers 1", flights=8, times="wall"),
-    "Betaflight on the drone's laps": Small("--flights 6 --workers 1", flights=6, times="wall"),
+    "A rover among people": Small("--only hover --runs 3", flights=3, times="x real"),
+    "A rover among people, proved": Small(apart=MINUTES),
+    "Safe exploration, proved": Small(apart=MINUTES),
+    "Betaflight below a proved geofence": Small(
+        "--flights 8 --workers 1", flights=8, times="wall", apart=BETAFLIGHT
+    ),
+    "Betaflight on the drone's laps": Small(
+        "--flights 6 --workers 1", flights=6, times="wall", apart=BETAFLIGHT
+    ),
     "Learned policies as nodes": Small("-n 200", machine=CLOCK),
     "A policy in another process": Small("--seconds 0.2", machine=CLOCK),
     "MAVLink: who dies beside an autopilot's double": Small("-n 1", machine=SCHEDULER),
     "MAVLink: what is wrong on the wire": Small(machine=SCHEDULER),
     "The playground, and what pages weigh": Small("--times 1", machine=CLOCK),
-    "Bugs of the fleet's leases": Small(times=SIMULATED),
+    "Bugs of the fleet's leases": Small(times=SIMULATED, apart=MINUTES),
     "Four robots at a junction, one machine in trouble": Small(
         "--runs 2", flights=2, times=SIMULATED
     ),
@@ -213,7 +229,7 @@ JUNCTION = "@Four robots at a junction, one machine in trouble"
 WORLDS = "@Safe exploration: a thousand worlds"
 LIDAR = "@Safe exploration: a lidar that is worse than assumed"
 LEARNED = "@Safe exploration: planners of others"
-PEER = "@MAVLink: who dies beside an autopilot's double"
+DEATHS = "@MAVLink: who dies beside an autopilot's double"
 GALLERY = "-m pytest -q -p no:cacheprovider -n 0 --long tests/correct/test_gallery.py"
 RHYTHM = "@The rhythm that the drone follows worst"
 PAGE_OF_RESULTS = "bench/running/results_page.py --out build/made-again --page build/results.md"
@@ -280,6 +296,11 @@ PAGES = (
         r".*with (\d+) takeovers a flight",
         LEARNED,
     ),
+    Made(
+        "exploration.md",
+        "| from the middle of the street",
+        "bench/exploration/people.py --price",
+    ),
     Made("exploration.md", r"alone it hit one in (\d+) of them", LEARNED),
     Made("exploration.md", r"In (1,000) worlds frontier exploration knew", WORLDS),
     Made(
@@ -299,10 +320,10 @@ PAGES = (
     Made(
         "mavlink.md",
         r"left OFFBOARD after (\d+) ms at most \(bound (\d+)\)",
-        PEER,
+        DEATHS,
     ),
-    Made("mavlink.md", r"had the law after (\d+) ms at most \(bound (\d+)\)", PEER),
-    Made("mavlink.md", r"had SC's\ncommand after (\d+) ms at most \(bound (\d+)\)", PEER),
+    Made("mavlink.md", r"had the law after (\d+) ms at most \(bound (\d+)\)", DEATHS),
+    Made("mavlink.md", r"had SC's\ncommand after (\d+) ms at most \(bound (\d+)\)", DEATHS),
     Made("newcomers.md", r"in silence; (\d+) after mending", "@Slips of newcomers"),
     Made("real-logs.md", "```40 legs", "@Go-to legs that PX4 flew", times=SIMULATED),
     Made(
@@ -313,6 +334,41 @@ PAGES = (
         flights=2,
         times="wall",
         reads="build/results.md",
+    ),
+    Made(
+        "surveillance.md",
+        r"NumPy: ([\d,]+)\ncommands, imitated to ([\d.]+) m/s²",
+        "examples/drone/eight_train.py -o build/eight.json",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"`Learned` alone(?:.|\n)*?: (\d+) stay within ([\d.]+) m of the loop\n\(([\d.]+) to "
+        r"([\d.]+) rad/s\), (\d+) do not \(([\d.]+) to ([\d.]+) rad/s, up to ([\d.]+) m\), "
+        r"(\d+) of them collide(?:.|\n)*?for ([\d.]+) %. Right, (\d+) laps (?:.|\n)*?: (\d+) coll",
+        "examples/drone/figures.py 5 -o build/figure-5.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"over (\d+) laps ([\d.]+) s, ([\d.]+) s and ([\d.]+) s; (\d+) laps of AC alone collide, "
+        r"of\nthe protected ones none; AC is in control for ([\d.]+) %",
+        "examples/drone/figures.py 12a -o build/figure-12a.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"\*Ours\*: (\d+) s of the mission with its (\d+)\nplans; SC (?:.|\n)*?, for ([\d.]+) s in "
+        r"all \(AC ([\d.]+) %(?:.|\n)*?the drone is ([\d.]+) m off its plan",
+        "examples/drone/figures.py 12b -o build/figure-12b.html",
+        spread=True,
+    ),
+    Made(
+        "surveillance.md",
+        r"takes over after ([\d.]+) s with ([\d.]+) % of charge left, a margin\nof ([\d.]+) % over "
+        r"(?:.|\n)*?in a dock ([\d.]+) s later, of (\d+) s put by, with ([\d.]+) %",
+        "examples/drone/figures.py 12c -o build/figure-12c.html",
+        spread=True,
     ),
     Made(
         "timing.md",
@@ -353,8 +409,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("evidence.md", "| item"): DEFINED,
     ("exploration.md", "| file in"): DEFINED,
     ("exploration.md", "| δ"): DEFINED,
-    ("exploration.md", "| from the middle of the street"): "a run of bench/exploration/people.py "
-    "--only street --set NAME=NUMBER a cell, put together by hand",
+    ("exploration.md", "paper.soter -o paper.html"): f"{SESSION}exploration_flights.py",
     ("find-the-bug.md", "| in a `test`"): DEFINED,
     ("find-the-bug.md", "| option"): DEFINED,
     ("find-the-bug.md", "```$ soter test"): f"{SESSION}find_the_bug.py",
@@ -396,6 +451,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("surveillance.md", "| file in"): DEFINED,
     ("surveillance.md", "| verdict"): DEFINED,
     ("surveillance.md", "| `MARGIN_H`"): f"{SESSION}drone_roadmap.py",
+    ("surveillance.md", "The walls of the city"): f"{SESSION}drone_roadmap.py, its pieces",
     ("surveillance.md", "| bug"): DEFINED,
     ("surveillance.md", "| | value"): DEFINED,
     ("surveillance.md", "| | per second"): DEFINED,

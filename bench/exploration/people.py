@@ -9,6 +9,7 @@ Non-goals: what is proved (`soter verify`).
     python bench/exploration/people.py               10,000 encounters and more
     python bench/exploration/people.py --runs 10
     python bench/exploration/people.py --only street --set PASSAGE=1.5
+    python bench/exploration/people.py --price       what a lidar costs: shares of AC's mean speed
 
 An *encounter* begins where somebody comes within 1 m of the vehicle's hull and ends beyond 2 m.
 *Touched*: onsets of a distance of 0 or less while the vehicle is faster than what counts as rest.
@@ -18,6 +19,8 @@ An *encounter* begins where somebody comes within 1 m of the vehicle's hull and 
 from __future__ import annotations
 
 import argparse
+import shutil
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -99,6 +102,59 @@ def table(name: str, asked: argparse.Namespace) -> None:
         print(f"{arm:<17}{'all':<12}{'':>6}{total:>12}")
 
 
+ROOM = "from the middle of the street to the cars, 0.5 % of the rays dropped"
+LOST = "rays dropped, cars 2 m away"
+PEOPLE = "nobody is thinner than, 0.5 % dropped, cars 2 m away"
+PRICES = {
+    ROOM: ("PASSAGE", {"1.0 m": 1.0, "1.5 m": 1.5, "2.0 m": 2.0, "2.5 m": 2.5, "4.0 m": 4.0}),
+    LOST: ("DROPPED", {"none": 0.0, "0.1 %": 0.001, "0.5 %": 0.005, "2 %": 0.02}),
+    PEOPLE: ("THIN", {"0.1 m": 0.1, "0.15 m": 0.15, "0.2 m": 0.2, "0.3 m": 0.3}),
+}
+"""Rows of the table of docs/exploration.md: a parameter of street.soter, or THIN of sight.soter."""
+
+
+def price(runs: int) -> None:
+    """Print how fast strollers let the rover go, as a share of AC's mean speed alone."""
+
+    def mean(program: soter.Program, system: str, params: dict[str, object]) -> float:
+        far = []
+        for seed in range(1, runs + 1):
+            values = {"people.KIND": "Strolling", **params}
+            run = program.simulate(system, seed=seed, params=values, trace=False, sha256=False)
+            topics = run.final["topics"]
+            (street,) = [n for n in topics.dtype.names if n.endswith(("street", "view"))]
+            far.append(float(topics[street]["x"]) / run.duration_s)
+        return float(np.mean(far))
+
+    program = soter.load(FOLDER / "street.soter")
+    alone = mean(program, "Bare", {})
+    for what, (name, values) in PRICES.items():
+        cells = []
+        for label, number in values.items():
+            if name == "THIN":
+                speed = mean(_with_thin(number), "Hunted", {})
+            else:
+                speed = mean(program, "Hunted", {name: number})
+            cells.append(f"{label}: {100.0 * speed / alone:.0f} %")
+        print(f"| {what} | {' | '.join(cells)} |", flush=True)
+
+
+def _with_thin(thin: float) -> soter.Program:
+    """The street with a lidar that reckons with people of this size (m)."""
+    with tempfile.TemporaryDirectory() as folder:
+        there = Path(folder) / "examples"
+        shutil.copytree(FOLDER.parent, there, ignore=shutil.ignore_patterns("*.html", "build"))
+        sight = there / FOLDER.name / "sight.soter"
+        text = sight.read_text(encoding="utf-8")
+        changed = text.replace("const THIN: float = 0.2;", f"const THIN: float = {thin};")
+        assert changed != text or thin == 0.2
+        sight.write_text(changed, encoding="utf-8")
+        program = soter.load(there / FOLDER.name / "street.soter")
+        assert program.check() is not None
+        program.simulate("Hunted", until="1s", trace=False, sha256=False)
+        return program
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
@@ -109,7 +165,11 @@ def main() -> None:
     )
     parser.add_argument("--only", choices=VEHICLES, help="one file of them")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=NUMBER")
+    parser.add_argument("--price", action="store_true", help="the price of a lidar, of 100 runs")
     asked = parser.parse_args()
+    if asked.price:
+        price(asked.runs or RUNS["Strolling"])
+        return
     for name in [asked.only] if asked.only else VEHICLES:
         table(name, asked)
 
