@@ -13,6 +13,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
 
 from generators.robot_logs import CART, MS, T0, TYPED, WRITERS, Recorded, flight, odometry, written
+from long_tests import some
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
     from soter.monitor.logs.result import LogJudgement
 
 ALL = list(WRITERS)
+FIRST = sorted(
+    ALL, key=lambda n: n not in ("flight.csv", "cdr.mcap", "plain.bag", "ros2_plain", "ros2_mcap")
+)
+"""One of each kind first: the others in a long run."""
 
 
 def judged(log: Path, motion: Any = None, **time: Any) -> LogJudgement:
@@ -106,8 +111,7 @@ def test_rows_of_a_table_may_be_chosen_by_time(tmp_path: Path) -> None:
     assert "it has no rows" in told(log, until="1699999999")
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(FIRST, 5))
 def test_the_time_of_the_messages_themselves_may_count(tmp_path: Path, name: str) -> None:
     """However the recorder's clock went."""
     log = written(tmp_path, name, arrivals(*STEP))
@@ -163,8 +167,7 @@ def test_a_choice_that_is_none_is_told(tmp_path: Path, time: dict[str, Any], tex
 PAIRS = [t for t in range(20, 220, 20) for _ in range(2)]
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(FIRST, 5))
 def test_equal_times_count_in_the_order_of_the_file(tmp_path: Path, name: str) -> None:
     """As under a clock of a simulator that ticks seldom: the later one is what a DM reads."""
     log = written(tmp_path, name, arrivals(*PAIRS))
@@ -216,7 +219,7 @@ def test_a_table_whose_last_line_has_no_end_may_be_cut_there(tmp_path: Path) -> 
     assert judged(log).notes == ("its last line has no end: the file may be cut there",)
 
 
-@pytest.mark.parametrize("name", ALL)
+@pytest.mark.parametrize("name", some(FIRST, 5))
 def test_who_has_no_checksums_says_so(tmp_path: Path, name: str) -> None:
     said = any("no checksum covers" in text for text in judged(written(tmp_path, name)).assumptions)
     covered = ("json.mcap", "cdr.mcap", "ros1.mcap", "protobuf.mcap")  # rosbags writes none
