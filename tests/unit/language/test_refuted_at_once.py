@@ -19,7 +19,7 @@ TRACK = """soter 1;
 param LIMIT: float = 10.0;
 param MARGIN: float = {margin!r};
 topic pos: float in [-20.0, 20.0] max_age 20ms;
-topic speed: float in [-1.0, 1.0];
+topic speed: float in [-1.0, 1.0] max_age 20ms;
 topic vel: float in [-1.0, 1.0] = 0.0;
 plant Cart period 10ms {{
   reads vel;

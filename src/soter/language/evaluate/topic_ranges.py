@@ -1,7 +1,7 @@
 """What a scalar of a topic may be, by what the program declares of it.
 
 Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads;
-`always`: whether that decides a condition.
+`always`, `always_by_parts`: whether that decides a condition.
 Non-goals: what steps compute, queues and times (`explore/vacuity/value_domains.py`).
 """
 
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.range_evaluation import RangeEvaluator, TooHardError, anything
 from soter.language.evaluate.ranges import Range
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import Literal, ParamRead, TypedCall
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
 
 BUDGET = 600
 """Expressions of a condition and of what it calls: a millisecond or two."""
+PARTS_MAX, CUTS_MAX = 64, 12
+"""So many parts of what a condition reads are looked at, and so many cuts made of one number."""
 MOST = sys.float_info.max
 
 
@@ -59,6 +63,76 @@ def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
     except TooHardError:
         return None
     return bool(truth.low) if truth.single and not evaluator.faults.possible else None
+
+
+def always_by_parts(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
+    """The same, of each part by itself: what is read is cut at the numbers of the condition.
+
+    So comparisons that exclude each other, or leave nothing out, are known as that.
+    """
+    read, cuts = declared(system), _numbers(condition, scope)
+    found: bool | None = None
+    parts: list[dict[ReadPlace, Range]] = [{}]
+    for _ in range(PARTS_MAX):
+        part = dict(parts.pop())
+
+        def known(place: ReadPlace, part: dict[ReadPlace, Range] = part) -> Range:
+            return part[place] if place in part else part.setdefault(place, read(place))
+
+        evaluator = RangeEvaluator(scope, 0, known)
+        evaluator.left = BUDGET
+        try:
+            truth = evaluator.number(condition)
+        except TooHardError:
+            return None
+        if truth.single and not evaluator.faults.possible:
+            if found not in {None, bool(truth.low)}:
+                return None
+            found = bool(truth.low)
+        else:
+            pieces = next(((k, p) for k, r in part.items() if len(p := _cut(r, cuts)) > 1), None)
+            if pieces is None:
+                return None
+            parts += [{**part, pieces[0]: piece} for piece in pieces[1]]
+        if not parts:
+            return found
+    return None
+
+
+def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
+    """What a condition, and what it calls, may compare with: its constants, of either sign."""
+    todo: list[object] = [condition]
+    called, found = set(), set()
+    while todo:
+        for n in nodes([todo.pop()]):
+            if isinstance(n, TypedCall) and n.fun not in called:
+                called.add(n.fun)
+                todo += n.fun.body or ()
+            value = n.value if isinstance(n, Literal) else None
+            value = scope.params.get(n.param) if isinstance(n, ParamRead) else value
+            if isinstance(value, (int, float)):
+                found |= {value, -value}
+    return sorted(found)
+
+
+def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
+    """A range in pieces: each of the cuts inside by itself, and what is between them."""
+    whole = isinstance(of.low, int)
+    if whole and of.high - of.low < CUTS_MAX:
+        cuts = range(int(of.low), int(of.high) + 1)
+    inside = [c for c in cuts if of.has(c) and c == (int(c) if whole else c)]
+    if of.single or len(inside) > CUTS_MAX:
+        return [of]
+    pieces, low = [], of.low
+    for cut in inside:
+        c = int(cut) if whole else float(cut)
+        before, after = (
+            (c - 1, c + 1) if whole else (math.nextafter(c, -math.inf), math.nextafter(c, math.inf))
+        )
+        pieces += [Range(low, before)] if low < c else []
+        pieces.append(Range(c, c))
+        low = after
+    return [*pieces, Range(low, of.high)] if low <= of.high else pieces
 
 
 def published(topic: Topic, place: ReadPlace) -> Range:

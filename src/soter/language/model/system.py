@@ -486,6 +486,23 @@ def environment_topics(system: System) -> tuple[int, ...]:
     )
 
 
+PUBLICATIONS = 2
+"""So many periods of its plant old is a read at most that is neither lost nor late."""
+
+
+def least_age_ns(system: System, topic: int) -> int | None:
+    """The smallest `max_age` that the periods of the system allow of a topic that a plant drives.
+
+    None of a topic that no plant drives.
+    """
+    drivers = [
+        c.period_ns
+        for c in system.components
+        if c.plant is not None and any(c.scope.topics[t] == topic for t, _ in c.plant.drives)
+    ]
+    return PUBLICATIONS * drivers[0] if drivers else None
+
+
 def queues_of(system: System, component: Component) -> tuple[int, ...]:
     """The queues that a node reads, as topic indices."""
     if component.node is None:

@@ -17,15 +17,13 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
+from soter.language.model.system import least_age_ns
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Group, Interval
 
 if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Axis, Problem
-
-PUBLICATIONS = 2
-"""So many periods of its plant old is a read at most that is neither lost nor late."""
 
 
 def fewer_levels(problem: Problem) -> Problem | None:
@@ -62,18 +60,9 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
     for index, topic in enumerate(problem.system.topics):
-        period = next(
-            (
-                c.period_ns
-                for c in problem.system.components
-                if c.plant is not None
-                and any(c.scope.topics[t] == index for t, _ in c.plant.drives)
-            ),
-            None,
-        )
-        if topic.name not in read or period is None or topic.max_age_ns is None:
+        least = least_age_ns(problem.system, index)
+        if topic.name not in read or least is None or topic.max_age_ns is None:
             continue
-        least = PUBLICATIONS * period
         if topic.max_age_ns > least:
             changed.append(replace(topic, max_age_ns=least))
             told.append(f"`max_age {least / 1e6:g}ms` of `{topic.name}`")

@@ -1,7 +1,8 @@
 """Times of a program that contradict each other.
 
 Purpose: W028 (a topic is older than its `max_age` before it is published again, or is never
-published), W031 (a disturbance is held for less than a step of its plant), W026 (a property speaks
+published), W034 (a measured topic may be of any age), W035 (an age is compared with what it never
+is), W031 (a disturbance is held for less than a step of its plant), W026 (a property speaks
 of a time at which the system has ended).
 Non-goals: what late steps do (`timing/`), P1a (`wellformed.py`).
 """
@@ -23,18 +24,24 @@ from soter.language.evaluate.range_evaluation import (
 from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.system import least_age_ns
 from soter.language.model.tree_walk import nodes
+from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
     from soter.language.evaluate.range_evaluation import ReadPlace
-    from soter.language.model.system import Component, Module, Property, System, Topic
+    from soter.language.model.system import Component, Module, Property, Scope, System, Topic
 
 PROPERTIES_MAX = 32
 """So many properties of a system are looked at."""
 BUDGET = 600
 """Expressions of one comparison."""
+MUCH_OLDER = 100
+"""A bound of so many times the age that a topic may have is of another unit."""
 AGES = ("a module that reads what is too old takes AC off",)
 
 
@@ -57,6 +64,76 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
         elif topic.symbol.input and _runs_alone(system):
             every_ns = drawn_every.get(index)
             _drawn_rarely(system, topic, module, every_ns, diagnostics)
+
+
+def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W034: the DM reads what is measured, however old it is; once a topic, by its first module."""
+    if not _runs_alone(system):
+        return
+    before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
+    outside = {e.topic for e in system.externals}
+    aged = {
+        n.topic for e in _predicates(module) for n in nodes([e]) if isinstance(n, typed.AgeRead)
+    }
+    for index in module.inputs:
+        topic = system.topics[index]
+        least = least_age_ns(system, index)
+        moving = [v.type for c in system.components if c.plant for v in c.plant.states]
+        kinds = [topic.type, *(moving if least is not None else ())]
+        measured = any(isinstance(t, FloatType) for kind in kinds for _, t in leaves(kind))
+        if topic.max_age_ns is not None or topic.symbol in aged | before:
+            continue
+        if not measured or (least is None and index not in outside):
+            continue
+        helps: tuple[Help, ...] = (
+            "say how old it may be: `topic ... max_age ...;`, at least as long as two publications",
+        )
+        if least is not None:
+            helps = (f"`max_age {write_ns(least)}` is the least that the periods allow",)
+        diagnostics.warning(
+            "W034",
+            f"`{topic.symbol.name}` is trusted, however old it is",
+            topic.symbol.span,
+            "it has no `max_age`",
+            also=((module.symbol.span, "the DM reads it"),),
+            notes=("of a sensor that falls silent, or never spoke, AC keeps control",),
+            helps=helps,
+        )
+
+
+def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W035: `ttf` or `safer` compares an age with so much more than it ever is: other units."""
+    for n in nodes(_predicates(module)):
+        if not isinstance(n, typed.TypedBinary) or n.op not in COMPARISONS:
+            continue
+        read = next((x for x in (n.left, n.right) if isinstance(x, typed.AgeRead)), None)
+        if read is None:
+            continue
+        index = module.scope.topics[read.topic]
+        topic = system.topics[index]
+        usual = topic.max_age_ns or least_age_ns(system, index)
+        if usual is None:
+            continue
+        ages = Range(0.0, MUCH_OLDER * usual / 1e9)
+        truth = _truth(module.scope, n, {"age": ages})
+        if not truth.single or _truth(module.scope, n, {"age": Range(0.0, math.inf)}).single:
+            continue
+        told = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
+        diagnostics.warning(
+            "W035",
+            f"this comparison is {'always' if truth.low else 'never'} true of an age of "
+            f"`{topic.name}` that is possible",
+            n.span,
+            f"ages are in seconds, here up to {show_ns(usual)}",
+            also=((topic.symbol.span, told),),
+            notes=("what is older than `max_age` is stale, and AC has no control anyway",),
+            helps=(f"write a time with its unit: `age(...) < seconds({write_ns(usual)})`",),
+        )
+
+
+def _predicates(module: Module) -> list[typed.TypedExpr]:
+    symbol = module.symbol
+    return [e for e in (symbol.ttf, symbol.safer) if e is not None]
 
 
 def _published_rarely(
@@ -175,7 +252,10 @@ def _doubt_time(
 ) -> None:
     assert system.until_ns is not None
     before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
-    if _truth(p, comparison, before) != FALSE or _truth(p, comparison, ever) == FALSE:
+    if (
+        _truth(p.scope, comparison, {"time": before}) != FALSE
+        or _truth(p.scope, comparison, {"time": ever}) == FALSE
+    ):
         return
     diagnostics.warning(
         "W026",
@@ -188,16 +268,16 @@ def _doubt_time(
     )
 
 
-def _truth(p: Property, comparison: typed.TypedBinary, time: Range) -> Range:
-    """What a comparison is while `time` is in a range, whatever else it reads."""
+def _truth(scope: Scope, comparison: typed.TypedBinary, ranges: Mapping[str, Range]) -> Range:
+    """What a comparison is while `time`, or an `age`, is in a range, whatever else it reads."""
 
     def read(place: ReadPlace) -> Range:
-        known = time if place.kind == "time" else anything(place.type)
+        known = ranges[place.kind] if place.kind in ranges else anything(place.type)
         if not isinstance(known, Range):
             raise TooHardError
         return known
 
-    evaluator = RangeEvaluator(p.scope, 0, read)
+    evaluator = RangeEvaluator(scope, 0, read)
     evaluator.left = BUDGET
     try:
         return evaluator.number(comparison)

@@ -14,6 +14,8 @@ from soter.language.check.parts.plant import unmoved
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
 from soter.language.elaborate.lints.diverging_schemes import doubt_scheme
 from soter.language.elaborate.lints.doubtful_times import (
+    doubt_age_units,
+    doubt_ageless,
     doubt_ages,
     doubt_holds,
     doubt_property_times,
@@ -35,8 +37,8 @@ from soter.language.model.typed import PeriodRead, TypedBinary, Vector
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.model.system import Module, System
-    from soter.language.model.typed import PlantSymbol
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import PlantSymbol, TopicSymbol
 
 
 TRIED_MAX = 16
@@ -54,6 +56,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
             doubt_scheme(system, component, diagnostics)
             doubt_first_publications(system, component, diagnostics)
             doubt_holds(component, diagnostics)
+        _hears_itself(component, diagnostics)
     doubt_steps(system, diagnostics)
     doubt_properties(system, diagnostics)
     doubt_property_times(system, diagnostics)
@@ -68,6 +71,8 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
         doubt_publications(system, module, diagnostics)
         doubt_readers(system, module, diagnostics)
         doubt_ages(system, module, diagnostics)
+        doubt_ageless(system, module, diagnostics)
+        doubt_age_units(system, module, diagnostics)
         doubt_shield(system, module, diagnostics)
         if number < TRIED_MAX:
             doubt_start(system, module, diagnostics)
@@ -114,6 +119,33 @@ def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
             "no `der` and no `next`",
             notes=("what is constant is a `const`; a constant that is unknown has a set: `in`",),
             helps=(f"say how it moves: `der {state.name} = ...;` or `next {state.name} = ...;`",),
+        )
+
+
+def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
+    """W036: one topic stands for what a plant or node reads, and for what it publishes."""
+    topics, plant, node = component.scope.topics, component.plant, component.node
+    reads: list[TopicSymbol] = []
+    own: list[TopicSymbol] = []
+    if plant is not None:
+        reads, own = list(plant.reads), [t for t, _ in plant.drives]
+    elif node is not None:
+        reads, own = [s.topic for s in node.subscribes], list(node.publishes)
+    else:
+        return
+    written = {topics[t]: t for t in own}
+    for topic in reads:
+        out = written.get(topics[topic])
+        if out is None or out is topic:
+            continue
+        diagnostics.warning(
+            "W036",
+            f"`{component.name}` reads as `{topic.name}` what it publishes itself",
+            component.span,
+            f"`{topic.name}` and `{out.name}` are wired to one topic",
+            also=((topic.span, "what it reads"), (out.span, "what it publishes")),
+            notes=("nobody else says anything on that topic",),
+            helps=(f"wire `{topic.name}` to what another one publishes",),
         )
 
 

@@ -26,7 +26,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
-from soter.language.evaluate.topic_ranges import always
+from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.system import modules_above
@@ -234,7 +234,7 @@ def doubt_constants(
     if ttf is None or safer is None or not trials or not topic_reads(symbol.safe):
         return False  # nothing is to be kept, or W021 says so
     ttf_always, safer_always = (
-        always(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
+        always_by_parts(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
         for i, e in enumerate((ttf, safer))
     )
     if (ttf_always, safer_always) != (None, None) and maybe_nan(system, module):
