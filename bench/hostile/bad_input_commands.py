@@ -19,6 +19,10 @@ import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 LIMIT_S = 20.0
 LINGER_S = 1.0
@@ -66,6 +70,7 @@ class Forked:
 
     def __init__(self, work: Path) -> None:
         self.work = work
+        self.memory = MEMORY
         self._made = 0
         work.mkdir(parents=True, exist_ok=True)
         _import_all()
@@ -108,18 +113,26 @@ class Forked:
         tried = self.run(words, self.folder(sample), "the sample", stdin)
         assert tried.exit in ACCEPTED, (words, tried)
 
-    def run(self, words: list[str], folder: Path, what: str, stdin: str = "") -> Tried:
-        """Run `soter WORDS` in the folder, which is gone afterwards."""
+    def run(
+        self,
+        words: list[str],
+        folder: Path,
+        what: str,
+        stdin: str = "",
+        look: Callable[[], object] = lambda: None,
+    ) -> Tried:
+        """Run `soter WORDS` in the folder, which is gone when `look` has looked."""
         said = folder.with_suffix(".said")
         start = time.monotonic()
         pid = os.fork()
         if pid == 0:
-            _command(words, folder, said, stdin)
+            _command(words, folder, said, stdin, self.memory)
         code = _ended(pid, start + LIMIT_S)
         took = time.monotonic() - start
         orphans = _orphans(pid)
         text = said.read_text(errors="replace") if said.exists() else ""
         said.unlink(missing_ok=True)
+        look()
         shutil.rmtree(folder, ignore_errors=True)
         return Tried(what, tuple(words), code, orphans, took, text)
 
@@ -150,7 +163,13 @@ def _exit_of(words: list[str]) -> int:
         return end.code if isinstance(end.code, int) else INTERNAL
 
 
-def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
+def mapped() -> int:
+    """Bytes of address space that this process has."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    return pages * os.sysconf("SC_PAGE_SIZE")
+
+
+def _command(words: list[str], folder: Path, said: Path, stdin: str, memory: int) -> None:
     """The life of a fork: one command line, then its exit code. Never returns."""
     code = INTERNAL
     try:
@@ -163,7 +182,7 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
         os.dup2(out, 1)
         os.dup2(out, 2)
         sys.stdin = open(0, encoding="utf-8", errors="surrogateescape", closefd=False)  # noqa: SIM115
-        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         from soter.cli.terminal import crash_report  # noqa: PLC0415 - the same
 

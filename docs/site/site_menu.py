@@ -58,6 +58,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("mountain_car.md", "The mountain car"),
             ("results.md", "Results"),
             ("tool-qualification.md", "Tool qualification"),
+            ("what-runs.md", "What each command executes"),
             ("newcomers.md", "Newcomers"),
             ("architecture.md", "The house"),
             ("decisions.md", "Decisions"),

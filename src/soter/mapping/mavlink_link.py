@@ -148,6 +148,6 @@ def _dialect(given: object, folder: Path, problems: MappingProblems) -> Dialect:
         name = "common"
     try:
         return read_dialect(dialect_path(name, folder).resolve())
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
         problems.add(f"the dialect `{name}` of `mavlink` cannot be read: {error}")
         return read_dialect(dialect_path("common", folder).resolve())

@@ -273,5 +273,5 @@ def _parsed(name: str, text: str) -> Definitions:
     try:
         return dict(get_types_from_msg(text, f"{match[1]}/msg/{match[2]}"))
     except (TypesysError, ValueError, RecursionError) as error:
-        shown = str(error)[:80].replace("\n", " ")
-        raise UnknownMessageError(f"the file of `{name}` is no `.msg`: {shown}") from error
+        why = "a line of it is no `TYPE NAME`, as in `float64 x`"  # its text may be anybody's
+        raise UnknownMessageError(f"the file of `{name}` is no `.msg`: {why}") from error

@@ -1,0 +1,240 @@
+"""Files that mean harm, 30 of each format: what is executed, read or written elsewhere, and costs.
+
+    .venv/bin/python bench/hostile/hostile_files.py [--only FORMAT,...] [--seed 1]
+
+Purpose: of every format a file in place of a good one: no ordinary file, a link to a file outside
+of its folder, a file of another kind that runs, unpacks or grows where somebody trusts it, and the
+good one with code, paths and markup where words stood. Each command reads it in a process that may
+take 2 GiB more than it has, for 60 s. Counted is what may never be: a mark that only executed code
+makes, a change outside of the folder, a secret from outside in what the command says or writes.
+Non-goals: bits that flip (`bad_input.py`); programs that bind externs, which run them
+(docs/what-runs.md).
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import io
+import os
+import pickle
+import re
+import sqlite3
+import sys
+import tempfile
+import zipfile
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from bench.hostile import bad_input_commands  # noqa: E402 - needs the path
+from bench.hostile.bad_input_commands import Forked, Tried  # noqa: E402
+from bench.hostile.bad_input_mutants import SPECIAL  # noqa: E402
+from bench.hostile.bad_input_samples import Format, formats, samples  # noqa: E402
+from bench.hostile.hostile_samples import MORE, more_samples  # noqa: E402
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+EACH = 30
+LIMIT_S, MEMORY = 60.0, 2 * 2**30
+SECRET = "not-for-strangers-7c1f"  # noqa: S105 - a mark
+RAN = "ran"
+SHELL = f"touch {RAN}"
+WORDS: tuple[str, ...] = (
+    f"__import__('os').system('{SHELL}')",
+    f"$({SHELL})",
+    f"`{SHELL}`",
+    f'"; {SHELL}; "',
+    f'*/ system("{SHELL}"); /*',
+    f'!!python/object/apply:os.system ["{SHELL}"]',
+    "../outside/secret",
+    "{outside}/secret",
+    "file://{outside}/secret",
+)
+"""What stands where a word stood."""
+WORD = re.compile(rb"[A-Za-z_][\w.]*")
+COLUMNS = ("executed", "written outside", "read outside", "over 2 GiB", "over 60 s", "defects")
+
+
+class Runs:
+    """What somebody executes who unpickles it."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return os.system, (SHELL,)
+
+
+def _npy() -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, np.array([Runs()], dtype=object), allow_pickle=True)
+    return stream.getvalue()
+
+
+def _zip(parts: dict[str, bytes]) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as made:
+        for name, data in parts.items():
+            made.writestr(name, data)
+    return stream.getvalue()
+
+
+def _database() -> bytes:
+    """A bag whose table is a view, with a trigger, beside an extension to load."""
+    made = sqlite3.connect(":memory:")
+    made.executescript(
+        "CREATE TABLE topics(id, name, type, serialization_format, offered_qos_profiles);"
+        "CREATE VIEW messages AS SELECT load_extension('../outside/secret') AS data, 1 AS topic_id,"
+        " randomblob(1000000000) AS timestamp, 1 AS id;"
+    )
+    return made.serialize() if hasattr(made, "serialize") else b"SQLite format 3\0"
+
+
+ENTITIES = "".join(f'<!ENTITY a{k + 1} "{f"&a{k};" * 10}">' for k in range(9))
+CONTENTS: dict[str, Callable[[], bytes]] = {
+    "a pickle that runs": lambda: pickle.dumps(Runs()),
+    "an array of objects that run": _npy,
+    "a zip that unpacks elsewhere": lambda: _zip({"../outside/new": b"x", "/tmp/new": b"x"}),  # noqa: S108
+    "a zip of 2 GiB": lambda: _zip({"data": bytes(2**31), "policy.pth": bytes(2**20)}),
+    "a gzip of 4 GiB": lambda: gzip.compress(bytes(2**22)) * 1024,
+    "a database that computes": _database,
+    "XML that grows": f'<!DOCTYPE a [<!ENTITY a0 "a">{ENTITIES}]><a>&a9;</a>'.encode,
+    "YAML that grows": lambda: "".join(
+        ["a0: &a0 [x,x]\n", *(f"a{k + 1}: &a{k + 1} [{f'*a{k},' * 9}]\n" for k in range(9))]
+    ).encode(),
+    "brackets without end": lambda: b"[{(" * 10**6,
+}
+"""Whole files of another kind, whatever the format is."""
+_made: dict[str, bytes] = {}
+
+
+def hostile(one: Format, k: int, chance: Random, folder: Path, outside: Path) -> str:
+    """Put hostile file `k` of a format in its place; what it is, in words."""
+    path = folder / one.files[k % len(one.files)]
+    kinds = [*SPECIAL, "a link to what lies outside", *CONTENTS]
+    if k >= len(kinds):
+        raw = path.read_bytes()
+        word = chance.choice(WORDS).replace("{outside}", str(outside)).encode()
+        for _ in range(chance.choice((1, 2, 8))):
+            spans = [m.span() for m in WORD.finditer(raw[:200_000])] or [(0, 0)]
+            at, to = chance.choice(spans)
+            raw = raw[:at] + word + raw[to:]
+        path.write_bytes(raw)
+        return f"{path.name}: {word.decode()}"
+    kind = kinds[k]
+    path.unlink()
+    if kind in CONTENTS:
+        path.write_bytes(_made.setdefault(kind, CONTENTS[kind]()))
+    elif kind in SPECIAL:
+        SPECIAL[kind](path)
+    else:
+        path.symlink_to(outside / "secret")
+    return f"{path.name} is {kind}"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A trial, and which of `COLUMNS` it was."""
+
+    tried: Tried
+    wrong: tuple[str, ...]
+
+
+def tried(one: Format, k: int, seed: int, sample: Path, forked: Forked) -> Judged:
+    """What became of a command that read the file."""
+    chance = Random(f"{seed} {one.name} {k}")  # noqa: S311 - a benchmark
+    folder, outside = forked.folder(sample), forked.work / "outside"
+    outside.mkdir(exist_ok=True)
+    (outside / "secret").write_text(f'{{"{SECRET}": 1}}\n')
+    before = _content(outside)
+    marks = _marks(forked.work)
+    how = hostile(one, k, chance, folder, outside)
+    kept: list[str] = []
+    line = list(one.commands[k % len(one.commands)])
+    t = forked.run(line, folder, how, look=lambda: kept.extend(_judged(folder)))
+    wrong = {x: x in kept for x in ("executed", "read outside")}
+    wrong["executed"] |= _marks(forked.work) != marks
+    wrong["written outside"] = _content(outside) != before
+    wrong["read outside"] |= SECRET in t.said
+    wrong["over 2 GiB"] = "MemoryError" in t.said or t.exit == -9
+    wrong["over 60 s"] = t.exit is None
+    wrong["defects"] = bool(t.wrong) and t.exit is not None
+    return Judged(t, tuple(x for x in COLUMNS if wrong[x]))
+
+
+def _content(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def _marks(work: Path) -> int:
+    return sum(1 for place in (work, Path.cwd(), Path.home()) if (place / RAN).exists())
+
+
+def _judged(folder: Path) -> list[str]:
+    """What a command left in its folder that it may not."""
+    found = ["executed"] if list(folder.rglob(RAN)) else []
+    for path in folder.rglob("*"):
+        if path.is_symlink() or not path.is_file() or path.stat().st_size > 2**26:
+            continue
+        if SECRET.encode() in path.read_bytes():
+            found.append("read outside")
+    return found
+
+
+def table(rows: dict[str, list[Judged]]) -> int:
+    """Print a row a format, and the first of each kind of what was wrong; how many were."""
+    print(f"{'':14} {'files':>6} " + " ".join(f"{c:>15}" for c in COLUMNS) + f" {'longest':>9}")
+    first: dict[str, Judged] = {}
+    total: Counter[str] = Counter()
+    for name, judged in rows.items():
+        counts = Counter(w for j in judged for w in j.wrong)
+        total += counts
+        longest = max(j.tried.took_s for j in judged)
+        cells = " ".join(f"{counts[c]:15}" for c in COLUMNS)
+        print(f"{name:14} {len(judged):6} {cells} {longest:8.1f}s")
+        for j in judged:
+            for w in j.wrong:
+                first.setdefault(f"{name}: {w}", j)
+    for what, j in first.items():
+        words = " ".join(j.tried.words)
+        print(f"\n{what}\n  {j.tried.what[:200]}\n  soter {words[:200]}\n  {j.tried.wrong}")
+    print(f"\n{sum(len(j) for j in rows.values())} files: {sum(total.values())} wrong; target 0")
+    return sum(total.values())
+
+
+def main() -> int:
+    """Try all of them; 0 where nothing was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", default="", help="formats, with commas")
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    known = {**formats(), **{f.name: f for f in MORE}}
+    known.pop("lsp")  # a stream
+    names = given.only.split(",") if given.only else [n for n in known if n not in ("python", "c")]
+    bad_input_commands.LIMIT_S = LIMIT_S
+    rows: dict[str, list[Judged]] = {}
+    with tempfile.TemporaryDirectory(prefix="hostile_files_") as work:
+        os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
+        sample = Path(work) / "sample"
+        samples(sample, names)
+        more_samples(sample)
+        for name in names:
+            forked = Forked(Path(work) / name)
+            for words in known[name].commands:
+                (forked.warm if known[name].sealed is None else forked.accepted)([*words], sample)
+            forked.memory = bad_input_commands.mapped() + MEMORY
+            judged = [tried(known[name], k, given.seed, sample, forked) for k in range(EACH)]
+            rows[name] = judged
+            print(f"{name}: {sum(bool(j.wrong) for j in judged)} wrong", file=sys.stderr)
+    return 1 if table(rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
