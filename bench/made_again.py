@@ -223,17 +223,18 @@ def _last(text: str) -> str:
 
 
 def made_of(command: str) -> str:
-    """Which versions of the code, the examples and the benchmark's folder are checked out."""
-    folder = (
-        str(Path(command.split(maxsplit=1)[0]).parent)
-        if ".py" in command.split(maxsplit=1)[0]
-        else "tests"
-    )
-    told = subprocess.run(
-        ["git", "rev-parse", *(f"HEAD:{x}" for x in ("src", "examples", folder))], cwd=ROOT,
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    return " ".join(x[:8] for x in told.stdout.split())
+    """Which code, examples and benchmark are checked out; nothing where they were edited since."""
+    first = command.split(maxsplit=1)[0]
+    folder = str(Path(first).parent) if first.endswith(".py") else "tests"
+    what = ("src", "examples", folder)
+    edited = _git("status", "--porcelain", *what)
+    trees = _git("rev-parse", *(f"HEAD:{x}" for x in what)).split()
+    return "" if edited.strip() else " ".join(x[:8] for x in trees)
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", *arguments]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout
 
 
 def run(command: str, limit_s: float, reads: str = "") -> Output:
@@ -313,7 +314,9 @@ def made_outputs(
     if file.exists():
         told = json.loads(file.read_text(encoding="utf-8"))
         known = {c: Output(**o) for c, o in told.items()}
-    fresh = {c for c, o in known.items() if resume and o.code is not None and o.of == made_of(c)}
+    fresh = {
+        c for c, o in known.items() if resume and o.code is not None and o.of and o.of == made_of(c)
+    }
     took = {c: o.seconds for c, o in known.items()}
     for s in sorted(chosen, key=lambda s: took.get(s.command, 0.0)):
         if s.command not in fresh:

@@ -26,7 +26,8 @@ NUMBER = r"(?<![\w.])\d+(?:,\d{3})*(?:\.\d+)?(?:e[-+]?\d+)?"
 TOKEN = re.compile(rf"{HEX}|{NUMBER}")
 UNIT = r"(?:ns|us|µs|ms|s|min|KB|MB|KiB|MiB|GB)\b(?!/)"
 TIMES = "\N{MULTIPLICATION SIGN}"
-WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}|{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
+WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}")
+REAL_TIME = re.compile(rf"{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
 CLOCK = (
     r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|took|time|search|s|ms|us|ns|seconds|check s|rate|ratio|"
     r"(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|.*, (?:s|ms|us|ns)|"
@@ -35,6 +36,9 @@ CLOCK = (
 """Headings of columns that hold another number in every run."""
 RULE = re.compile(r"^[─ ]*──[─ ]*$")
 ROW_RULE = re.compile(r"^\|[-:| ]+\|$")
+TARGET = re.compile(r"[<>]=|target|goal")
+MET = re.compile(r"\b(?:ok|MISSED|missed|yes|NO|no)\s*$")
+"""Whether a time met its target is no figure either."""
 SIGMAS = 5.0
 
 
@@ -105,8 +109,11 @@ def _without(line: str, spans: list[tuple[int, int]], cells: set[int]) -> str:
 
 
 def _line(text: str, *, units: bool) -> Line:
-    """Words and numbers of what is left of a line."""
+    """Words and numbers of what is left of a line; `real time` are times everywhere."""
+    text = REAL_TIME.sub(LEFT_OUT, text)
     text = WITH_UNIT.sub(LEFT_OUT, text) if units else text
+    if LEFT_OUT in text and TARGET.search(text):
+        text = MET.sub(LEFT_OUT, text)
     numbers = tuple(m[0] for m in TOKEN.finditer(text) if re.fullmatch(NUMBER, m[0]))
     words = TOKEN.sub(lambda m: "#" if re.fullmatch(NUMBER, m[0]) else m[0], text)
     return Line(re.sub(r"[─\s]+", " ", words).strip(), numbers)

@@ -172,6 +172,14 @@ def test_times_of_the_simulated_world_are_figures_where_the_section_says_so() ->
     assert len(compared(row, row.replace("100", "200"), times="wall").differ) == 1
 
 
+def test_whether_a_time_met_its_target_is_no_figure() -> None:
+    lap = "speed  12,848 x real time  >= 5,000  ok\nhits  0  <= 0  ok\n"
+    slower = lap.replace("12,848", "4,848").replace("5,000  ok", "5,000  MISSED")
+    assert compared(lap, slower).differ == []
+    assert compared(lap, slower, times="").differ == []
+    assert len(compared(lap, lap.replace("<= 0  ok", "<= 0  MISSED")).differ) == 1
+
+
 def test_a_markdown_table_has_columns_of_times_too() -> None:
     rows = "| arm | flights | took |\n|---|---|---|\n| ours | 100 | 7.5 |\n"
     assert compared(rows, rows.replace("7.5", "9.1")).differ == []
