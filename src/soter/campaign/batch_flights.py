@@ -228,15 +228,16 @@ class _BatchOutput:
     def __init__(self, fleet: Flyer, count: int, room: int) -> None:
         ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
         self.fleet = fleet
+        zeros = shared if fleet.recipe.keeps else np.zeros
         size = ffi.sizeof("soter_flight")
-        self.kept = shared((count, size), np.uint8)
+        self.kept = zeros((count, size), np.uint8)
         self.flights = ffi.cast("soter_flight *", self.kept.ctypes.data)
-        self.states = shared((count + SPARE, fleet.dtype.itemsize), np.uint8)
-        self.events = shared((room,), EVENT)
-        self.looks = shared((count, len(bins)), LOOK)
-        self.histogram = shared((count, sum(bins)), np.uint32)
-        self.saves = shared((count, modules), np.uint32)
-        self.precautions = shared((count, modules), np.uint32)
+        self.states = zeros((count + SPARE, fleet.dtype.itemsize), np.uint8)
+        self.events = zeros((room,), EVENT)
+        self.looks = zeros((count, len(bins)), LOOK)
+        self.histogram = zeros((count, sum(bins)), np.uint32)
+        self.saves = zeros((count, modules), np.uint32)
+        self.precautions = zeros((count, modules), np.uint32)
         self.order = ffi.new("soter_order *")
         self.order.until_ns = fleet.until_ns
         self.order.horizon_ns = fleet.horizon_ns

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
@@ -112,7 +113,7 @@ def test_a_run_is_the_same_whatever_ran_before(kind: str, engine: str, tmp_path:
     def run(seed: int) -> str | None:
         return program.simulate(seed=seed, engine=engine).trace_sha256
 
-    first = [alone(lambda seed=seed: run(seed)) for seed in (3, 4)]
+    first = [alone(partial(run, seed)) for seed in (3, 4)]
     assert [run(3), run(4), run(3)] == [first[0], first[1], first[0]]
     assert first[0] != first[1]
     again = soter.load(tmp_path / "stateful.soter")
@@ -127,4 +128,4 @@ def test_runs_of_threads_share_nothing(tmp_path: Path) -> None:
 
     seeds = range(12)
     with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(run, seeds)) == [alone(lambda s=s: run(s)) for s in seeds]
+        assert list(pool.map(run, seeds)) == [alone(partial(run, s)) for s in seeds]
