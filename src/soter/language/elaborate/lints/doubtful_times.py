@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import remove, replace
 from soter.diagnostics.span import Span
-from soter.language.elaborate.least_ages import least_age_ns
 from soter.language.elaborate.undriven_topic_fixes import added
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
@@ -25,6 +24,7 @@ from soter.language.evaluate.range_evaluation import (
 from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.least_ages import least_age_ns
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import FloatType, leaves
 
