@@ -15,6 +15,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, float_number, int_number
 from soter.core.layout import INT_KINDS, scalar, struct_of
+from soter.language.model.float32_ends import singles
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -91,7 +92,7 @@ def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0)
 
 def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
     statements: list[c.CStmt] = []
-    for end, single in zip((bound.low, bound.high), bound.singles, strict=True):
+    for end, single in zip((bound.low, bound.high), singles(bound), strict=True):
         if single != end:
             least, most = sorted((end, single))
             from_ = c.Binary(">=", e, float_number(least))

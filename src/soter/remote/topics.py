@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import likely
 from soter.language.load.bounded_read import read_json_text
+from soter.language.model.float32_ends import singles
 from soter.language.model.python_values import ValueShapeError, from_python, to_python
 from soter.language.model.system import Bound
 from soter.language.model.types import (
@@ -267,7 +268,7 @@ class _Fitting:
             raise _refused(f"{path}: {given} is no finite number")
         if ends is None or ends[0] <= given <= ends[1]:
             return given
-        low, high = Bound(*ends).singles if isinstance(t, FloatType) else ends
+        low, high = singles(Bound(*ends)) if isinstance(t, FloatType) else ends
         if self._clip or low <= given <= high:
             return type(given)(min(max(given, ends[0]), ends[1]))
         raise _refused(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")

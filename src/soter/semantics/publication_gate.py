@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.float32_ends import singles
 from soter.language.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
 from soter.semantics.configuration import LOST, NEVER, put
 
@@ -99,7 +100,7 @@ def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Val
 
 def to_ends(topic: Topic, value: Value) -> Value:
     """What comes from outside: the float32 of an end of the topic's set is that end."""
-    if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
+    if all(b is None or singles(b) == (b.low, b.high) for b in topic.bounds):
         return value
     return _to_ends(topic.type, iter(topic.bounds), value)
 
@@ -117,7 +118,7 @@ def _to_ends(t: Type, bounds: Iterator[Bound | None], value: Value) -> Value:
     bound = next(bounds)
     if bound is None or not isinstance(t, FloatType):
         return value
-    low, high = bound.singles
+    low, high = singles(bound)
     if low <= value <= bound.low:
         return bound.low
     return bound.high if bound.high <= value <= high else value

@@ -7,7 +7,6 @@ Non-goals: behaviour (`semantics/`), storage (`core/layout.py`).
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -35,23 +34,6 @@ class Bound:
 
     low: float
     high: float
-
-    @property
-    def singles(self) -> tuple[float, float]:
-        """How far beyond each end what comes from outside is still that end.
-
-        The float32 that is nearest to it, where that lies outside; else the end itself.
-        """
-        return min(self.low, _single(self.low)), max(self.high, _single(self.high))
-
-
-def _single(number: float) -> float:
-    """The nearest float32; of what is too large for one, the number itself."""
-    try:
-        nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
-    except OverflowError:
-        return number
-    return nearest
 
 
 @dataclass(eq=False)
@@ -484,23 +466,6 @@ def environment_topics(system: System) -> tuple[int, ...]:
             if t.queue_of is None and (t.driver == "input" or t.index in drawn)
         ]
     )
-
-
-PUBLICATIONS = 2
-"""So many periods of its plant old is a read at most that is neither lost nor late."""
-
-
-def least_age_ns(system: System, topic: int) -> int | None:
-    """The smallest `max_age` that the periods of the system allow of a topic that a plant drives.
-
-    None of a topic that no plant drives.
-    """
-    drivers = [
-        c.period_ns
-        for c in system.components
-        if c.plant is not None and any(c.scope.topics[t] == topic for t, _ in c.plant.drives)
-    ]
-    return PUBLICATIONS * drivers[0] if drivers else None
 
 
 def queues_of(system: System, component: Component) -> tuple[int, ...]:

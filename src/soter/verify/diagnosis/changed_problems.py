@@ -17,7 +17,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
-from soter.language.model.system import least_age_ns
+from soter.language.model.least_ages import least_age_ns
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Group, Interval
 

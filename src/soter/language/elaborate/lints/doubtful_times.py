@@ -24,7 +24,7 @@ from soter.language.evaluate.range_evaluation import (
 from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
-from soter.language.model.system import least_age_ns
+from soter.language.model.least_ages import least_age_ns
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import FloatType, leaves
 

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 PROGRAM = """soter 1;
 topic front: float in [0.0, 30.0] max_age 20ms;
 topic speed: float in [0.0, 1.0];
-node Nav period 50ms { subscribes front; publishes speed; step { publish speed = front > 5.0 ? 1.0 : 0.5; } }
+node Nav period 50ms {
+  subscribes front; publishes speed; step { publish speed = front > 5.0 ? 1.0 : 0.5; }
+}
 node Stop period 50ms { publishes speed; step { publish speed = 0.0; } }
 rta Guard {
   ac Nav; sc Stop; period 50ms; safe front > 0.2; ttf front < 0.8; safer front > 1.0;
@@ -33,7 +35,8 @@ SAID: dict[str, tuple[list[tuple[str, str]], list[str]]] = {
     ),
     "of whole numbers": (
         [("float in [0.0, 30.0] max_age 20ms", "int in [0, 30]"), ("clamp(d", "int(clamp(d"),
-         ("30.0);", "30.0));"), ("> 0.2;", "> 0;"), ("< 0.8", "< 2"), ("> 1.0", "> 3"), ("> 5.0", "> 5")],
+         ("30.0);", "30.0));"), ("> 0.2;", "> 0;"), ("< 0.8", "< 2"), ("> 1.0", "> 3"),
+         ("> 5.0", "> 5")],
         ["W034"],
     ),
     "the predicates look at its age": (
