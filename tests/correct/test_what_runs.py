@@ -20,6 +20,8 @@ from soter.cli.main import COMMANDS
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from _pytest.mark import ParameterSet
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "what-runs.md"
 AUDITED = ROOT / "bench" / "hostile" / "audited_command.py"
@@ -165,7 +167,13 @@ def test_the_page_has_every_command() -> None:
     assert {command.split()[0] for command, _ in rows()} == set(COMMANDS)
 
 
-@pytest.mark.parametrize(("command", "row"), [pytest.param(*r, id=r[0]) for r in rows()])
+def _marked(command: str, row: tuple[str, str, str]) -> ParameterSet:
+    """`check` reads a program as every command does; those that compile or prove are dear."""
+    marks = () if command in ("check", "policy") else (pytest.mark.long,)
+    return pytest.param(command, row, id=command, marks=marks)
+
+
+@pytest.mark.parametrize(("command", "row"), [_marked(*r) for r in rows()])
 def test_a_command_executes_what_the_page_says(
     folder: Path, command: str, row: tuple[str, str, str]
 ) -> None:
