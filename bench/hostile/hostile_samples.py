@@ -121,11 +121,10 @@ def _logs(folder: Path) -> None:
                 writer.write(channel, 10**18 + k * 10**7, raw)
     shutil.copy(folder / "packed" / "packed.mcap", folder / "place.mcap")
     shutil.rmtree(folder / "packed")
-    numbers = [TensorProto.FLOAT, ["batch", 2]]
     graph = helper.make_graph(
         [helper.make_node("Gemm", ["obs", "W", "B"], ["u"], transB=1)],
         "policy",
-        [helper.make_tensor_value_info("obs", *numbers)],
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["batch", 2])],
         [helper.make_tensor_value_info("u", TensorProto.FLOAT, ["batch", 1])],
         [numpy_helper.from_array(np.ones(size, np.float32), name) for size, name in SIZES],
     )
