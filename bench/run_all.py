@@ -257,6 +257,12 @@ BENCHMARKS = (
         "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
     ),
     Benchmark(
+        "What one more line costs",
+        ("bench/verify/line_costs.py",),
+        "CPU time of `soter build --target c`, whole processes with an empty cache folder, of a "
+        "program and of the same with one change. Both leave `ttf` and `safer` to be computed.",
+    ),
+    Benchmark(
         "Honest modules of other kinds",
         ("bench/verify/generality.py", "--recheck"),
         "Ten small robots, cold: verify and recheck as whole processes. `standing` has no P2b and "

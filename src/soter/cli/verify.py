@@ -405,6 +405,8 @@ def _failure(name: str, finding: Finding, printed: Printout) -> list[str]:
         lines.append(f"  leaves {finding.leaving}")
     if finding.hint:
         lines.append(f"  help   {finding.hint}")
+    if finding.cost is not None:
+        lines.append(f"  costs  {finding.cost}")
     if finding.counterexample is not None:
         lines += [f"  run    {line}" for line in str(finding.counterexample).splitlines()]
     return lines
@@ -452,14 +454,21 @@ def _states(run: LeavingRun) -> dict[str, list[float]]:
 
 RESULTS = "soter.verify.claims.results"
 VERDICT = one_of(*EXITS)
+FLOWN = JsonObject(f"{RESULTS}.FlownFigures", "takeovers_per_min ac_share table_bytes")
 FINDING = JsonObject(
     f"{RESULTS}.Finding",
     "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
-    "leaving",
+    "cost leaving",
     {"run": _run},
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
     causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
+    cost=JsonObject(
+        f"{RESULTS}.RemedyCost",
+        "system until_s before after not_measured",
+        before=FLOWN,
+        after=FLOWN,
+    ),
     leaving=JsonObject(
         f"{RESULTS}.LeavingRun",
         "text axis side safe chosen time_s states",

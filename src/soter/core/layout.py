@@ -414,6 +414,13 @@ def group_field(group: StructGroup) -> str:
     return f"{group.name}_" if taken else group.name
 
 
+def ac_share(state: Any, module: int) -> float:  # noqa: ANN401 - a record of `state_dtype`
+    """The share of the time until the last instant that a module, by its index, was in AC."""
+    row, end = state["modules"][module], int(state["header"]["ct"])
+    ac_ns = int(row["ac_ns"]) + (end - int(row["mode_since"]) if row["mode"] else 0)
+    return ac_ns / end if end > 0 else 0.0
+
+
 def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
     """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy

@@ -11,7 +11,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.core.layout import group_field
+from soter.core.layout import ac_share, group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
@@ -231,13 +231,9 @@ class Run:
     def modules(self) -> dict[str, ModuleSummary]:
         """Per module: share of time in AC and switches."""
         summary_by_module = {}
-        end = int(self.final["header"]["ct"])
         for m in self.system.modules:
             row = self.final["modules"][m.index]
-            ac_ns = int(row["ac_ns"])
-            if row["mode"]:
-                ac_ns += end - int(row["mode_since"])
-            share = ac_ns / end if end > 0 else 0.0
+            share = ac_share(self.final, m.index)
             counts = int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
             own = self.safe_looks[m.index] if self.safe_looks else None
             judged = (

@@ -10,14 +10,16 @@ import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views import systems_by_view
-from soter.language.front_end import system_to_prove
+from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
 from soter.native.compiler_process import end_compilers
 from soter.verify.claims.results import ModuleResult, VerifyReport
+from soter.verify.deploy.remedy_cost import enter_cost
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
@@ -74,6 +76,8 @@ def verify(
             problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = _proved(problems, refute, explain, progress, search)
+    for (flat, _), result in zip(chosen, results, strict=True):
+        enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(

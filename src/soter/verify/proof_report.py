@@ -206,6 +206,7 @@ def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
         lines += [f"why: {c.text}" for c in f.causes]
         lines += [f"tried: {text}" for text in f.tried]
         lines += [f"help: {f.hint}"] if f.hint else []
+        lines += [f"costs: {f.cost}"] if f.cost is not None else []
         if lines:
             yield f"{name} is {f.verdict}: {f.text}", tuple(lines)
 

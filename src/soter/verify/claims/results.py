@@ -123,6 +123,45 @@ class LeavingRun:
         )
 
 
+@dataclass(frozen=True)
+class FlownFigures:
+    """What a run says of a module. `takeovers_per_min`: AC to SC; `ac_share`: of the time.
+
+    `table_bytes`: of what its DM looks up, 0 where its predicates are written.
+    """
+
+    takeovers_per_min: float
+    ac_share: float
+    table_bytes: int
+
+    def __str__(self) -> str:
+        """A clause."""
+        tables = f", {self.table_bytes:,} bytes of tables" if self.table_bytes else ""
+        return f"{self.takeovers_per_min:.4g} takeovers a minute, AC {self.ac_share:.1%}{tables}"
+
+
+@dataclass(frozen=True)
+class RemedyCost:
+    """What changes that prove a module cost, in runs of `system` with seed 1 (`remedy_cost.py`).
+
+    `before`: None where the program as it stands has no tables to fly. `not_measured`: why there
+    are no figures at all, "" where there are.
+    """
+
+    system: str
+    until_s: float = 0.0
+    before: FlownFigures | None = None
+    after: FlownFigures | None = None
+    not_measured: str = ""
+
+    def __str__(self) -> str:
+        """One line."""
+        if self.not_measured:
+            return f"not measured: {self.not_measured}"
+        before = "no tables to fly" if self.before is None else self.before
+        return f"{self.until_s:g} s of {self.system}, seed 1: before {before}; with it {self.after}"
+
+
 @dataclass
 class Finding:
     """The verdict on one property.
@@ -145,6 +184,10 @@ class Finding:
     leaving: LeavingRun | None = None
     tried: list[str] = field(default_factory=list)
     """What of the remedies was verified, and what came of it (`tried_remedies.py`)."""
+    remedied: Problem | None = None
+    """Where every claim is proved with what was tried: that problem."""
+    cost: RemedyCost | None = None
+    """What that costs; None where nothing that was tried proves every claim."""
     saved: Path | None = None
     """The file of the counterexample."""
 

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     Found = list[LevelTable]
     Progress = Callable[[float], None]
     Known = Callable[[Problem], list[Pairs] | None]
+    Tell = Callable[[str, float], None]
 
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
@@ -64,17 +65,20 @@ def open_modules(flat: System) -> list[Module]:
 
 
 def complete(
-    flat: System, progress: Progress | None = None, known: Known | None = None
+    flat: System,
+    progress: Progress | None = None,
+    known: Known | None = None,
+    tell: Tell | None = None,
 ) -> list[str]:
     """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
 
     A module that determines no verification problem, or whose problem has no solution, stays as it
     is: its AC never gets control. `known` gives the pairs of every case of a problem, which are
-    then not computed; None: it does not know them. Gives a note about each module; `soter verify`
-    says more.
+    then not computed; None: it does not know them. `tell` is called all the while, and may raise
+    `CancelledError`. Gives a note about each module; `soter verify` says more.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
-        notes = complete(flat.proved, progress, known)
+        notes = complete(flat.proved, progress, known, tell)
         _carry(flat, flat.proved)
         return notes
     todo = open_modules(flat)
@@ -87,7 +91,7 @@ def complete(
             continue
         sets = None if known is None else known(problem)
         if sets is None:
-            sets = _sets(problem, _part(progress, i, len(todo)))
+            sets = sets_of(problem, _part(progress, i, len(todo)), tell)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
@@ -189,21 +193,23 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 # ---------------------------------------------------------------- computing
 
 
-def _sets(problem: Problem, progress: Progress | None) -> list[Pairs] | None:
-    """From the cache, or computed; None where the engine has no answer."""
+def sets_of(
+    problem: Problem, progress: Progress | None = None, tell: Tell | None = None
+) -> list[Pairs] | None:
+    """Pairs of every case, from the cache or computed; None where the engine has no answer."""
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
     key = _key(problem, library)
     sets = _kept(key, problem)
     if sets is None:
-        sets = _computed(problem, library, progress)
+        sets = _computed(problem, library, progress, tell)
         if sets is not None:
             _keep(key, problem, sets)
     return sets
 
 
 def _computed(
-    problem: Problem, library: ReachLibrary, progress: Progress | None
+    problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
 ) -> list[Pairs] | None:
     every = list(cases(problem))
     case_pairs = []
@@ -211,7 +217,7 @@ def _computed(
         if progress is not None:
             progress(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = claims.open_case(problem, library, problem.groups, parameter, None)
+            case = claims.open_case(problem, library, problem.groups, parameter, tell)
             within = claims.constraint(case)
             phase(f"{problem.name}: what SC keeps")
             if not (within and claims.core(case)):

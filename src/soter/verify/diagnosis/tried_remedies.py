@@ -221,6 +221,8 @@ def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> No
         else:
             break
     _enter(result, failing, left, (helped, in_vain, untried))
+    if not left:
+        result.findings[failing[0]].remedied = problem
 
 
 def _left_by(finding: Finding) -> int | None:

@@ -1,0 +1,132 @@
+"""What an advised change costs: the figures of `soter run`, of the program as it is and changed."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import soter
+from soter.cli.main import main
+from soter.verify.deploy import remedy_cost
+from unit.verify.diagnosis.tank_modules import TANK, changed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.verify.claims.results import FlownFigures, RemedyCost
+
+PREDICATES = (
+    ("  ttf level < 0.25 || level > 1.75;\n", ""),
+    ("  safer level > 0.4 && level < 1.6;\n", ""),
+)
+COARSE = (*PREDICATES, ("/ 320", "/ 16"))
+TWO = ("/ 16;", "/ 16; levels 2;")
+OLD, YOUNG = ("max_age 100ms", "max_age 4s"), ("max_age 4s", "max_age 100ms")
+BOLD = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
+EXTERN = "extern node Learned period 100ms { subscribes level; publishes pump; }"
+LEARNED = EXTERN.replace("extern ", "").replace("pump; }", "pump; step { publish pump = 0.1; } }")
+
+
+def cost_of(path: Path, text: str) -> RemedyCost:
+    """What the one advice that proves all of it costs."""
+    path.write_text(text)
+    (module,) = soter.load(path).verify(refute=False, explain=True).modules
+    (cost,) = [f.cost for f in module.findings.values() if f.cost is not None]
+    return cost
+
+
+def check_flown(flown: FlownFigures | None, path: Path, text: str) -> None:
+    """They are those of a run."""
+    path.write_text(text)
+    run = soter.load(path).simulate()
+    (module,) = run.modules.values()
+    assert flown is not None
+    assert flown.takeovers_per_min == module.switches_to_sc / (run.duration_s / 60.0)
+    assert flown.ac_share == module.ac_share
+    assert module.switches_to_sc > 0
+
+
+@pytest.mark.parametrize(
+    ("start", "remedies"),
+    [
+        (COARSE, (TWO,)),
+        ((OLD,), (YOUNG,)),
+        ((BOLD,), tuple((new, "") for new in (f"  {BOLD[1]};\n", PREDICATES[1][0]))),
+        ((OLD, BOLD), (YOUNG, (f"  {BOLD[1]};\n", ""), PREDICATES[1])),
+    ],
+    ids=["fewer levels", "younger reads", "predicates left out", "two of them"],
+)
+def test_the_figures_are_those_of_runs(
+    tmp_path: Path, start: tuple[tuple[str, str], ...], remedies: tuple[tuple[str, str], ...]
+) -> None:
+    path = tmp_path / "tank.soter"
+    text = changed(*start)
+    cost = cost_of(path, text)
+    assert (cost.system, cost.until_s, cost.not_measured) == ("Plant", 60.0, "")
+    check_flown(cost.before, path, text)
+    check_flown(cost.after, path, changed(*remedies, text=text))
+
+
+def test_tables_have_their_bytes(tmp_path: Path) -> None:
+    """Four of 16 cells a byte and 17 breakpoints; none where predicates are written."""
+    cost = cost_of(tmp_path / "tank.soter", changed(*COARSE))
+    assert cost.before is not None
+    assert cost.after is not None
+    assert cost.before.table_bytes == cost.after.table_bytes == 16 // 4 + 17 * 8
+    written = cost_of(tmp_path / "tank.soter", changed(OLD))
+    assert written.after is not None
+    assert written.after.table_bytes == 0
+
+
+@pytest.mark.parametrize(
+    ("pair", "why"),
+    [
+        ((LEARNED, EXTERN), "`verify` asks no externs, and system `Plant` has `SafeTank.Learned`"),
+        ((" until 60s;", ""), "system `Plant` says no `until`"),
+    ],
+)
+def test_where_nothing_can_be_run_it_says_so(
+    tmp_path: Path, pair: tuple[str, str], why: str
+) -> None:
+    cost = cost_of(tmp_path / "tank.soter", changed(*COARSE, pair))
+    assert (cost.not_measured, cost.before, cost.after) == (why, None, None)
+
+
+def test_a_second_instance_of_the_module_is_not_guessed(tmp_path: Path) -> None:
+    """What is written of the module changes both, and one was tried."""
+    fleet = "system Fleet default { a: Plant; b: Plant; until 60s; }\n"
+    (tmp_path / "tank.soter").write_text(changed(*COARSE) + fleet)
+    modules = soter.load(tmp_path / "tank.soter").verify(refute=False, explain=True).modules
+    costs = [f.cost for m in modules for f in m.findings.values() if f.cost is not None]
+    why = "the module stands 2 times in system `Fleet`, and one was tried"
+    assert [cost.not_measured for cost in costs] == [why, why]
+
+
+def test_what_takes_too_long_is_not_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remedy_cost, "CPU_S", 0.0)
+    cost = cost_of(tmp_path / "tank.soter", changed(OLD))
+    assert "take more than 0 s of CPU time" in cost.not_measured
+
+
+def test_text_and_document_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "tank.soter"
+    path.write_text(changed(*COARSE))
+    main(["verify", str(path)])
+    (line,) = [t for t in capsys.readouterr().out.splitlines() if t.startswith("  costs  ")]
+    main(["verify", str(path), "--json"])
+    found: Any = json.loads(capsys.readouterr().out)["modules"]["SafeTank"]["properties"]
+    cost = found["P2b"]["cost"]
+    assert f"with it {cost['after']['takeovers_per_min']:.4g} takeovers a minute" in line
+    assert line.startswith("  costs  60 s of Plant, seed 1: before ")
+    assert found["P2a"]["cost"] is None
+
+
+def test_what_is_proved_or_not_mended_costs_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "tank.soter"
+    path.write_text(TANK)
+    (module,) = soter.load(path).verify().modules
+    assert all(f.cost is None for f in module.findings.values())
