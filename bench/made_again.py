@@ -259,7 +259,8 @@ def run(command: str, limit_s: float, reads: str = "") -> Output:
     if reads and (ROOT / reads).exists():
         text = (ROOT / reads).read_text(encoding="utf-8")
     if "Traceback (most recent call last)" in wrong or not text.strip():
-        code, text = (code or 70), f"{text}\n{wrong}"
+        text = f"{text}\n{wrong}"
+        code = 70 if code == 0 else code
     return Output(text, code, time.monotonic() - began, made_of(command))
 
 

@@ -57,6 +57,7 @@ class Small:
 
 SIMULATED = ""
 """No column is of times: all of them are the simulated world's."""
+SHARE = "+P2b of it"
 CLOCK = "times of this machine"
 SCHEDULER = "when this machine schedules whom"
 BETAFLIGHT = "needs Betaflight's sources"
@@ -81,8 +82,10 @@ SMALL = {
     "What every AC can make the drone miss": Small(
         "--flights 1 --seconds 10", apart="not made yet"
     ),
-    "The rhythm that the drone follows worst": Small("--sequences 20000"),
-    "The drone's plans": Small("--plans 60", flights=60),
+    "The rhythm that the drone follows worst": Small(
+        "--sequences 20000", apart="fewer sequences find others"
+    ),
+    "The drone's plans": Small("--plans 240", flights=20),
     "Coverage of the C that ships": Small(apart=MINUTES),
     "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
     "A decision and its gate, against run-time-assurance": Small(machine=CLOCK, apart=PEER),
@@ -100,8 +103,8 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "The time of soter verify": Small(machine=CLOCK),
-    "Honest modules of other kinds": Small("--only tank altitude", part=True),
-    "The surveillance drone, proved": Small(apart=MINUTES),
+    "Honest modules of other kinds": Small("--only tank altitude", part=True, times=SHARE),
+    "The surveillance drone, proved": Small(apart=MINUTES, times=SHARE),
     "The surveillance drone: stacks that must not be proved": Small("--quick", part=True),
     "Sets on grids": Small("--no-peer", part=True),
     "The generated program and the kernel": Small(apart=MINUTES),
@@ -200,8 +203,8 @@ SMALL = {
         "--worlds 1 --workers 1", times=SIMULATED
     ),
     "A rover among people": Small("--only hover --runs 3", flights=3, times="x real"),
-    "A rover among people, proved": Small(apart=MINUTES),
-    "Safe exploration, proved": Small(apart=MINUTES),
+    "A rover among people, proved": Small(apart=MINUTES, times=SHARE),
+    "Safe exploration, proved": Small(apart=MINUTES, times=SHARE),
     "Betaflight below a proved geofence": Small(
         "--flights 8 --workers 1", flights=8, times="wall", apart=BETAFLIGHT
     ),
