@@ -113,9 +113,11 @@ SMALL = {
     "Calls of simulate from Python": Small("--repeats 1", machine=CLOCK),
     "Protected steps of learners": Small("--worlds 64 --seconds 0.01", machine=CLOCK),
     "Tables of data": Small("--numbers 1000", machine=CLOCK),
-    "The house": Small(),
+    "The house": Small(apart="counts of the code, others after every commit"),
     "Mutants of Python before and after the tests were made faster": Small(machine=BEFORE),
-    "The model of time against every schedule": Small("--systems 40", flights=40),
+    "The model of time against every schedule": Small(
+        "--systems 40", flights=40, times="+slack .*"
+    ),
     "The same schedules against figures that are wrong on purpose": Small(
         instead="bench/verify/time_model.py --blind path --systems 10",
         flights=10,
