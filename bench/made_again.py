@@ -158,6 +158,11 @@ def block(page: str, where: str) -> str:
     return next((t for t in texts if t.lstrip("\n").startswith(start)), "")
 
 
+def printed(text: str) -> str:
+    """What a command printed of a kept section: its blocks; notes stand around them."""
+    return "".join(m.group(2) for m in BLOCK.finditer(text)) or text
+
+
 def without_prompts(text: str) -> str:
     """A session without its commands."""
     return "\n".join(x for x in text.splitlines() if not x.startswith("$ "))
@@ -184,7 +189,7 @@ def judged(s: Section, text: str) -> Compared:
         kept = results().get(s.name)
         if kept is None:
             return Compared()
-        return _as_lines(s, kept.text.replace("```", ""), text)
+        return _as_lines(s, printed(kept.text), text)
     page = (DOCS / s.page).read_text(encoding="utf-8")
     told = list(said(s.made, page))
     if not told:
@@ -192,7 +197,7 @@ def judged(s: Section, text: str) -> Compared:
     if s.made.where == WHOLE_PAGE or s.made.where.startswith("```"):
         return _as_lines(s, told[0], text)
     if s.machine:
-        text = results()[s.made.command[1:]].text
+        text = printed(results()[s.made.command[1:]].text)
     return stood(told, text, frozenset(s.made.given.split()), spread=s.made.spread)
 
 
@@ -259,7 +264,8 @@ def run(command: str, limit_s: float, reads: str = "") -> Output:
     if reads and (ROOT / reads).exists():
         text = (ROOT / reads).read_text(encoding="utf-8")
     if "Traceback (most recent call last)" in wrong or not text.strip():
-        code, text = (code or 70), f"{text}\n{wrong}"
+        text = f"{text}\n{wrong}"
+        code = 70 if code == 0 else code
     return Output(text, code, time.monotonic() - began, made_of(command))
 
 
@@ -298,7 +304,7 @@ def kept_outputs() -> Iterator[tuple[Section, Output]]:
     kept = results()
     for s in sections(small=False):
         if s.made is not None and s.made.command.startswith(BENCHMARK):
-            text = kept[s.made.command[1:]].text.replace("```", "")
+            text = printed(kept[s.made.command[1:]].text)
             yield s, Output(text, 0, 0.0, kept[s.made.command[1:]].commit)
 
 
@@ -373,8 +379,9 @@ def main() -> int:
 
 
 def written(s: Section, output: Output) -> None:
-    """Put an output of a whole run into docs/benchmarks.md, as `make bench` does."""
-    text = f"```\n{output.text.rstrip()}\n```"
+    """Put an output of a whole run into docs/benchmarks.md, where notes stay as they are."""
+    kept = results()[s.name].text
+    text = BLOCK.sub(lambda _: f"```\n{output.text.rstrip()}\n```", kept, count=1)
     command = f"python {s.command}"
     write({**results(), s.name: Result(command, *now(), text)}, machine())
 

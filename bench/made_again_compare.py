@@ -64,8 +64,13 @@ def value(number: str) -> float:
 
 
 def lines(text: str, times: str | None = None) -> list[Line]:
-    """The lines of an output; `times`: headings (a regex) of times, else CLOCK and units."""
-    heading = re.compile(rf"\s*(?:{CLOCK if times is None else times or '(?!)'})\s*", re.IGNORECASE)
+    """The lines of an output; `times`: headings (a regex) of times, else CLOCK and units.
+
+    Behind a `+` they are asked for besides CLOCK and units.
+    """
+    usual = times is None or times.startswith("+")
+    names = f"{CLOCK}|{(times or '+(?!)')[1:]}" if usual else times or "(?!)"
+    heading = re.compile(rf"\s*(?:{names})\s*", re.IGNORECASE)
     made, before, spans, cells = [], "", list[tuple[int, int]](), set[int]()
     for raw in text.splitlines():
         line = raw.expandtabs()
@@ -81,7 +86,7 @@ def lines(text: str, times: str | None = None) -> list[Line]:
                 spans = [(*m.span(),) for m in re.finditer(r"\S+(?: \S+)*", line)]
                 spans = [(a, b) for a, b in spans if heading.fullmatch(line[a:b])]
                 spans += [m.span() for m in re.finditer(r"(?<!\S)(?:wall|took)(?!\S)", line)]
-            made.append(_line(_without(line, spans, cells), units=times is None))
+            made.append(_line(_without(line, spans, cells), units=usual))
         before = line
     return [x for x in made if x.words.strip()]
 

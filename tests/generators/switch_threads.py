@@ -75,9 +75,12 @@ def _step(rng: random.Random, name: str, every: int, most: int) -> Step:
 
 
 def program(case: Case) -> str:
-    """The case as a program whose module is proved of the plant beside it."""
+    """The case as a program whose module is proved of the plant beside it.
+
+    AC is an extern, in a process of its own: the thread is the case's, and nothing else.
+    """
     dm, sc, *others = case.thread
-    nodes = [_node("Fast", sc.every, 0, "", "x", "u", "1.0")]
+    nodes = [f"extern node Fast period {_time(sc.every)} {{ subscribes x; publishes u; }}"]
     nodes.append(_node("Slow", sc.every, sc.offset, _budget(sc), "x", "u", "-clamp(x, -1.0, 1.0)"))
     for s in others:
         nodes.append(f"topic {s.name}_out: float;")

@@ -196,6 +196,7 @@ REASONS = {
     "bench/verify/mutant_models.py": "programs as text, and their mutants",
     "bench/recheck/forgeries.py": "a list of forgeries",
     "bench/run_all.py": "a row a table of the page",
+    "bench/made_again_sections.py": "a row a section of the pages",
     "bench/verify/soundness.py": "not cut yet",
     "tests/generators/random_programs.py": "one grammar, at random",
     "tests/generators/random_expressions.py": "the same, of expressions",

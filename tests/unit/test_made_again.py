@@ -19,7 +19,7 @@ if str(ROOT) not in sys.path:
 
 from bench import made_again  # noqa: E402 - needs the path
 from bench.made_again_compare import compared, numbers_in, sampled, stood  # noqa: E402
-from bench.made_again_sections import EXCEPT, PAGES, SMALL  # noqa: E402
+from bench.made_again_sections import EXCEPT, NOT_SEEN, PAGES, SMALL  # noqa: E402
 from bench.run_all import BENCHMARKS, Result  # noqa: E402
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def test_a_figure_without_a_maker_is_seen() -> None:
 
 
 def test_every_section_and_exception_is_of_something_that_there_is() -> None:
+    assert set(SMALL) >= NOT_SEEN
     assert set(SMALL) == {b.name for b in BENCHMARKS}
     for m in PAGES:
         page = (DOCS / m.page).read_text(encoding="utf-8")
@@ -298,7 +299,7 @@ def test_pages_agree_with_what_is_kept_of_the_benchmarks() -> None:
 SOME = [
     s
     for s in made_again.sections(small=True)
-    if s.made is None and not s.machine and not SMALL[s.name].apart
+    if s.made is None and not s.machine and not SMALL[s.name].apart and s.name not in NOT_SEEN
 ]
 
 
