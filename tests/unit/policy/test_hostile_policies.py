@@ -317,14 +317,20 @@ NOT_FILES: dict[str, Callable[[Path], object]] = {
     "/proc/self/mem": lambda path: path.symlink_to("/proc/self/mem"),
     "a pipe": os.mkfifo,
     "a folder": Path.mkdir,
-    "20 GB of holes": lambda path: (path.touch(), os.truncate(path, 20 * 2**30)),
+    "20 GB of holes": lambda path: _with_holes(path, 20 * 2**30),
 }
+
+
+def _with_holes(path: Path, size: int) -> None:
+    path.touch()
+    os.truncate(path, size)
 
 
 @pytest.mark.parametrize("kind", NOT_FILES)
 @pytest.mark.parametrize("name", ["p.zip", "p.onnx", "p.pkl"])
 def test_only_an_ordinary_file_is_read(tmp_path: Path, kind: str, name: str) -> None:
     NOT_FILES[kind](tmp_path / name)
+    reads: Callable[[Path], object]
     if name == "p.pkl":
         reads = partial(read_sb3, FILES / "ppo.zip")
     else:
