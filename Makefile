@@ -17,9 +17,8 @@ NEWEST = $(PIP) --upgrade --upgrade-strategy eager -e '.[$(1)$(ZIG)]'
 LOCKED = $(PIP) -c requirements.lock -e '.[$(1)$(ZIG)]' || { \
   echo "soter: a version of requirements.lock cannot be had here (see above): the newest ones are installed"; $(NEWEST); }
 INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
-# what rests on packages of others: solvers, readers of logs and policies, environments, pages
-THIRD_PARTIES := tests/unit/verify/polytope tests/unit/verify/induction tests/unit/certificate tests/unit/monitor tests/unit/mapping \
-  tests/unit/policy tests/unit/gym tests/unit/report tests/unit/editor tests/unit/targets tests/unit/cli tests/correct
+# tests that say which package of others they need
+THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
 .PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format fuzz playground docs proofs bench bench-quick figures vscode clean
 .DEFAULT_GOAL := help
