@@ -38,6 +38,11 @@ class Case(NamedTuple):
 FINE = "s.k >= 0.0"
 NEVER = "s.k < 0.0"
 CASES = {
+    "constant": Case("s.two > NAN", FINE, ac=False),
+    "constant_in_function": Case("beyond(s.two)", FINE, ac=False),
+    "constant_in_min": Case("min(s.two, NAN) > 100.0", FINE, ac=False),
+    "constant_in_saturate": Case("saturate(s.two, NAN) > 100.0", FINE, ac=False),
+    "constant_infinity": Case("s.two > 1.0e300 * 1.0e300", FINE, ac=True, nan_looks=0),
     "root": Case("sqrt(s.minus) > 5.0", FINE, ac=False),
     "acos": Case("acos(s.two) > 5.0", FINE, ac=False),
     "log": Case("log(s.minus) > 5.0", FINE, ac=False),
@@ -70,6 +75,8 @@ CASES = {
     "other_element": Case("[s.two, sqrt(s.minus)][0] > 5.0", FINE, ac=True, nan_looks=0),
 }
 TEXT = """soter 1;
+const NAN: float = sqrt(-1.0);
+fun beyond(x: float): bool { return x < NAN; }
 topic s: { k: float, minus: float, two: float, huge: float, zero: float, once: float };
 type Pair = { x: float, y: float };
 fun pair(x: float, y: float): Pair { return { x: x, y: y }; }
@@ -271,3 +278,23 @@ def test_an_element_of_a_list_that_was_set_may_be_nan(tmp_path: Path) -> None:
     for run in _both(path):
         for name, case in cases.items():
             assert (run.modules[f"M_{name}"].ac_share > 0.9) == case.ac, name
+
+
+COUNTS = "#include <stdint.h>\nstatic int64_t n;\nint64_t count(int64_t x) { return x + n++; }\n"
+
+
+def test_two_calls_of_an_extern_are_not_one_value(tmp_path: Path) -> None:
+    (tmp_path / "count.c").write_text(COUNTS)
+    cases = {
+        "extern": Case("!(count(1) == count(1)) && sqrt(s.minus) > 1.0", FINE, ac=False),
+        "below": Case("!(below(1) == below(1)) && sqrt(s.minus) > 1.0", FINE, ac=False),
+    }
+    path = _program(tmp_path, cases)
+    extern = """extern fun count(x: int): int from "c:count.c:count";
+fun below(x: int): int { return count(x) + 1; }
+"""
+    path.write_text(path.read_text() + extern)
+    for engine in ("native", "interp"):
+        run = load(path).simulate(engine=engine)
+        for name in cases:
+            assert run.modules[f"M_{name}"].ac_share < 0.9, (engine, name)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from soter.language.model import typed as t
-from soter.language.model.tree_walk import children
+from soter.language.model.tree_walk import children, nodes
 
 
 def same_expression(a: t.TypedExpr, b: t.TypedExpr) -> bool:
@@ -18,8 +18,11 @@ def same_expression(a: t.TypedExpr, b: t.TypedExpr) -> bool:
 
 
 def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """What an expression is made of, but for where it stands; a choice is alike to nothing."""
-    if isinstance(e, t.TypedChoose):
+    """What an expression is made of, but for where it stands.
+
+    A choice, and what an extern answers, is alike to nothing.
+    """
+    if isinstance(e, t.TypedChoose) or (isinstance(e, t.TypedCall) and _may_differ(e.fun)):
         return object()
     own: list[object] = [type(e).__name__]
     for name in ("op", "name", "index", "instance"):
@@ -31,3 +34,19 @@ def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
     if isinstance(e, t.Literal):
         own.append(repr(e.value))
     return (*own, *[_form(child) for child in children(e)])
+
+
+def _may_differ(fun: t.FunSymbol) -> bool:
+    """Whether two calls with equal arguments may differ: an extern may keep something."""
+    todo, seen = [fun], {fun}
+    while todo:
+        body = todo.pop().body
+        if body is None:
+            return True
+        for n in nodes(body):
+            if isinstance(n, t.TypedChoose):
+                return True
+            if isinstance(n, t.TypedCall) and n.fun not in seen and not n.fun.prelude:
+                seen.add(n.fun)
+                todo.append(n.fun)
+    return False

@@ -83,7 +83,7 @@ class PredicateEvaluator(Evaluator):
 
         def number(env: Environment) -> Value:
             found = value(env)
-            if _has_nan(found):
+            if has_nan(found):
                 raise StepFault(FaultKind.NONFINITE, span, "a NaN is compared")
             return found
 
@@ -105,7 +105,8 @@ def _looked_at(
     return tuple([_Operand(e.type, e.span, e) if e in compared else e for e in operands])
 
 
-def _has_nan(value: Value) -> bool:
+def has_nan(value: Value) -> bool:
+    """Whether a number, or one of a record, array or list, is NaN."""
     if isinstance(value, tuple):
-        return any(_has_nan(v) for v in value)
+        return any(has_nan(v) for v in value)
     return bool(value != value)  # noqa: PLR0124  only NaN differs from itself

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.evaluate.predicates.decision_predicates import compared_operands
+from soter.language.evaluate.predicates.decision_predicates import compared_operands, has_nan
 from soter.language.evaluate.range_evaluation import (
     ELEMENTS,
     UNKNOWN,
@@ -81,17 +81,21 @@ def operands_in(fun: t.FunSymbol) -> set[t.TypedExpr]:
 
 
 def all_operands(*roots: object) -> set[t.TypedExpr]:
-    """Whatever is compared in some code, and in what it calls, but for the prelude and literals."""
+    """Whatever is compared in some code, and in what it calls, but for the prelude and numbers."""
     found: set[t.TypedExpr] = set()
     todo, seen = list(roots), set()
     while todo:
         for n in nodes([todo.pop()]):
             if isinstance(n, t.TypedExpr):
-                found |= {e for e in compared_operands(n) if not isinstance(e, t.Literal)}
+                found |= {e for e in compared_operands(n) if not _is_number(e)}
             if isinstance(n, t.TypedCall) and n.fun not in seen and not n.fun.prelude:
                 seen.add(n.fun)
                 todo += n.fun.body or ()
     return found
+
+
+def _is_number(e: t.TypedExpr) -> bool:
+    return isinstance(e, t.Literal) and not has_nan(e.value)
 
 
 class _Looking(RangeEvaluator):
