@@ -167,6 +167,17 @@ WRONG_LOGS = [
     (LOG + "9000000000.0,1.2,0.5,HIGH,2\n", "it spans 9,000,000,000 s, 90,000,000,000 decisions"),
     ("t,x,v,gear,count\n0.0,,0.5,LOW,1\n", "no row of it has all of `seen`"),
     ("t,x,v,gear,count\n0.0,\xff", "line 2 has 2 cells"),
+    (LOG.replace("HIGH,2", 'HIGH,"2'), "the row of line 4: unexpected end of data"),
+    (LOG.replace("0.0,1.0", '"0.0,1.0'), "the row of line 2: unexpected end of data"),
+    (LOG.replace("LOW,1", 'LOW,"1'), "the row of line 2: ',' expected"),
+    (LOG.replace("LOW,1\n0", 'LOW,"1\n"0'), "the row of line 2: ',' expected"),
+    (LOG.replace("LOW,1\n0.1", '"LOW\n",1\n0.1'), "the row of line 2 goes on to line 3"),
+    (LOG.replace("gear,", '"gear\n",'), "the row of line 1 goes on to line 2"),
+    (LOG.replace("1,1.1", '1,"1.1').replace("LOW,1\n0.2", 'LOW,1\n"'), "the row of line 3 goes on"),
+    (LOG.replace("1.1", "0_1"), "`0_1` in line 3, `x`, is no `float`"),
+    (LOG.replace("0.1,1.1", "0_1,1.1"), "`0_1` in line 3 is no time"),
+    (LOG.replace("HIGH,2", "HIGH,0_2"), "`0_2` in line 4, `count`, is no"),
+    (LOG.replace("1.1", "\u0661.1"), "in line 3, `x`, is no `float`"),
 ]
 
 

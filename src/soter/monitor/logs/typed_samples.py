@@ -32,7 +32,7 @@ from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
 from soter.mapping.topic_sources import SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.files.log_columns import Columns, decimal_of, unusable
+from soter.monitor.logs.files.log_columns import Columns, decimal_of, is_plain, unusable
 from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
 
@@ -413,6 +413,8 @@ def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> 
 def _number(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
     if isinstance(cell, bool):
         raise TypeError
+    if isinstance(cell, str) and not is_plain(cell):
+        raise ValueError
     value = float(cell)
     if leaf.scale != 1.0:
         value = leaf.scale * value

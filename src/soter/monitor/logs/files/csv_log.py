@@ -20,6 +20,7 @@ from soter.monitor.logs.files.log_columns import add_row, moment, unusable
 from soter.monitor.logs.files.other_formats import remedies
 
 if TYPE_CHECKING:
+    from _csv import Reader
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
@@ -31,6 +32,7 @@ SECOND_NS = 10**9
 OF_ROS = [Fraction(SECOND_NS), Fraction(1)]
 """Units of the two columns of a ROS time, in ns."""
 SEVERAL = "`where` chooses the rows of one flight; `time` its column and unit"
+QUOTES = "is a quote not closed there? a text of several lines is not read: leave its column out"
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
 LINE_MAX = 1 << 24
@@ -100,15 +102,16 @@ def _rows(
     """Line, the cells of its time and those that are needed of each row."""
     try:
         with opened(path) as data, _text(path, data) as file:
-            reader = csv.reader(_lines(file, notes))
-            head = [h.strip() for h in next(reader, [])]
+            reader = csv.reader(_lines(file, notes), strict=True)
+            rows = _of_a_line(path, reader)
+            head = [h.strip() for h in next(rows, [])]
             if not head:
                 raise unusable(path, "it is empty")
             places = {name: _place(path, head, name) for name in needed}
             two = [f"{time}.sec", f"{time}.nanosec"]
             of_time = two if time not in head and set(two) <= set(head) else [time]
             clock = [_place(path, head, name) for name in of_time]
-            for row in reader:
+            for row in rows:
                 if not row:
                     continue
                 if len(row) != len(head):
@@ -120,6 +123,20 @@ def _rows(
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
         raise unusable(path, f"it is no CSV: {error}", *remedies(path)) from error
+
+
+def _of_a_line(path: Path, reader: Reader) -> Iterator[list[str]]:
+    """Each row; D016 where one goes on in the next line: a stray quote hides rows so."""
+    before = 0
+    try:
+        for row in reader:
+            if reader.line_num > before + 1:
+                text = f"the row of line {before + 1} goes on to line {reader.line_num}"
+                raise unusable(path, text, QUOTES)
+            before = reader.line_num
+            yield row
+    except csv.Error as error:
+        raise csv.Error(f"the row of line {before + 1}: {error}") from error
 
 
 def _text(path: Path, data: BinaryIO) -> IO[str]:

@@ -174,10 +174,16 @@ def seconds_text(time_ns: int) -> str:
     return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
 
 
+def is_plain(number: str) -> bool:
+    """Whether a number is written as logs write it, not as Python reads it: `0_1`, other digits."""
+    return number.isascii() and "_" not in number
+
+
 def decimal_of(given: object) -> Decimal | None:
     """A finite number, exactly as it is written; None for anything else."""
+    text = str(given).strip()
     try:
-        number = Decimal(str(given).strip())
+        number = Decimal(text if is_plain(text) else "")
     except InvalidOperation:
         return None
     return None if isinstance(given, bool) or not number.is_finite() else number
