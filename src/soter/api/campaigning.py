@@ -134,13 +134,14 @@ def campaign(
     about = _about(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
+    about = replace(about, **fleet.code())
     _require_judged(flat)
     lateness, others = _others(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=core)
         own = _about(arm.system, path, until_ns, seed, 0)
-        own = replace(own, arm=arm.name, lateness=_of(lateness))
+        own = replace(own, arm=arm.name, lateness=_of(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
     told = [_part(progress or _quiet, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:

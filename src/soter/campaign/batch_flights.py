@@ -23,8 +23,11 @@ from soter.campaign.compiled_unit import recipe_of
 from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.build import RUNTIME, library
+from soter.native.build import FAULTS, KERNEL, RUNTIME, library, library_flags, texts
+from soter.native.cache import digest
 from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.compiler import find
+from soter.native.extern_memory import unknown_of
 from soter.native.vector_instructions import FAST, vector_flags
 
 if TYPE_CHECKING:
@@ -40,6 +43,8 @@ BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 ENGINE = tuple(
     BATCH.with_name(f"soter_{name}") for name in ("batch.c", "apart.c", "batch.h", "apart.h")
 )
+COMPILED_WITH = (*ENGINE, RUNTIME / "soter_sha256.c", RUNTIME / "soter_sha256.h")
+"""What is compiled beside a program and the kernel."""
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
@@ -66,15 +71,13 @@ class Flyer:
         self.recipe, self.dtype = recipe, recipe.dtype
         self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
         unit = recipe.unit
-        hashing = ("soter_sha256.c", "soter_sha256.h")
-        engine = (*ENGINE, *(RUNTIME / name for name in hashing))
-        path = library(unit, recipe.optimise, (*FAST, *vector_flags()), engine)
+        path = library(unit, recipe.optimise, (*FAST, *vector_flags()), COMPILED_WITH)
         headers = (RUNTIME / "soter.h", *(e for e in ENGINE if e.suffix == ".h"))
         self.ffi = interface(*(declarations(header) for header in headers))
         self.lib = opened(self.ffi, path)
-        find = partial(address, self.ffi, path)
-        self._program = find(f"{unit.prefix}_program", "const soter_program *")
-        self._measured = find(f"{unit.prefix}_measured", "const soter_measured *")
+        at = partial(address, self.ffi, path)
+        self._program = at(f"{unit.prefix}_program", "const soter_program *")
+        self._measured = at(f"{unit.prefix}_measured", "const soter_measured *")
         self._own = threading.local()
         most = 1 if recipe.keeps else BATCH_BYTES // unit.layout.size
         self.at_once = max(1, min(AT_ONCE, most))
@@ -194,6 +197,24 @@ class Fleet(Flyer):
             helps = ("fly without `--saves`, or let the function keep nothing",)
             raise SoterError((Diagnostic("U003", message, notes=(note,), helps=helps),))
         super().__init__(recipe)
+
+    def code(self) -> dict[str, Any]:
+        """The C that flies, as fields of `CampaignIdentity`; SoterError X003, X004.
+
+        Of an extern's C also the compiler: nobody has shown that all give the same bits.
+        """
+        unit, compiler = self.recipe.unit, find()
+        ours = texts(*(RUNTIME / n for n in (*KERNEL, FAULTS)), *COMPILED_WITH)
+        linked = {Path(p).name: digest([]) for p, _ in self.recipe.files}
+        for p, text in self.recipe.files:
+            linked[Path(p).name] = digest([linked[Path(p).name], text])
+        if unit.c_sources:
+            linked["compiler"] = digest([compiler.identity, *library_flags(self.recipe.optimise)])
+        return {
+            "code_sha256": digest([unit.header, unit.source, *ours]),
+            "linked": linked,
+            "unknown": unknown_of(unit),
+        }
 
 
 def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:

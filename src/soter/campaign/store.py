@@ -37,6 +37,9 @@ WORDS = {
     "params": "--set",
     "horizon_ns": "--saves",
     "lateness": "the lateness that was measured",
+    "code_sha256": "the C that Soter makes of it (a parameter, or another version of Soter)",
+    "linked": "the C of an extern, or its compiler",
+    "unknown": "what can be known of the C of externs",
     "schema": "the format",
 }
 COUNTED = ("ac_s", "disengagements", "episodes", "gate_faults")
@@ -48,7 +51,12 @@ LOCK = "campaign.lock"
 
 @dataclass(frozen=True)
 class CampaignIdentity:
-    """What is flown; two campaigns are one where all of this is the same."""
+    """What is flown; two campaigns are one where all of this is the same.
+
+    `code_sha256`: of the C that Soter makes and of its run-time; `linked`: SHA-256 of the C of
+    externs, of what it includes and of the compiler, by name; `unknown`: why it cannot be known
+    what else that C depends on: nothing that was flown before is taken.
+    """
 
     program: str
     program_sha256: str
@@ -62,6 +70,9 @@ class CampaignIdentity:
     arm: str = ""
     lateness: list[int] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    code_sha256: str = ""
+    linked: dict[str, str] = field(default_factory=dict)
+    unknown: str = ""
     schema: int = SCHEMA
 
 
@@ -89,6 +100,7 @@ class CampaignStore:
             self._compare(_read(said), json.loads(own))
             self._alone()
             self.flights = self._kept()
+            self._require_known()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
@@ -109,6 +121,16 @@ class CampaignStore:
             f"the folder holds another campaign: {what} is another",
             "give another folder with -o, or remove this one",
         )
+
+    def _require_known(self) -> None:
+        """D006 where flights stand there that another call might not fly again."""
+        if self.flights and self.about.unknown:
+            raise _trouble(
+                self.folder,
+                f"its {len(self.flights)} flights cannot be taken: nobody knows whether the C of "
+                f"the externs is the same ({self.about.unknown})",
+                "give another folder with -o, or remove this one",
+            )
 
     def _alone(self) -> None:
         """D006 where somebody else flies into this folder now; gone with the process."""

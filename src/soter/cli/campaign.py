@@ -55,7 +55,7 @@ exit codes: 0 no violation, 1 diagnostics, 2 usage, 3 violations
 """
 
 
-KEPT = "what was flown is kept: the same command goes on"
+KEPT = "what was flown is kept: the same command goes on, or says why it cannot"
 RAY_KEPT = f"Ray ends a process whose cluster's head is gone; {KEPT}"
 
 

@@ -2,6 +2,7 @@
 
 Purpose: `kept_by`, from the objects that a compiler makes of it: C without variables of its own
 that only calls functions which keep nothing cannot. Whoever is not known to keep nothing may.
+`unknown_of` says why nobody can know which bytes it depends on.
 `another_copy` is loaded beside a library: what its C keeps is its own.
 Non-goals: what it does keep; assembler and addresses that are written down in the C, which can
 do anything.
@@ -9,22 +10,32 @@ do anything.
 
 from __future__ import annotations
 
+import re
 import shutil
 import struct
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.native.build import checked_extern, include_flags, library_flags, texts
+from soter.native.build import (
+    NEVER_SHIPPED,
+    RUNTIME,
+    checked_extern,
+    include_flags,
+    library_flags,
+    texts,
+)
 from soter.native.cache import cached, digest, making
 from soter.native.compiler import compile_with, find
+from soter.native.includes import included
+from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from soter.codegen.unit import Unit
 
-TOLD = "memory.txt"
+TOLD, UNKNOWN = "memory.txt", "unknown.txt"
 LASTS = "it has variables that last from call to call"
 MATH = """
 acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
@@ -39,6 +50,12 @@ __stack_chk_fail _GLOBAL_OFFSET_TABLE_
 KEEP_NOTHING = {f"{name}{suffix}" for name in MATH.split() for suffix in ("", "f", "l")}
 KEEP_NOTHING.update(OTHERS.split())
 """Functions of libraries whose answer only depends on what they are given."""
+FROM_WITHIN = """
+__tls_get_addr aligned_alloc calloc fflush fprintf fputc fputs free fwrite malloc printf putchar
+puts rand rand_r realloc snprintf sprintf srand stderr stdout vfprintf vsnprintf
+"""
+READ_NOTHING = KEEP_NOTHING.union(FROM_WITHIN.split())
+"""Functions and names that bring in nothing from outside of the process; some keep something."""
 WRITABLE, OCCUPIES = 1, 2
 SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
 ELF = b"\x7fELF\x02\x01"
@@ -61,6 +78,18 @@ def kept_by(unit: Unit) -> str:
 
     SoterError X004 where it does not compile.
     """
+    return _examined(unit, TOLD)
+
+
+def unknown_of(unit: Unit) -> str:
+    """Why it cannot be known which bytes the C of the externs of a unit depends on; empty: it can.
+
+    SoterError X004 where it does not compile.
+    """
+    return _examined(unit, UNKNOWN)
+
+
+def _examined(unit: Unit, told: str) -> str:
     for source in unit.c_sources:
         if Path(source).suffix != ".c":
             return f"`{Path(source).name}` is no file of C"
@@ -75,12 +104,40 @@ def kept_by(unit: Unit) -> str:
         objects = [work / f"extern_{k + 1}.o" for k in range(len(files))]
         wanted = [f for f in flags if f != "-shared" and not f.startswith("-Wl,")]
         for file, built in zip(files, objects, strict=True):
-            own = [*wanted, *include_flags(), f"-I{work}", "-c", file, "-o", str(built)]
+            own = [*wanted, *include_flags(), f"-I{work}", "-MMD", "-MF", f"{built}.d"]
+            own += ["-c", file, "-o", str(built)]
             compile_with([*compiler.command, *own], work, "the C of an extern does not compile")
-        (work / TOLD).write_text(_of([o.read_bytes() for o in objects]), encoding="utf-8")
+        made = [o.read_bytes() for o in objects]
+        (work / TOLD).write_text(_of(made), encoding="utf-8")
+        read = (Path(f"{o}.d").read_text(errors="surrogateescape") for o in objects)
+        unknown = _unseen(" ".join(read), work, unit.c_sources) or _asked(made)
+        (work / UNKNOWN).write_text(unknown, encoding="utf-8", errors="replace")
 
-    folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD,), make)
-    return (folder / TOLD).read_text(encoding="utf-8")
+    folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD, UNKNOWN), make)
+    return (folder / told).read_text(encoding="utf-8")
+
+
+def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
+    """What a compiler read besides what is known to be included; `rule`: as make would read it."""
+    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED))
+    names = (
+        n.replace("\\ ", " ") for n in re.findall(r"(?:\\ |[^\s])+", rule.replace("\\\n", " "))
+    )
+    for path in (Path(n).resolve() for n in names if not n.endswith(":")):
+        ours = path.is_relative_to(work.resolve()) or path.is_relative_to(SOTER)
+        if not ours and path not in known:
+            return f"it includes `{path.name}` in a way that Soter does not follow"
+    return ""
+
+
+def _asked(objects: list[bytes]) -> str:
+    """Who may be asked from outside: files, the environment, clocks, other libraries."""
+    if any(data[:6] != ELF for data in objects):
+        return "the compiler's objects cannot be looked into"
+    symbols = [x for data in objects for x in _symbols(data)]
+    left = {n for n, section in symbols if section == UNDEFINED}
+    left -= {n for n, section in symbols if section != UNDEFINED} | READ_NOTHING | {""}
+    return f"it calls `{min(left)}`, which may read anything" if left else ""
 
 
 def _of(objects: list[bytes]) -> str:

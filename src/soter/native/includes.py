@@ -1,7 +1,7 @@
 """C files and everything that they include.
 
 Purpose: what a compiled file depends on: the cache keys on it, packages copy it.
-Non-goals: headers in angle brackets, names made by macros.
+Non-goals: headers in angle brackets, names that macros put together (`extern_memory.py` sees them).
 """
 
 from __future__ import annotations
@@ -13,7 +13,11 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
 
-INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
+INCLUDE = re.compile(
+    r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define)\b[^"\n]*"([^"\n]+)"',
+    re.MULTILINE,
+)
+"""A name in quotes of a directive that includes, or defines: there may be an `#include NAME`."""
 FILES_MAX = 1000
 
 
@@ -28,7 +32,7 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
         if path in text_by_path:
             continue
         text_by_path[path] = _read(path)
-        for name in INCLUDE.findall(text_by_path[path]):
+        for name in INCLUDE.findall(text_by_path[path].replace("\\\n", "")):
             places = ((place / name).resolve() for place in (path.parent, *folders))
             waiting += [p for p in places if p.is_file()][:1]
     return text_by_path

@@ -94,6 +94,10 @@ def replay_flights(
 
     first, until_ns = int(about["first_seed"]), int(about["until_ns"])
     fleet = Fleet(program.flat(flat.name, params), until_ns)
+    code = fleet.code()
+    if code["unknown"] or about.get("linked", {}) != code["linked"]:
+        said = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
+        return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {said}")
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
     other = [r["number"] for r in chosen if flown[int(r["number"])].digest != r["digest"]]
     broken = [f.number for f in flown.values() if f.violations]

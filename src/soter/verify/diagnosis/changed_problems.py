@@ -1,9 +1,9 @@
 """A problem as it would be had something else been written.
 
 Purpose: one `Problem` from another: fewer levels, smaller cells, `ttf` and `safer` left out, a
-smaller `max_age`, an axis without ends, AC and SC exchanged. None where that is no problem, or
-where the module cannot be read again from its verification system alone (views, `abstracts`,
-modes, a fail-safe law).
+smaller `max_age`, an axis without ends or a longer one, AC and SC exchanged. None where that is
+no problem, or where the module cannot be read again from its verification system alone (views,
+`abstracts`, modes, a fail-safe law).
 Non-goals: which of them helps (`tried_remedies.py`); changing the program's text.
 """
 
@@ -18,10 +18,13 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.model.least_ages import least_age_ns
+from soter.verify.diagnosis.experiments import extended
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Group, Interval
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Axis, Problem
 
@@ -85,6 +88,21 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
     edges = next(a.edges for a in axes if a.state == state)
     states[state] = Interval(edges[0], edges[-1])
     return replace(problem, groups=(replace(group, axes=axes),), states=tuple(states))
+
+
+def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
+    """Axes with more cells of the same size; `ends`: by state, from where to where."""
+    states = list(problem.states)
+
+    def changed(axis: Axis) -> Axis:
+        if axis.state not in ends:
+            return axis
+        edges = extended(np.array(axis.edges), *ends[axis.state])
+        states[axis.state] = Interval(float(edges[0]), float(edges[-1]))
+        return replace(axis, edges=tuple(edges.tolist()))
+
+    groups = tuple(replace(g, axes=tuple(changed(a) for a in g.axes)) for g in problem.groups)
+    return replace(problem, groups=groups, states=tuple(states))
 
 
 def exchanged(problem: Problem) -> Problem | None:

@@ -24,6 +24,7 @@ from soter.verify.diagnosis.experiments import (
     kept,
 )
 from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins
+from soter.verify.diagnosis.grid_end_failures import LOST, lost_at_ends
 from soter.verify.diagnosis.model_runs import FALSE, TRUE, LeavingSearch, PointModel, soonest
 from soter.verify.diagnosis.sc_progress import adds_up, no_pull
 from soter.verify.diagnosis.unit_scale_mismatch import scaled
@@ -58,13 +59,14 @@ NAMES = {
     "adds_up": "nothing pulls a disturbed state back",
     "no_pull": "SC only stops, and brings the plant to no place",
     "drift": "the flow leaves the grid under SC",
+    LOST: "K is lost at an end of the grid",
     "cells": "the cells are too coarse",
     "strength": "too much stands against SC",
     "no_run": "but no run of the model was seen to leave C",
     "weak": "with nothing against SC, too",
 }
 """Causes, the first of which that was found is named in the table."""
-ENDS = ("one_sided", "drift")
+ENDS = ("one_sided", "drift", LOST)
 """Causes beside which SC keeps nothing whatever stands against it: runs leave by that end."""
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes beside which cells and strength are not looked at."""
@@ -135,6 +137,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
                 stops = list(adds_up(failure.proof, case.problem))
             causes += stops
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
+            if not any(c.kind in ENDS for c in causes):
+                causes += lost_at_ends(case, model, grid, budget)
             causes += _cells_and_strength(case, grid, budget)
             causes += scaled(case, grid.found)
         causes += _simulated(search, gridded=grid is not None)

@@ -113,17 +113,38 @@ def _tried(
 
 
 def kept(
-    case: Case, grid: GridProof, change: ProblemChange, budget: CpuBudget
+    case: Case,
+    grid: GridProof,
+    change: ProblemChange,
+    budget: CpuBudget,
+    *,
+    declared: bool = False,
 ) -> InvariantShare | None:
-    """K of a group of a case under a change; None where time or cells do not suffice."""
+    """K of a group of a case under a change; None where time or cells do not suffice.
+
+    `declared`: of what lies inside of the declared grid alone.
+    """
 
     def ask(engine: GridGroup) -> InvariantShare:
         allowed = allowed_on(case, engine)
         core = engine.core(allowed).cells
+        if declared:
+            allowed, core = (cells & _inside(engine, grid.engine) for cells in (allowed, core))
         whole = share(allowed, engine.edges)
         return InvariantShare(share(core, engine.edges) / whole if whole else 0.0, engine.shape)
 
     return _tried(case, grid, change, budget, ask)
+
+
+def _inside(engine: GridGroup, declared: GridGroup) -> NDArray[np.bool_]:
+    """Cells whose middle lies in another grid of the same axes, in the shape of the first."""
+    inside = np.ones(engine.shape, dtype=np.bool_)
+    for k, (edges, ends) in enumerate(zip(engine.edges, declared.edges, strict=True)):
+        middle = edges[:-1] / 2 + edges[1:] / 2
+        shape = [1] * inside.ndim
+        shape[k] = -1
+        inside &= ((middle > ends[0]) & (middle < ends[-1])).reshape(shape)
+    return inside
 
 
 def returns(
@@ -240,7 +261,7 @@ def _engine(
     for state, e in zip(given.axes, given.edges, strict=True):
         ends = change.wider.get(state)
         if ends is not None:
-            e = _extended(e, *ends)  # noqa: PLW2901 - the axis as it is from here on
+            e = extended(e, *ends)  # noqa: PLW2901 - the axis as it is from here on
             states[state] = ends
         halved = split(e, change.split)
         if halved is None:
@@ -268,7 +289,7 @@ def split(edges: Floats, times: int) -> Floats | None:
     return edges if len(edges) <= AXIS_MAX and (np.diff(edges) > 0).all() else None
 
 
-def _extended(edges: Floats, low: float, high: float) -> Floats:
+def extended(edges: Floats, low: float, high: float) -> Floats:
     """The same cells, and more of the size of the outermost beyond."""
     width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
     below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]

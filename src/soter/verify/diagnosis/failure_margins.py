@@ -18,7 +18,7 @@ import numpy as np
 from soter.language.model.durations import show_ns
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.experiments import axis_names, longest
-from soter.verify.diagnosis.grid_end_failures import grid_ends
+from soter.verify.diagnosis.grid_end_failures import grid_ends, lost_at_ends
 from soter.verify.diagnosis.model_runs import PointModel, StepFaultError
 from soter.verify.diagnosis.recovery_failures import recovery_causes
 from soter.verify.diagnosis.unit_scale_mismatch import scaled
@@ -53,6 +53,7 @@ HINTS = 3
 
 def margins(done: Sequence[Case], result: ModuleResult, budget: CpuBudget) -> None:
     """Enter margins for the first failure of every claim that is undecided."""
+    searched = False
     for claim in ORDER:
         finding = result.findings[claim]
         first_failure = _failure(done, claim)
@@ -62,6 +63,9 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: CpuBudget) -> No
         try:
             with _stopping(grid.engine, budget):
                 finding.causes += _of_claim(case, failure, grid, budget)
+            if not searched and not any(c.kind == "grid_end" for c in finding.causes):
+                finding.causes[:0] = lost_at_ends(case, PointModel(case), grid, budget)
+                searched = True
         except CancelledError:
             budget.leave_out()
         except (UnboundedError, StepFaultError):

@@ -17,6 +17,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.verify.claims.results import UNDECIDED, Cause
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
+from soter.verify.diagnosis.grid_end_failures import LOST, longer_of
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError, UnboundedError
@@ -37,7 +38,7 @@ CHAIN_MAX = 3
 """So many changes are made together at most."""
 MEASURED = (
     *("cells", "border", "sooner", "grid_end", "start_late", "start_not_in_core", "computed"),
-    *("no_target", "scaled", "outside_core"),
+    *("no_target", "scaled", "outside_core", LOST),
 )
 """Causes whose remedy comes from a measurement of what it changes."""
 HOPELESS = ("wrap_around", "drift_of_all")
@@ -108,12 +109,20 @@ class Trials:
         return time.process_time() < self._until
 
 
-def remedies(problem: Problem, failing: Sequence[str], leaves: int | None) -> Iterator[Remedy]:
+def remedies(
+    problem: Problem, failing: Sequence[str], leaves: int | None, lost: Cause | None = None
+) -> Iterator[Remedy]:
     """What may help where these claims fail, the cheapest first.
 
-    `leaves`: the state by whose end of the grid a run leaves under SC where `safe` holds.
+    `leaves`: the state by whose end of the grid a run leaves under SC where `safe` holds. `lost`:
+    that K is lost at ends of the grid.
     """
     younger = changed_problems.younger_reads(problem)
+    if lost is not None:
+        ends = longer_of(lost, len(problem.states))
+        longer = changed_problems.longer_axes(problem, ends)
+        if longer.groups != problem.groups:
+            yield Remedy(f"a longer axis: `{_lines(longer)}`", longer)
     if failing[0] == "P2a":
         opened = None if leaves is None else changed_problems.without_ends(problem, leaves)
         if opened is not None:
@@ -203,11 +212,13 @@ def _try_all(trials: Trials, result: ModuleResult, failing: Sequence[str]) -> No
         return  # nothing of this kind helps there
     problem, left = trials.problem, tuple(failing)
     leaves = _left_by(result.findings["P2a"])
+    causes = (cause for claim in failing for cause in result.findings[claim].causes)
+    lost = next((cause for cause in causes if cause.kind == LOST), None)
     helped: list[str] = []
     in_vain: list[str] = []
     untried: list[str] = []
     while left and len(helped) < CHAIN_MAX:
-        for remedy in remedies(problem, left, leaves):
+        for remedy in remedies(problem, left, leaves, lost):
             phase(f"{trials.problem.name}: trying {remedy.said}")
             now = None if remedy.problem is None else trials.failing(remedy.problem)
             if now is None:
@@ -252,6 +263,8 @@ def _enter(
         what = "; and ".join(helped)
         then = f"{', '.join(left)} still not" if left else "every claim is proved"
         finding.tried.append(f"with {what}: {then}")
+        if any(c.kind == LOST for c in finding.causes):
+            finding.hint = ""  # the same ends, not tried
         otherwise = f"; or {finding.hint}" if finding.hint else ""
         finding.hint = f"{what} (tried: {then}){otherwise}"
         for claim in failing[1:] if not left else ():
