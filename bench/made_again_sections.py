@@ -105,6 +105,7 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "The time of soter verify": Small(machine=CLOCK),
+    "What one more line costs": Small("--program cart", machine=CLOCK, part=True),
     "Honest modules of other kinds": Small("--only tank altitude", part=True, times=SHARE),
     "The surveillance drone, proved": Small(apart=MINUTES, times=SHARE),
     "The surveillance drone: stacks that must not be proved": Small("--quick", part=True),

@@ -397,16 +397,12 @@ def _failure(name: str, finding: Finding, printed: Printout) -> list[str]:
     lines = ["", f"{printed.paint(PAINTS[finding.verdict], name)}  {finding.text}"]
     lines += [f"  where  {region}" for region in finding.regions[:REGIONS_SHOWN]]
     rest = len(finding.regions) - REGIONS_SHOWN
-    if rest > 0:
-        lines.append(f"         and {rest} more")
+    lines += [f"         and {rest} more"] if rest > 0 else []
     lines += [f"  why    {c.text}" for c in finding.causes]
     lines += [f"  tried  {text}" for text in finding.tried]
-    if finding.leaving is not None:
-        lines.append(f"  leaves {finding.leaving}")
-    if finding.hint:
-        lines.append(f"  help   {finding.hint}")
-    if finding.cost is not None:
-        lines.append(f"  costs  {finding.cost}")
+    lines += [f"  leaves {finding.leaving}"] if finding.leaving is not None else []
+    lines += [f"  help   {finding.hint}"] if finding.hint else []
+    lines += [f"  costs  {finding.cost}"] if finding.cost is not None else []
     if finding.counterexample is not None:
         lines += [f"  run    {line}" for line in str(finding.counterexample).splitlines()]
     return lines
@@ -429,13 +425,11 @@ def _modules(report: VerifyReport) -> dict[str, ModuleResult]:
 
 
 def _horizon_s(module: ModuleResult) -> float | None:
-    problem = module.problem
-    return problem.times.horizon_ns / 1e9 if problem.kind != "nodes" else None
+    return module.problem.times.horizon_ns / 1e9 if module.problem.kind != "nodes" else None
 
 
 def _needed_s(module: ModuleResult) -> float | None:
-    problem = module.problem
-    return problem.times.h_star / 1e9 if problem.kind != "nodes" else None
+    return module.problem.times.h_star / 1e9 if module.problem.kind != "nodes" else None
 
 
 def _run(finding: Finding) -> list[str]:
@@ -455,6 +449,9 @@ def _states(run: LeavingRun) -> dict[str, list[float]]:
 RESULTS = "soter.verify.claims.results"
 VERDICT = one_of(*EXITS)
 FLOWN = JsonObject(f"{RESULTS}.FlownFigures", "takeovers_per_min ac_share table_bytes")
+COST = JsonObject(
+    f"{RESULTS}.RemedyCost", "system until_s before after not_measured", before=FLOWN, after=FLOWN
+)
 FINDING = JsonObject(
     f"{RESULTS}.Finding",
     "verdict seconds method text hint counts where=regions counterexample=saved run causes tried "
@@ -463,12 +460,7 @@ FINDING = JsonObject(
     verdict=VERDICT,
     where=JsonObject(f"{RESULTS}.Region", "states=ranges parameters*"),
     causes=JsonObject(f"{RESULTS}.Cause", "kind text hint numbers*"),
-    cost=JsonObject(
-        f"{RESULTS}.RemedyCost",
-        "system until_s before after not_measured",
-        before=FLOWN,
-        after=FLOWN,
-    ),
+    cost=COST,
     leaving=JsonObject(
         f"{RESULTS}.LeavingRun",
         "text axis side safe chosen time_s states",

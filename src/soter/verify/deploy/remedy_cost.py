@@ -125,8 +125,7 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     count = 0
     if module in open_modules(flat):
         own = extract(faultless(flat), module)
-        same = {"groups": tried.groups, "states": tried.states, "levels": tried.levels}
-        problem = replace(own, **same)
+        problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
         sets = sets_of(problem, tell=tell)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
