@@ -68,6 +68,29 @@ def test_messages_that_sqlite_holds_beside_its_database_are_told(
     assert "PRAGMA wal_checkpoint(TRUNCATE)" in told
 
 
+@pytest.mark.parametrize("name", ["ros2_plain", "ros2_file"])
+@pytest.mark.parametrize("whole", ["file", "folder"])
+def test_what_lies_beside_the_database_that_a_link_points_to_is_told(
+    tmp_path: Path, name: str, whole: str
+) -> None:
+    bag = written(tmp_path, name)
+    database = next(p for p in bag.iterdir() if p.name != "metadata.yaml")
+    (bag / f"{name}.db3-wal").write_bytes(b"x")
+    linked = tmp_path / "links" / name
+    linked.parent.mkdir()
+    if whole == "folder":
+        linked.mkdir()
+        (linked / database.name).symlink_to(database)
+        shutil.copy(bag / "metadata.yaml", linked)
+        assert "beside it holds messages that are not in it yet" in refused(linked)
+    elif name == "ros2_plain":
+        alone = linked.with_name("other.db3")
+        alone.symlink_to(database)
+        assert "beside it holds messages that are not in it yet" in refused(alone)
+    linked.with_name("twice").symlink_to(bag)
+    assert "beside it holds messages that are not in it yet" in refused(linked.with_name("twice"))
+
+
 def test_the_remedy_for_a_log_of_sqlite_works(tmp_path: Path) -> None:
     (tmp_path / "it's").mkdir()
     import shlex
@@ -157,6 +180,56 @@ def test_a_part_that_is_given_alone_is_told_with_the_others(tmp_path: Path, name
     alone.mkdir()
     shutil.copy(part, alone)
     assert judge(alone / part.name).samples["motion"] == 20
+
+
+@pytest.mark.parametrize("name", ["ros2_plain", "ros2_mcap"])
+@pytest.mark.parametrize("there", [True, False])
+def test_a_part_that_metadata_name_beside_others_is_told_whatever_it_is_called(
+    tmp_path: Path, name: str, there: bool
+) -> None:
+    (tmp_path / "other").mkdir()
+    bag = halves(tmp_path, name)
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("bag_0", "first").replace("bag_1", "then"))
+    for part in sorted(bag.glob("bag_*")):
+        part.rename(part.with_name(part.name.replace("bag_0", "first").replace("bag_1", "then")))
+    part, other = sorted(bag.glob("[ft]*"))
+    link = tmp_path / f"link{part.suffix}"
+    link.symlink_to(part)
+    if not there:
+        other.unlink()
+    for each in (part, link):
+        assert f"its `metadata.yaml` names `{other.name}`, too" in refused(each)
+        assert f"give the folder, `{bag}`" in refused(each)
+    metadata.unlink()
+    assert judge(link).samples["motion"] == 20
+
+
+def test_a_link_to_a_numbered_part_is_told_with_the_others(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    bag = halves(tmp_path, "ros2_plain")
+    (bag / "metadata.yaml").unlink()
+    link = tmp_path / "link.db3"
+    link.symlink_to(bag / "bag_0.db3")
+    assert "beside it is another" in refused(link)
+    (bag / "bag_1.db3").rename(bag / "bag_1.db3.zstd")
+    assert "beside it is another" in refused(link)
+    (bag / "bag_1.db3.zstd").rename(bag / "bag_0.db3.zstd")
+    assert judge(link).samples["motion"] == 20
+
+
+def test_what_lies_beside_an_mcap_and_is_of_no_bag_is_no_matter(tmp_path: Path) -> None:
+    log = written(tmp_path, "cdr.mcap")
+    (tmp_path / "metadata.yaml").write_text("pilot: somebody\n")
+    assert judge(log).samples["motion"] == 40
+
+
+def test_counts_of_an_mcap_given_alone_are_compared(tmp_path: Path) -> None:
+    bag = written(tmp_path, "ros2_mcap")
+    metadata = bag / "metadata.yaml"
+    metadata.write_text(metadata.read_text().replace("message_count: 40", "message_count: 50"))
+    told = refused(bag / "ros2_mcap.mcap")
+    assert "its metadata count 50 messages of `/odom`, and 40 stand there" in told
 
 
 def test_numbered_logs_of_others_are_not_parts_of_one(tmp_path: Path) -> None:

@@ -30,10 +30,18 @@ class NoTimeError(Exception):
 
 
 def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
-    """What stands at a path; raises NoPartError."""
-    current = message
+    """What stands at a path, None where protobuf knows that nobody set it; raises NoPartError."""
+    current, is_set = message, True
     for part in name.split("."):
-        current = _member(current, part)
+        is_set = is_set and _is_set(current, part)
+        try:
+            current = _member(current, part)
+        except NoPartError as error:
+            if error.beyond and not is_set:
+                return None
+            raise
+    if not is_set:
+        return None
     return current.tolist() if hasattr(current, "dtype") else current  # of numpy, also one number
 
 
@@ -72,6 +80,12 @@ def _attribute(current: Any, part: str, known: list[str]) -> Any:  # noqa: ANN40
     if name not in known:
         raise NoPartError(part, known)
     return getattr(current, name)
+
+
+def _is_set(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
+    """False for a field of protobuf that has no value: it would be read as its default."""
+    fields = current.DESCRIPTOR.fields_by_name if hasattr(current, "DESCRIPTOR") else {}
+    return part not in fields or not fields[part].has_presence or current.HasField(part)
 
 
 def _of_protobuf(current: Any, part: str) -> Any:  # noqa: ANN401 - the same

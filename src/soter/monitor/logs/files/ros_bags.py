@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 
 METADATA = "metadata.yaml"
 METADATA_MAX = 4 << 20
-SPLIT = re.compile(r"(.+)_\d+\.(db3|mcap)")
+MARK = "rosbag2_bagfile_information"
+SPLIT = re.compile(r"(.+)_\d+\.(db3|mcap)(\.zstd)?")
 """How ROS 2 calls the parts of a bag."""
 FILES_MAX = 10_000
 STORAGES = {"sqlite3": ".db3", "mcap": ".mcap"}
@@ -51,7 +52,22 @@ class _Bag2:
 
 def is_bag(path: Path) -> bool:
     """Whether a log is a bag of ROS, by its name."""
-    return path.suffix.lower() in (".bag", ".db3") or path.is_dir()
+    if path.suffix.lower() in (".bag", ".db3") or path.is_dir():
+        return True
+    return any((each.parent / METADATA).is_file() and _says_mark(each) for each in _places(path))
+
+
+def _places(path: Path) -> Iterator[Path]:
+    """A file as it is called, and where it is if that is a link."""
+    yield from dict.fromkeys((path, path.resolve()))
+
+
+def _says_mark(path: Path) -> bool:
+    """Whether the metadata beside a file are those of a bag, and not of something else."""
+    try:
+        return MARK.encode() in read_bytes(path.parent / METADATA, METADATA_MAX)
+    except OSError:
+        return True  # which is told when they are read
 
 
 def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
@@ -84,34 +100,51 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
 
 
 def _alone(path: Path) -> _Bag2:
-    """A database of a bag, given alone: its counts are known where metadata name it beside it."""
+    """A file of a bag, given alone: its counts are known where metadata name it beside it.
+
+    SoterError D016 where they name other files: it is a part, or none of theirs.
+    """
     require_no_split(path)
-    if (path.parent / METADATA).is_file():
-        bag = _bag2(path.parent)
-        if [file.name for file in bag.files] == [path.name]:
+    storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"
+    for each in _places(path):
+        if not (each.parent / METADATA).is_file():
+            continue
+        bag = _bag2(each.parent)
+        if [file.name for file in bag.files] == [each.name]:
             return bag
-    return _Bag2((path,), "sqlite3")
+        if bag.storage == storage:
+            others = [file.name for file in bag.files if file.name != each.name]
+            more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
+            raise unusable(path, f"its `{METADATA}` names `{others[0]}`{more}, too", _whole(each))
+    return _Bag2((path,), storage)
+
+
+def _whole(part: Path) -> str:
+    """What to do about a part of a bag."""
+    return f"give the folder, `{part.parent}` ({REINDEX}), or move the part to one of its own"
 
 
 def require_no_split(path: Path) -> None:
     """SoterError D016 where other files of the same bag lie beside one that is given alone."""
-    split = SPLIT.fullmatch(path.name)
-    if split is None:
-        return
-    stem, kind = split[1], split[2]
-    beside = path.resolve().parent
-    if kind == "mcap" and beside.name != stem and not (beside / METADATA).is_file():
-        return  # whoever records without ROS may number logs that are none of one
-    others = [
-        each.name
-        for each in sorted(beside.glob(f"*.{kind}"))
-        if each.name != path.name and (m := SPLIT.fullmatch(each.name)) and m[1] == stem
-    ]
-    if others:
-        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-        why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
-        help_ = f"give the folder, `{path.parent}` ({REINDEX}), or move the part to one of its own"
-        raise unusable(path, why, help_)
+    for each in _places(path):
+        split = SPLIT.fullmatch(each.name)
+        if split is None:
+            continue
+        stem, kind = split[1], split[2]
+        beside = each.parent.resolve()
+        if kind == "mcap" and beside.name != stem and not (beside / METADATA).is_file():
+            continue  # whoever records without ROS may number logs that are none of one
+        others = [
+            other.name
+            for other in sorted(beside.glob(f"*.{kind}*"))
+            if other.name.removesuffix(".zstd") != each.name.removesuffix(".zstd")
+            and (m := SPLIT.fullmatch(other.name))
+            and m[1] == stem
+        ]
+        if others:
+            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+            why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
+            raise unusable(path, why, _whole(each))
 
 
 def _require_ros1(path: Path) -> None:
@@ -135,7 +168,7 @@ def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Itera
         with TemporaryDirectory() as folder:
             plain = file
             if bag.packed == "file":
-                require_no_journal(file.with_suffix(""))
+                require_no_journal(file)
                 plain = Path(folder) / f"unpacked.{'db3' if bag.storage == 'sqlite3' else 'mcap'}"
                 with opened(file, pipes=False) as packed, plain.open("wb") as into:
                     unpack_file(packed, into, file.stat().st_size)
@@ -162,7 +195,7 @@ def _bag2(path: Path) -> _Bag2:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise unusable(path, f"its `{METADATA}` cannot be read: {why}", REINDEX) from error
     try:
-        said = YAML(typ="safe").load(text)["rosbag2_bagfile_information"]
+        said = YAML(typ="safe").load(text)[MARK]
         names, storage = said["relative_file_paths"], said["storage_identifier"]
         mode = str(said.get("compression_mode") or "").lower()
         form = str(said.get("compression_format") or "")

@@ -146,18 +146,23 @@ class WholeBag1:
 
 
 def require_no_journal(path: Path) -> None:
-    """ContradictionError where SQLite left a part of a database beside it."""
-    wal, journal = (path.with_name(path.name + end) for end in ("-wal", "-journal"))
-    if wal.is_file() and wal.stat().st_size:
-        told = f"`{wal.name}` beside it holds messages that are not in it yet"
-        raise ContradictionError(
-            told, "put them into it: " + OPENED.format(CHECKPOINT, quote(str(path)))
-        )
-    if journal.is_file() and any(journal.read_bytes()[:8]):
-        told = f"`{journal.name}` beside it says that something was not written to its end"
-        raise ContradictionError(
-            told, "let SQLite take it back: " + OPENED.format(ROLLBACK, quote(str(path)))
-        )
+    """ContradictionError where SQLite left a part of a database beside it, packed or not.
+
+    Of a link beside what it points to, too: there SQLite looks.
+    """
+    for each in dict.fromkeys((path, path.resolve())):
+        database = each.with_name(each.name.removesuffix(".zstd"))
+        wal, journal = (database.with_name(database.name + end) for end in ("-wal", "-journal"))
+        if wal.is_file() and wal.stat().st_size:
+            told = f"`{wal.name}` beside it holds messages that are not in it yet"
+            raise ContradictionError(
+                told, "put them into it: " + OPENED.format(CHECKPOINT, quote(str(database)))
+            )
+        if journal.is_file() and any(journal.read_bytes()[:8]):
+            told = f"`{journal.name}` beside it says that something was not written to its end"
+            raise ContradictionError(
+                told, "let SQLite take it back: " + OPENED.format(ROLLBACK, quote(str(database)))
+            )
 
 
 def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
