@@ -43,6 +43,7 @@ from soter.certificate.scope import otherwise_in_program, parameters_of, uncover
 from soter.certificate.task_processes import UnderWay
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
+from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
@@ -297,6 +298,7 @@ def _complete(
     """What is said of a module whose claims are shown."""
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    report.vacuous, report.unseen = vacuous(facts, groups, extents)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
 
 

@@ -25,6 +25,10 @@ class RecheckedModule:
     half_spaces: int = 0
     """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
+    vacuous: str = ""
+    """Why that says next to nothing, as AC never has, or keeps, control; "": it does."""
+    unseen: str = ""
+    """Why it was not looked at whether AC ever has control; "": it was."""
     stays: bool = False
     """`recover never`: the program does not ask for P2b."""
     system: str = ""
@@ -99,6 +103,11 @@ class Report:
     def safe(self) -> bool:
         """Whether safety is established, for every module."""
         return self.accepted and all(not m.missing for m in self.modules)
+
+    @property
+    def vacuous(self) -> dict[str, str]:
+        """Modules of which what is confirmed says next to nothing, and why."""
+        return {m.name: m.vacuous for m in self.modules if m.vacuous}
 
     @property
     def contradicted(self) -> bool:

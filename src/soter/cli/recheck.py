@@ -110,6 +110,9 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
         return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
     if not report.returns:
         return "yellow", f"ACCEPTED, without P2b  {folder}"
+    if report.vacuous:
+        why = "; ".join(f"{name}: {text}" for name, text in report.vacuous.items())
+        return "yellow", f"ACCEPTED, of next to nothing  {folder}: {visible(why)}"
     return "green", f"ACCEPTED  {folder}"
 
 
@@ -141,6 +144,8 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     says += [f"With {values}."] if values else []
     says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
     says += [f"Not claimed: {NO_LAW}."] if m.law_untold else []
+    says += [f"Vacuous: {m.vacuous}."] if m.vacuous else []
+    says += [f"Not looked at: whether AC ever has control ({m.unseen})."] if m.unseen else []
     says += [f"Confirmed: {said.text}" for said in m.shown]
     return PageSection(visible(f"{m.name} of system {m.system}"), tuple(map(visible, says)))
 
@@ -167,6 +172,11 @@ def _say(report: Report, folder: str, console: Console) -> None:
             console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
         if module.law_untold:
             console.say(console.paint("muted", f"    not claimed: {NO_LAW}"))
+        if module.vacuous:
+            console.say(console.paint("yellow", f"    vacuous: {visible(module.vacuous)}"))
+        if module.unseen:
+            text = f"    not looked at: whether AC ever has control ({visible(module.unseen)})"
+            console.say(console.paint("muted", text))
         for said in module.shown:
             console.say(console.paint("muted", f"    confirmed: {visible(said.text)}"))
     console.say("\nunder these assumptions, derived from the program")
@@ -204,7 +214,7 @@ DOCUMENT = JsonObject(
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system parameters otherwise times_ns=times confirmed not_confirmed=other missing cells "
-        "shown",
+        "shown vacuous vacuity_unseen=unseen",
         shown=ASSUMPTION,
     ),
     not_covered=ASSUMPTION,

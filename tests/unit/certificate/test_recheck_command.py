@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import pytest
 
 from json_documents import problems_of
+from soter.api.program import load
 from soter.certificate.allowed_claims import CLAIMS, SAFETY
 from soter.certificate.rechecker import RecheckedModule, Report
 from soter.cli.main import main
+from unit.verify.diagnosis.tank_modules import changed as changed_tank
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -119,3 +121,31 @@ def test_without_p2b_that_is_said(
     ) == (4, True, True, False), recheck_document["reason"]
     assert main(["recheck", folder]) == 4
     assert f"ACCEPTED, without P2b  {folder}" in capsys.readouterr().out
+
+
+NEVER = ("safe level > 0.2", "returns never; safe level > 0.2")
+VACUOUS = {
+    "keeps control": ("ttf level < 0.25 || level > 1.75;", "ttf level < 1.0 || level >= 1.0;"),
+    "has control": (
+        "safer level > 0.4 && level < 1.6;",
+        "safer level > 1.0 && level < 1.0 && level > 0.9;",
+    ),
+    "": ("ttf level < 0.25", "ttf level < 0.25"),
+}
+
+
+@pytest.mark.parametrize("said", VACUOUS)
+def test_a_proof_about_an_ac_that_never_flies_is_no_plain_accepted(
+    said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By states that are drawn from the K of the certificate."""
+    (tmp_path / "tank.soter").write_text(changed_tank(VACUOUS[said], NEVER))
+    folder = tmp_path / "cert"
+    load(tmp_path / "tank.soter").verify(cert=folder, refute=False)
+    assert main(["recheck", str(folder), "--json"]) == 0
+    (module,) = cast("dict[str, Any]", document(capsys)["modules"]).values()
+    assert (bool(module["vacuous"]), module["vacuity_unseen"]) == (bool(said), "")
+    assert said in module["vacuous"]
+    assert main(["recheck", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert ("ACCEPTED, of next to nothing" in out) == bool(said)

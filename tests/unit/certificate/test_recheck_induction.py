@@ -300,3 +300,30 @@ def test_wrong_programs_of_what_is_opaque_are_rejected(tmp_path: Path, old: str,
     report = recheck(wrong)
     assert not report.accepted
     assert "something fails" in report.reason
+
+
+VACUOUS = {
+    "AC never keeps control": ("ttf !good(candidate)", "ttf good(candidate) || !good(candidate)"),
+    "AC never has control": (
+        "safer good(candidate)",
+        "returns never; safer candidate == Plan.Around",
+    ),
+    "`safe` reads no topic": ("safe good(inForce)", "safe 1 < 2"),
+}
+
+
+@pytest.mark.parametrize("said", VACUOUS)
+def test_a_proof_of_nothing_is_told_by_who_checks_it(said: str, tmp_path: Path) -> None:
+    """By the solver, of the program: no certificate says anything about it."""
+    old, new = VACUOUS[said]
+    assert old in PLANNER
+    report = recheck(certificate(tmp_path, PLANNER.replace(old, new)))
+    assert report.accepted, report.reason
+    (told,) = report.vacuous.values()
+    assert said in told
+
+
+def test_a_proof_of_something_has_no_such_words(tmp_path: Path) -> None:
+    report = recheck(certificate(tmp_path))
+    assert report.accepted, report.reason
+    assert (report.vacuous, report.modules[0].unseen) == ({}, "")

@@ -9,6 +9,7 @@ Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), ex
 from __future__ import annotations
 
 from importlib.util import find_spec
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
@@ -22,8 +23,10 @@ from soter.certificate.induction.induction_problem import (
 )
 from soter.certificate.report import RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.vacuous_proofs import GETS, KEEPS, READS_NOTHING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import topic_reads
 from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
@@ -75,6 +78,7 @@ def recheck_induction(
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
+    report.vacuous, report.unseen = _vacuous(facts, k) if wanted else ("", "nothing is claimed")
     return facts, report
 
 
@@ -200,6 +204,39 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     solver = _solver(run)
     solver.add(*[i.holds for i in run.instants], *[d for i in run.instants for d in i.decided])
     _refuse(_answer(facts, solver, WORK), "P2b")
+
+
+def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
+    """Whether a decision ever gives AC control, or leaves it there, in what is confirmed.
+
+    Why that never is, and why it was not looked at; or "". As everything holds at every instant, no
+    run has a decision that neither the first hyperperiods have nor one after k others.
+    """
+    import z3  # noqa: PLC0415 - an extra
+
+    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
+
+    if not topic_reads(facts.symbol.safe):
+        return READS_NOTHING, ""
+    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
+    last = max(c.phase_ns + c.period_ns for c in facts.actors)
+    for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
+        answers = set()
+        for first, end in ((False, (k + 1) * facts.turn), (True, settled + k * facts.turn + last)):
+            run = TransitionSystem(facts, first=first)
+            run.run(end)
+            solver = _solver(run)
+            solver.add(*[i.holds for i in run.instants[:-1]])
+            since = 0 if first else k * facts.turn
+            solver.add(z3.Or(*[way for at, way in of(run) if at >= since]))
+            answers.add(str(_answer(facts, solver, WORK // 10)))
+            if "sat" in answers:
+                break
+        if answers == {"unsat"}:
+            return f"{what} (at no decision of any run)", ""
+        if "sat" not in answers:
+            return "", "the solver does not decide whether AC ever has control"
+    return "", ""
 
 
 def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import

@@ -82,6 +82,9 @@ class TransitionSystem:
         """A fault of what is opaque latches its node; without it such a fault fails."""
         self.constraints: list[Term] = []
         self.instants: list[Instant] = []
+        self.gets: list[tuple[int, Term]] = []
+        self.keeps: list[tuple[int, Term]] = []
+        """When the DM steps, and whether it then gives AC control, or leaves it in control."""
         self.now = self._start()
 
     def _start(self) -> MachineState:
@@ -144,7 +147,10 @@ class TransitionSystem:
             for n, c in enumerate(due):
                 one, seen = self._stepped(c, at)
                 if seen is not None:
-                    decided.append(z3.Implies(who == n, seen))
+                    stays, gets, keeps = seen
+                    decided.append(z3.Implies(who == n, stays))
+                    self.gets.append((at, z3.And(who == n, gets)))
+                    self.keeps.append((at, z3.And(who == n, keeps)))
                 after = one if after is None else _merge(who == n, one, after)
             assert after is not None
             self.now = self._named(after)
@@ -176,7 +182,9 @@ class TransitionSystem:
 
     # ------------------------------------------------------------ steps
 
-    def _stepped(self, c: Component, at: int) -> tuple[MachineState, Term | None]:
+    def _stepped(
+        self, c: Component, at: int
+    ) -> tuple[MachineState, tuple[Term, Term, Term] | None]:
         if c.role == "dm":
             return self._decision(at)
         on = YES
@@ -211,7 +219,7 @@ class TransitionSystem:
         own = self.facts.flying_module.index
         return VisibleValues(c.scope, topic, age, now.mode, own, on, self.constraints)
 
-    def _decision(self, at: int) -> tuple[MachineState, Term]:
+    def _decision(self, at: int) -> tuple[MachineState, tuple[Term, Term, Term]]:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
         assert symbol.ttf is not None
         assert symbol.safer is not None
@@ -232,8 +240,9 @@ class TransitionSystem:
         good = z3.If(self.now.mode == IN_AC, stay, get)
         mode = z3.If(good, z3.IntVal(IN_AC), z3.IntVal(IN_SC))
         now = self.now
-        seen = z3.And(now.mode == IN_SC, mode == IN_SC)
-        return replace(now, mode=mode), seen
+        ways = ((IN_SC, IN_SC), (IN_SC, IN_AC), (IN_AC, IN_AC))
+        stays, gets, keeps = (z3.And(now.mode == a, mode == b) for a, b in ways)
+        return replace(now, mode=mode), (stays, gets, keeps)
 
     def _anything(self, c: Component, at: int, on: Term) -> MachineState:
         """AC: each of its topics, or not, any value of the set."""
