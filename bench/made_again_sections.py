@@ -94,6 +94,8 @@ SMALL = {
         "--flights 1 --directions 1", flights=1, apart=PEER
     ),
     "The decision module's time": Small(machine=CLOCK),
+    "What one more line of the cart costs": Small(machine=CLOCK),
+    "What one more line of a truck costs": Small(machine=CLOCK, apart=MINUTES),
     "The stack of the trusted part": Small(apart="needs gcc and clang"),
     "Images for a Cortex-M": Small(apart=MINUTES),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
@@ -105,7 +107,6 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "The time of soter verify": Small(machine=CLOCK),
-    "What one more line costs": Small("--program cart", machine=CLOCK, part=True),
     "Honest modules of other kinds": Small("--only tank altitude", part=True, times=SHARE),
     "The surveillance drone, proved": Small(apart=MINUTES, times=SHARE),
     "The surveillance drone: stacks that must not be proved": Small("--quick", part=True),

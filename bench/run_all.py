@@ -257,10 +257,16 @@ BENCHMARKS = (
         "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
     ),
     Benchmark(
-        "What one more line costs",
-        ("bench/verify/line_costs.py",),
-        "CPU time of `soter build --target c`, whole processes with an empty cache folder, of a "
-        "program and of the same with one change. Both leave `ttf` and `safer` to be computed.",
+        "What one more line of the cart costs",
+        ("bench/verify/line_costs.py", "--program", "cart"),
+        "CPU time of `soter build --target c`, whole processes that find the engine compiled and "
+        "nothing else, of a program and of the same with one change. `ttf` and `safer` are left to "
+        "be computed.",
+    ),
+    Benchmark(
+        "What one more line of a truck costs",
+        ("bench/verify/line_costs.py", "--program", "truck"),
+        "The same of a program on three axes, bench/verify/truck.soter.",
     ),
     Benchmark(
         "Honest modules of other kinds",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -102,6 +103,24 @@ def test_a_second_instance_of_the_module_is_not_guessed(tmp_path: Path) -> None:
     costs = [f.cost for m in modules for f in m.findings.values() if f.cost is not None]
     why = "the module stands 2 times in system `Fleet`, and one was tried"
     assert [cost.not_measured for cost in costs] == [why, why]
+
+
+def test_beside_another_module_only_the_one_is_changed(tmp_path: Path) -> None:
+    path = tmp_path / "tank.soter"
+    body = changed(*COARSE).partition("system")[0]
+    again = re.sub(r"\b(level|pump|Tank|Learned|Hold|SafeTank)\b", r"\1_b", body)
+    again = again.replace("soter 1;", "").replace("t.h", "u.h")
+    both = body + again + "system Two { t: Tank; module SafeTank; u: Tank_b; module SafeTank_b; "
+    both += "until 60s; }\n"
+    path.write_text(both)
+    first = soter.load(path).verify("SafeTank", refute=False, explain=True).modules[0]
+    (cost,) = [f.cost for f in first.findings.values() if f.cost is not None]
+    path.write_text(both.replace(*TWO, 1))
+    run = soter.load(path).simulate()
+    assert cost.after is not None
+    assert cost.after.takeovers_per_min == run.modules["SafeTank"].switches_to_sc
+    assert cost.after.ac_share == run.modules["SafeTank"].ac_share
+    assert cost.after != cost.before
 
 
 def test_what_takes_too_long_is_not_measured(
