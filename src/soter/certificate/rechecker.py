@@ -403,8 +403,7 @@ def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], 
     if entry["parameters"] != parameters:
         raise RejectedError("the parameters are others in the program")
     _compare_times(facts, entry["times"])
-    inputs = entry["inputs"]
-    if not isinstance(inputs, list):
+    if not isinstance(inputs := entry["inputs"], list):
         raise RejectedError("`inputs` is not as it should be")
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
     if len(inputs) != len(facts.states) + len(others):
@@ -455,8 +454,7 @@ def _groups(
     for entry in entries:
         if entry.get("kind") not in ("grid", "polytope"):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        grid = entry["kind"] == "grid"
-        if grid:
+        if grid := entry["kind"] == "grid":
             _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
         states, edges = [], []
         for axis in entry["axes"]:
