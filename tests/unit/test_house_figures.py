@@ -151,6 +151,7 @@ ROOMS = {
     "tests/unit/report": (19, "as above"),
     "tests/unit/language": (19, "as above"),
     "tests/unit/certificate": (35, "as above"),
+    "tests/unit/verify/diagnosis": (17, "as above"),
     "tests/unit/cli": (36, "as above: a file a command"),
     "tests/unit/explore": (40, "as above; the engine's strategies are asked one by one"),
 }
