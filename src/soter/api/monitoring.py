@@ -75,6 +75,8 @@ def log_judged(
     samples = samples_of(path, declared, columns)
     judgement = replay(flat, samples, plan, str(log), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
+    for found in judgement.modules:
+        found.beyond_s = max(c.beyond_ns for c in columns.values()) / 1e9
     judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
     judgement.unchecked = any(c.unchecked for c in columns.values())
     return judgement

@@ -30,6 +30,7 @@ from generators.robot_logs import (
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
+from soter.cli.terminal.log_judgement import verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -125,6 +126,24 @@ def test_of_a_choice_of_rows_the_log_ends_with_the_last_that_counts(
     judgement = load(CART).judge_log(log, given, system="Protected")
     assert judgement.to_s == 0.79, "what another channel has may be of another flight"
     assert 0.5 < judgement.modules[0].judged_share < 0.6
+    told = "to the last row that counts, 8.210 s before the file ends"
+    assert told in verdict_of(judgement.modules[0])
+    assert any(n.startswith("other channels go on for 8.21 s;") for n in judgement.notes)
+
+
+@pytest.mark.parametrize("name", ["json.mcap", "ros2_plain", "plain.bag"])
+@pytest.mark.parametrize("far_ns", [-T0 + 1, 10**18])
+def test_a_channel_of_another_clock_neither_begins_nor_ends_the_log(
+    tmp_path: Path, name: str, far_ns: int
+) -> None:
+    far_ns = min(far_ns, 2 * 10**9 * SECOND - T0)  # a bag of ROS 1 has seconds of 32 bits
+    both = sorted([*flight(40), *elsewhere(far_ns, 600 * MS)], key=lambda m: m.arrival_ns)
+    judgement = judged(written(tmp_path, name, both))
+    assert judgement.to_s == 0.6, "the other record of that channel ends it"
+    side = "before" if far_ns < 0 else "after"
+    (note,) = judgement.notes
+    assert note.startswith("1 messages of `/elsewhere`, up to ")
+    assert f"s {side} the rest, have another clock" in note
 
 
 def test_a_time_from_the_messages_ends_as_much_later_as_the_log_does(tmp_path: Path) -> None:

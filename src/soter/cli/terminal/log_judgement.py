@@ -62,7 +62,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
-        if m.decided and m.judged_share < 1.0:
+        if m.decided and (m.judged_share < 1.0 or m.beyond_s > 0.0):
             yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
@@ -152,6 +152,8 @@ def verdict_of(m: ModuleOfLog) -> str:
         parts.append(f"the first at {m.first_outside_s:.3f} s")
     if m.judged and m.judged_share < 1.0:
         parts.append(f"judged{of_the_log(m.judged_share)}")
+    if m.beyond_s > 0.0:
+        parts.append(f"to the last row that counts, {m.beyond_s:.3f} s before the file ends")
     return ", ".join(parts)
 
 
