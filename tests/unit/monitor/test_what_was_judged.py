@@ -30,7 +30,7 @@ from generators.robot_logs import (
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
-from soter.cli.terminal.log_judgement import verdict_of
+from soter.cli.terminal.log_judgement import NOTHING, verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -365,6 +365,23 @@ def test_estimates_are_judged_for_the_share_that_is_told(
 
 
 # ---------------------------------------------------------------- what the mapping says
+
+
+def test_a_module_that_a_log_leaves_undecided_is_an_error_beside_those_that_are_judged(
+    judge: Any, tmp_path: Path, capsys: Any
+) -> None:
+    code, document, told = judge(SOME, names=("b",))
+    undecided = [n for n, m in document["log"]["modules"].items() if not m["decided"]]
+    assert (code, undecided) == (0, ["Left"])
+    assert f"Left: {NOTHING}: its DM reads a (" in told.split("module  judged")[0]
+    arguments = ["monitor", str(tmp_path / "two.soter"), str(tmp_path / "log.csv")]
+    arguments += ["--map", str(tmp_path / "map.json")]
+    main([*arguments, "--format", "junit"])
+    suite = ET.fromstring(capsys.readouterr().out)  # noqa: S314 - our own
+    cases = {c.get("name"): c.find("error") is not None for c in suite.iter("testcase")}
+    assert cases == {"Left": True, "Right": False}
+    main([*arguments, "--report", str(tmp_path / "page.html")])
+    assert f"Left: {NOTHING}" in (tmp_path / "page.html").read_text()
 
 
 def test_a_press_that_the_log_has_not_is_named_with_what_follows(judge: Any) -> None:

@@ -62,7 +62,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
-        if m.decided and (m.judged_share < 1.0 or m.beyond_s > 0.0):
+        if m.judged_share < 1.0 or m.beyond_s > 0.0:
             yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:

@@ -119,6 +119,8 @@ class ModuleOfLog:
         """Why nothing was judged, "" where something was."""
         if self.judged:
             return ""
+        if self.missing:
+            return f"its DM reads {', '.join(self.missing)}, which the log does not give"
         if self.blind:
             return f"`safe` reads {', '.join(self.blind)}, which the log does not give"
         if not self.steps:
