@@ -30,7 +30,7 @@ from generators.robot_logs import (
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
-from soter.cli.terminal.log_judgement import NOTHING, verdict_of
+from soter.cli.terminal.log_judgement import NOT_READ, NOTHING, verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -155,6 +155,28 @@ def test_a_time_from_the_messages_ends_as_much_later_as_the_log_does(tmp_path: P
     assert judgement.to_s == pytest.approx(8.0 + 0.92), "0.92 s after the ninth message"
 
 
+@pytest.mark.parametrize("name", ["flight.csv", "cdr.mcap", "plain.bag"])
+@pytest.mark.parametrize(("at", "x"), [(22, 50.0), (3, 50.0), (39, 50.0), (22, 1e9)])
+def test_a_sample_outside_that_no_step_reads_counts(
+    tmp_path: Path, name: str, at: int, x: float
+) -> None:
+    """The DM steps at 0, 50 ms, ..., where it reads every fifth sample."""
+    now = T0 + at * 10 * MS
+    once = [*flight(40)]
+    once[at] = replace(once[at], content=odometry(now - MS, x, 0.1))
+    module = module_of(written(tmp_path, name, once))
+    assert (module.outside, module.outside_late, module.violated) == (0, 1, True)
+
+
+def test_a_sample_outside_that_the_gate_refuses_counts(judge: Any) -> None:
+    rows = SOME.replace("1.0,0.1,0.1", "1.0,900.0,0.1")
+    code, document, told = judge(rows, text_set="topic a: float in [-5.0, 5.0]")
+    left = document["log"]["modules"]["Left"]
+    assert (code, left["outside"], left["outside_late"]) == (3, 0, 1)
+    assert document["log"]["refused"]["a"]["samples"] == 1
+    assert "the gate refused or no step read" in told
+
+
 def test_a_read_outside_after_the_last_step_counts(tmp_path: Path) -> None:
     """The DM steps every 50 ms; 0.36 s is after its last step."""
     last = [*flight(36), Recorded(T0 + 360 * MS, odometry(T0 + 359 * MS, 50.0, 0.1))]
@@ -194,6 +216,8 @@ def judge(tmp_path: Path, capsys: Any) -> Callable[..., Any]:
         text = text if kind.get("sum") else text.replace("\nnode Sum", "\n// node Sum")
         text = text.replace("p: P;", "p: P; node Sum;") if kind.get("sum") else text
         program.write_text(text.replace("SAFE", safe).replace("BACK", kind.get("back", "")))
+        if "text_set" in kind:
+            program.write_text(program.read_text().replace("topic a: float", kind["text_set"], 1))
         log.write_text(rows)
         topics = {n: {"fields": {"value": n}, **kind.get(n, {})} for n in names}
         given = tmp_path / "map.json"
@@ -224,7 +248,7 @@ def test_a_module_of_which_every_read_came_too_late_is_not_passed(judge: Any) ->
     assert "20 stamps of a (`s`) are further from the log's clock" in told
     assert "up to 999.000 s before it" in told
     assert "Left: nothing was judged, and that is no verdict: every read of its DM" in told
-    assert "191 that came too late lay outside `safe`" in told
+    assert f"191 {NOT_READ} lay outside `safe`" in told
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,7 @@ WIDTH = 100
 CHANGES_SHOWN = 12
 BOUNDS_SHOWN = 12
 NOTHING = "nothing was judged, and that is no verdict"
+NOT_READ = "that came too late, that the gate refused or no step read"
 HEAD = (
     "module", "judged", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe",
 )  # fmt: skip
@@ -147,7 +148,7 @@ def verdict_of(m: ModuleOfLog) -> str:
     if m.unjudged:
         parts = [*(parts if m.outside else ()), f"{NOTHING}: {m.unjudged}"]
     if m.outside_late:
-        parts.append(f"{m.outside_late:,} that came too late lay outside `safe`")
+        parts.append(f"{m.outside_late:,} {NOT_READ} lay outside `safe`")
     if m.first_outside_s is not None:
         parts.append(f"the first at {m.first_outside_s:.3f} s")
     if m.judged and m.judged_share < 1.0:
@@ -182,7 +183,7 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
     if m.waiting:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
-        yield f"  reads that came too late lay outside of safe {m.outside_late:,} times"
+        yield f"  samples {NOT_READ} lay outside of safe {m.outside_late:,} times"
     for text in unheard(m):
         yield from _item(text)
     if m.faults:

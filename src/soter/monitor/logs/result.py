@@ -62,7 +62,8 @@ class ModuleOfLog:
     it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
     `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
     `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
-    were, too, and in `outside` it did not hold; `outside_late`: of reads that came too late.
+    were, too, and in `outside` it did not hold; `outside_late`: of samples that
+    came too late, that the gate refused, or that no step read.
     `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
