@@ -75,6 +75,8 @@ def log_judged(
     samples = samples_of(path, declared, columns)
     judgement = replay(flat, samples, plan, str(log), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
+    for found in judgement.modules:
+        found.beyond_s = max(c.beyond_ns for c in columns.values()) / 1e9
     judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
     judgement.unchecked = any(c.unchecked for c in columns.values())
     return judgement
@@ -108,11 +110,13 @@ def log_explained(
     if wrong:
         raise SoterError(tuple(wrong))
     path = Path(log)
-    samples = samples_of(path, declared, read_columns(path, declared))
+    columns = read_columns(path, declared)
+    samples = samples_of(path, declared, columns)
     record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
-    notes = tuple(text for s in samples for text in s.lost)
-    return [replace(j, length_ns=end - begin, notes=notes) for j in made]
+    told = [text for s in samples for text in s.lost]
+    told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
+    return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
 
 
 def _declared(

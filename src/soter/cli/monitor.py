@@ -301,7 +301,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if any(m.violated for m in decided):
         code = VIOLATED
     fields = _fields(args, Monitored(log=judged))
-    headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in decided)
+    headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
     fields |= _report(args, headline, code, told, console)
     return CommandOutcome(code, items, fields, of_log(judged))

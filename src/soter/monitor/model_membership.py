@@ -44,6 +44,10 @@ if TYPE_CHECKING:
 
 ROUNDING = 1e-9
 """Relative slack of every comparison: the recorded plant computes in binary64."""
+UNSEEN = 1e-6
+"""A state depends on a leaf that moves it by no more than this not at all."""
+SILENT = 10.0
+"""A topic without `max_age` is silent after so many times the median of its own periods."""
 
 
 @dataclass
@@ -267,7 +271,8 @@ def judge(
     if record.times_ns:
         judgement.length_ns = record.times_ns[-1] - record.times_ns[0]
     if estimates:
-        _on_estimates(reader, models, record, judgement, truths)
+        ages = _Ages(flat, needed_topics(flat, module, problem), record)
+        _on_estimates(reader, models, record, judgement, ages, truths=truths)
     else:
         _on_truth(reader, models, record, judgement)
     return judgement
@@ -349,20 +354,57 @@ def sight_of(problem: Problem, model: LinearModel) -> ObservationMap:
     for leaf, r in zip(problem.quantities.errors, problem.errors, strict=True):
         errors[at[leaf.owner, leaf.path]] = r.high
     inverse = np.asarray(np.linalg.pinv(model.drives), dtype=np.float64)
-    seen = np.abs(inverse @ model.drives - np.eye(len(model.a))).max(axis=1) < 1e-6
+    seen = np.abs(inverse @ model.drives - np.eye(len(model.a))).max(axis=1) < UNSEEN
     return ObservationMap(
         inverse, np.asarray(np.where(seen, np.abs(inverse) @ errors, np.inf), dtype=np.float64)
     )
 
 
+class _Ages:
+    """What of the topics that are read was published at each instant, and how long ago before."""
+
+    def __init__(self, flat: System, names: Sequence[str], record: RecordedRun) -> None:
+        self.record, self.names = record, names
+        self.last: dict[str, int] = {}
+        self.most: dict[str, float] = {}
+        """By topic the greatest age that counts as judged: `max_age`, or some of its periods."""
+        given = record.published or []
+        for t in (t for t in flat.topics if t.name in names):
+            at = [now for now, p in zip(record.times_ns, given, strict=False) if t.name in p]
+            usual = float(np.median(np.diff(at))) if len(at) > 1 else np.inf
+            self.most[t.name] = SILENT * usual if t.max_age_ns is None else t.max_age_ns
+
+    def fresh(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
+        """Which of the driven leaves, by their topics, were published at instant k."""
+        if self.record.published is None:
+            return np.ones(len(leaves), dtype=np.bool_)
+        return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
+
+    def heard(self, k: int) -> bool:
+        """Whether no topic was silent for too long up to instant k, which is noted."""
+        if self.record.published is None:
+            return True
+        now = self.record.times_ns[k]
+        too_old = [n for n, then in self.last.items() if now - then > self.most[n]]
+        self.last.update((n, now) for n in self.names if n in self.record.published[k])
+        return not too_old
+
+
 def _on_estimates(
-    reader: RecordReader, models: _Models, record: RecordedRun, judgement: Judgement, truths: bool
+    reader: RecordReader,
+    models: _Models,
+    record: RecordedRun,
+    judgement: Judgement,
+    ages: _Ages,
+    *,
+    truths: bool,
 ) -> None:
     shown = [] if truths else parameter_leaves(models.problem)
     names = [leaf.name for leaf in reader.states]
+    leaves = [reader.names[t] for t, _ in driven_leaves(models.problem)]
     box: tuple[Floats, Floats] | None = None
     same: tuple[int, ...] = ()
-    u, then, seen_ns = np.zeros(0), 0, 0
+    u, then, seen_ns, silent = np.zeros(0), 0, 0, False
     stamp: object = None
     for k, now in enumerate(record.times_ns):
         y = reader.estimate(record.topics[k])
@@ -373,20 +415,22 @@ def _on_estimates(
         if box is not None and now > then:
             box = _image(models.step(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now
-        if stamp is not None and np.array_equal(y, stamp) and parameter == same:  # type: ignore[arg-type]
+        silent, fresh = not ages.heard(k) or silent, ages.fresh(k, leaves)
+        unchanged = stamp is not None and np.array_equal(y, stamp)  # type: ignore[arg-type]
+        if parameter == same and not (fresh.any() and (record.published or not unchanged)):
             continue  # nothing new was published
-        stamp, apart = y, now - seen_ns
-        seen_ns = now
+        stamp, apart, gap = y, now - seen_ns, silent
+        seen_ns, silent = now, False
         model = models.model(parameter)
-        sight = sight_of(models.problem, model)
-        x = sight.inverse @ (y - model.offset)
-        slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y - model.offset) + 1.0)
-        seen = x - sight.error - slack, x + sight.error + slack
+        seen = _seen(sight_of(models.problem, model), y - model.offset, fresh)
         if box is None or parameter != same:
             box, same = seen, parameter
             continue
+        if not np.isfinite([*box, *seen]).all(axis=0).any():
+            box = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
+            continue  # there is no state of which both are known
         judgement.steps += 1
-        judgement.judged_ns += apart
+        judgement.judged_ns += 0 if gap else apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
         wrong = [names[i] for i in np.flatnonzero(low > high)]
         if wrong:
@@ -395,10 +439,21 @@ def _on_estimates(
         box = low, high
 
 
+def _seen(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """What the leaves that were published say of the states; all of them where others matter."""
+    x = sight.inverse @ y
+    slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y) + 1.0)
+    old = (np.abs(sight.inverse[:, ~fresh]) > UNSEEN).any(axis=1)
+    error = np.where(old, np.inf, sight.error) + slack
+    return x - error, x + error
+
+
 def _image(step: AffineStep, box: tuple[Floats, Floats], u: Floats) -> tuple[Floats, Floats]:
-    mid, half = (box[0] + box[1]) / 2, (box[1] - box[0]) / 2
+    half = (box[1] - box[0]) / 2
+    with np.errstate(invalid="ignore"):  # of a state that is not known
+        mid = np.where(np.isfinite(half), (box[0] + box[1]) / 2, 0.0)
+        finite = np.where(np.abs(step.phi) > 0, np.abs(step.phi) * half, 0.0).sum(axis=1)
     centre = step.phi @ mid + step.gamma @ u + step.c
-    finite = np.where(np.abs(step.phi) > 0, np.abs(step.phi) * half, 0.0).sum(axis=1)
     radius = finite + step.reach
     radius = radius * (1 + ROUNDING) + ROUNDING * np.abs(centre)
     return centre - radius, centre + radius

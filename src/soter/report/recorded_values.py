@@ -13,8 +13,12 @@ from typing import Any
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """After each instant: every topic by full name, every plant's true state by full name."""
+    """After each instant: every topic by full name, every plant's true state by full name.
+
+    `published`: the topics that were published at each instant; None where nobody knows.
+    """
 
     times_ns: list[int]
     topics: list[dict[str, Any]]
     truths: list[dict[str, Any]]
+    published: list[set[str]] | None = None

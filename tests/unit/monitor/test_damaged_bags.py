@@ -19,6 +19,7 @@ from bench.hostile.log_records import CHUNK1, CONNECTION1, INFO1, Record1, insid
 from generators.robot_logs import (
     T0,
     Recorded,
+    as_bag2,
     flight,
     judge,
     refused,
@@ -216,6 +217,12 @@ def test_a_link_to_a_numbered_part_is_told_with_the_others(tmp_path: Path) -> No
     assert "beside it is another" in refused(link)
     (bag / "bag_1.db3.zstd").rename(bag / "bag_0.db3.zstd")
     assert judge(link).samples["motion"] == 20
+
+
+def test_messages_of_an_mcap_that_are_packed_one_by_one_are_told(tmp_path: Path) -> None:
+    bag = tmp_path / "bag"
+    as_bag2(bag, flight(), "MESSAGE", "MCAP")
+    assert "packed one by one, which is read of sqlite3 only" in refused(bag)
 
 
 def test_what_lies_beside_an_mcap_and_is_of_no_bag_is_no_matter(tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ from generators.robot_logs import (
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
+from soter.cli.terminal.log_judgement import NOT_READ, NOTHING, verdict_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -125,6 +126,24 @@ def test_of_a_choice_of_rows_the_log_ends_with_the_last_that_counts(
     judgement = load(CART).judge_log(log, given, system="Protected")
     assert judgement.to_s == 0.79, "what another channel has may be of another flight"
     assert 0.5 < judgement.modules[0].judged_share < 0.6
+    told = "to the last row that counts, 8.210 s before the file ends"
+    assert told in verdict_of(judgement.modules[0])
+    assert any(n.startswith("other channels go on for 8.21 s;") for n in judgement.notes)
+
+
+@pytest.mark.parametrize("name", ["json.mcap", "ros2_plain", "plain.bag"])
+@pytest.mark.parametrize("far_ns", [-T0 + 1, 10**18])
+def test_a_channel_of_another_clock_neither_begins_nor_ends_the_log(
+    tmp_path: Path, name: str, far_ns: int
+) -> None:
+    far_ns = min(far_ns, 2 * 10**9 * SECOND - T0)  # a bag of ROS 1 has seconds of 32 bits
+    both = sorted([*flight(40), *elsewhere(far_ns, 600 * MS)], key=lambda m: m.arrival_ns)
+    judgement = judged(written(tmp_path, name, both))
+    assert judgement.to_s == 0.6, "the other record of that channel ends it"
+    side = "before" if far_ns < 0 else "after"
+    (note,) = judgement.notes
+    assert note.startswith("1 messages of `/elsewhere`, up to ")
+    assert f"s {side} the rest, have another clock" in note
 
 
 def test_a_time_from_the_messages_ends_as_much_later_as_the_log_does(tmp_path: Path) -> None:
@@ -134,6 +153,28 @@ def test_a_time_from_the_messages_ends_as_much_later_as_the_log_does(tmp_path: P
     time = {"from": "header.stamp.sec", "unit": "s"}
     judgement = load(CART).judge_log(log, {"topics": topics, "time": time}, system="Protected")
     assert judgement.to_s == pytest.approx(8.0 + 0.92), "0.92 s after the ninth message"
+
+
+@pytest.mark.parametrize("name", ["flight.csv", "cdr.mcap", "plain.bag"])
+@pytest.mark.parametrize(("at", "x"), [(22, 50.0), (3, 50.0), (39, 50.0), (22, 1e9)])
+def test_a_sample_outside_that_no_step_reads_counts(
+    tmp_path: Path, name: str, at: int, x: float
+) -> None:
+    """The DM steps at 0, 50 ms, ..., where it reads every fifth sample."""
+    now = T0 + at * 10 * MS
+    once = [*flight(40)]
+    once[at] = replace(once[at], content=odometry(now - MS, x, 0.1))
+    module = module_of(written(tmp_path, name, once))
+    assert (module.outside, module.outside_late, module.violated) == (0, 1, True)
+
+
+def test_a_sample_outside_that_the_gate_refuses_counts(judge: Any) -> None:
+    rows = SOME.replace("1.0,0.1,0.1", "1.0,900.0,0.1")
+    code, document, told = judge(rows, text_set="topic a: float in [-5.0, 5.0]")
+    left = document["log"]["modules"]["Left"]
+    assert (code, left["outside"], left["outside_late"]) == (3, 0, 1)
+    assert document["log"]["refused"]["a"]["samples"] == 1
+    assert "the gate refused or no step read" in told
 
 
 def test_a_read_outside_after_the_last_step_counts(tmp_path: Path) -> None:
@@ -175,6 +216,8 @@ def judge(tmp_path: Path, capsys: Any) -> Callable[..., Any]:
         text = text if kind.get("sum") else text.replace("\nnode Sum", "\n// node Sum")
         text = text.replace("p: P;", "p: P; node Sum;") if kind.get("sum") else text
         program.write_text(text.replace("SAFE", safe).replace("BACK", kind.get("back", "")))
+        if "text_set" in kind:
+            program.write_text(program.read_text().replace("topic a: float", kind["text_set"], 1))
         log.write_text(rows)
         topics = {n: {"fields": {"value": n}, **kind.get(n, {})} for n in names}
         given = tmp_path / "map.json"
@@ -205,7 +248,7 @@ def test_a_module_of_which_every_read_came_too_late_is_not_passed(judge: Any) ->
     assert "20 stamps of a (`s`) are further from the log's clock" in told
     assert "up to 999.000 s before it" in told
     assert "Left: nothing was judged, and that is no verdict: every read of its DM" in told
-    assert "191 that came too late lay outside `safe`" in told
+    assert f"191 {NOT_READ} lay outside `safe`" in told
 
 
 @pytest.mark.parametrize(
@@ -346,6 +389,23 @@ def test_estimates_are_judged_for_the_share_that_is_told(
 
 
 # ---------------------------------------------------------------- what the mapping says
+
+
+def test_a_module_that_a_log_leaves_undecided_is_an_error_beside_those_that_are_judged(
+    judge: Any, tmp_path: Path, capsys: Any
+) -> None:
+    code, document, told = judge(SOME, names=("b",))
+    undecided = [n for n, m in document["log"]["modules"].items() if not m["decided"]]
+    assert (code, undecided) == (0, ["Left"])
+    assert f"Left: {NOTHING}: its DM reads a (" in told.split("module  judged")[0]
+    arguments = ["monitor", str(tmp_path / "two.soter"), str(tmp_path / "log.csv")]
+    arguments += ["--map", str(tmp_path / "map.json")]
+    main([*arguments, "--format", "junit"])
+    suite = ET.fromstring(capsys.readouterr().out)  # noqa: S314 - our own
+    cases = {c.get("name"): c.find("error") is not None for c in suite.iter("testcase")}
+    assert cases == {"Left": True, "Right": False}
+    main([*arguments, "--report", str(tmp_path / "page.html")])
+    assert f"Left: {NOTHING}" in (tmp_path / "page.html").read_text()
 
 
 def test_a_press_that_the_log_has_not_is_named_with_what_follows(judge: Any) -> None:

@@ -1,8 +1,8 @@
 """The judgements of `soter monitor` as findings.
 
 Purpose: one for each module, where it is declared: an alarm, or a read outside `safe`, is wrong;
-where nothing was judged it is open.
-Non-goals: a module that a log leaves undecided: that is a diagnostic (D017).
+where nothing was judged, or a log leaves it undecided, it is open.
+Non-goals: the warning of a module that is undecided (D017).
 """
 
 from __future__ import annotations
@@ -48,10 +48,13 @@ def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
 
 
 def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
-    """Whether a read of each decided module lay outside `safe`; what is assumed stands with it."""
+    """Whether a read of each module lay outside `safe`; what is assumed stands with it."""
     findings = []
     for m in judged.modules:
         if not m.decided:
+            missing = tuple(f"missing: {name}" for name in m.missing)
+            told = f"{m.module}: {verdict_of(m)}"
+            findings.append(CiFinding("open", RULE, m.module, told, m.span, missing))
             continue
         text = f"{m.module}: {verdict_of(m)}"
         lost = (t.strip() for t in lost_of(judged))

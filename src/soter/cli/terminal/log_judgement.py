@@ -26,6 +26,7 @@ WIDTH = 100
 CHANGES_SHOWN = 12
 BOUNDS_SHOWN = 12
 NOTHING = "nothing was judged, and that is no verdict"
+NOT_READ = "that came too late, that the gate refused or no step read"
 HEAD = (
     "module", "judged", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe",
 )  # fmt: skip
@@ -62,7 +63,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
-        if m.decided and m.judged_share < 1.0:
+        if m.judged_share < 1.0 or m.beyond_s > 0.0:
             yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
@@ -147,11 +148,13 @@ def verdict_of(m: ModuleOfLog) -> str:
     if m.unjudged:
         parts = [*(parts if m.outside else ()), f"{NOTHING}: {m.unjudged}"]
     if m.outside_late:
-        parts.append(f"{m.outside_late:,} that came too late lay outside `safe`")
+        parts.append(f"{m.outside_late:,} {NOT_READ} lay outside `safe`")
     if m.first_outside_s is not None:
         parts.append(f"the first at {m.first_outside_s:.3f} s")
     if m.judged and m.judged_share < 1.0:
         parts.append(f"judged{of_the_log(m.judged_share)}")
+    if m.beyond_s > 0.0:
+        parts.append(f"to the last row that counts, {m.beyond_s:.3f} s before the file ends")
     return ", ".join(parts)
 
 
@@ -180,7 +183,7 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
     if m.waiting:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
-        yield f"  reads that came too late lay outside of safe {m.outside_late:,} times"
+        yield f"  samples {NOT_READ} lay outside of safe {m.outside_late:,} times"
     for text in unheard(m):
         yield from _item(text)
     if m.faults:

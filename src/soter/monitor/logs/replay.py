@@ -96,6 +96,7 @@ def replay(
         if module_log.decided:
             watches[m.index] = _Watch(m, module_log)
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
+    world.watches = watches
     for ct in _instants(system, plan, to_ns - from_ns):
         world.instant(ct, watches)
         if progress is not None:
@@ -175,6 +176,9 @@ class _LogState:
             self.needs[m.dm] = behind | (inputs & given)
         self.aging = {s.topic.index for s in samples if not s.always}
         self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
+        self.watches: dict[int, _Watch] = {}
+        self.unread: set[tuple[int, int]] = set()
+        """Modules, and topics of their `safe` that no step has read since they were published."""
 
     def instant(self, ct: int, watches: dict[int, _Watch]) -> None:
         """One instant: what was published before it, then everything in the deployed order."""
@@ -213,6 +217,7 @@ class _LogState:
 
     def _publish(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
         topic = feed.samples.topic
+        sampled = not (feed.samples.linear or feed.samples.always)
         for time_ns, value in values:
             try:
                 self.machine.checks[topic.index](value, topic.symbol.span)
@@ -220,8 +225,23 @@ class _LogState:
                 count, first = self.judged.refused.get(topic.name, (0, ""))
                 first = first or f"{(time_ns + self.from_ns) / 1e9:.3f} s: {fault.detail}"
                 self.judged.refused[topic.name] = count + 1, first
+                if sampled:
+                    refused = environment_input(self.machine, self.c, topic.index, value, time_ns)
+                    self._ask_between(refused, topic.index, set(self.watches))
                 continue
+            if sampled:
+                lost = {m for m in self.watches if (m, topic.index) in self.unread}
+                self._ask_between(self.c, topic.index, lost)
+                self.unread |= {(m, topic.index) for m in self.watches}
             self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
+
+    def _ask_between(self, c: Configuration, topic: int, modules: set[int]) -> None:
+        """Ask `safe` of these modules of a sample that no step of their DMs reads."""
+        for m in modules:
+            if topic in self.of_safe[m] and all(c.stamps[i] != NEVER for i in self.of_safe[m]):
+                watch = self.watches[m]
+                env = self.machine.environment(c, self.system.components[watch.module.dm])
+                watch.note_late(env, (c.stamps[topic] + self.from_ns) / 1e9)
 
     def _step(self, n: Component, watches: dict[int, _Watch]) -> None:
         heard = self._heard(self.needs[n.index])
@@ -251,6 +271,7 @@ class _LogState:
                 too_old = too_old or (i in self.of_safe[m] and age > topic.max_age_ns)
             elif i in self.aging:
                 self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
+        self.unread = {each for each in self.unread if each[0] != m}
         if self._heard(self.of_safe[m]):
             watch.asked_of = self._read_by_safe(m)
             if too_old:
@@ -366,7 +387,7 @@ class _Watch:
             self.found.outside += not holds
 
     def note_late(self, env: Environment, time_s: float) -> None:
-        """Ask `safe` of reads that came too late to be judged."""
+        """Ask `safe` of what no step judges: too late, refused, or overwritten by the next."""
         self.found.outside_late += self._clear(env, time_s) is False
 
     def _clear(self, env: Environment, time_s: float) -> bool | None:

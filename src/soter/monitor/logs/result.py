@@ -62,8 +62,9 @@ class ModuleOfLog:
     it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
     `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
     `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
-    were, too, and in `outside` it did not hold; `outside_late`: of reads that came too late.
-    `faults` of predicates.
+    were, too, and in `outside` it did not hold; `outside_late`: of samples that
+    came too late, that the gate refused, or that no step read.
+    `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
     `span`: where the module is declared.
@@ -87,6 +88,7 @@ class ModuleOfLog:
     faults: int = 0
     nan_looks: int = 0
     first_outside_s: float | None = None
+    beyond_s: float = 0.0
     changes: list[LoggedModeChange] = field(default_factory=list)
     margin: NearestMargin | None = None
     clearance: NearestMargin | None = None
@@ -118,6 +120,8 @@ class ModuleOfLog:
         """Why nothing was judged, "" where something was."""
         if self.judged:
             return ""
+        if self.missing:
+            return f"its DM reads {', '.join(self.missing)}, which the log does not give"
         if self.blind:
             return f"`safe` reads {', '.join(self.blind)}, which the log does not give"
         if not self.steps:

@@ -460,12 +460,16 @@ def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
     topics = {t.name: t.default for t in system.topics}
     topics.update({s.topic.name: s.values[0] for s in samples if s.always})
     events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
-    record = RecordedRun([], [], [])
+    record, since = RecordedRun([], [], [], []), set[str]()
+    assert record.published is not None
     for at, (time_ns, k, i) in enumerate(events):
         topics[samples[k].topic.name] = samples[k].values[i]
+        since.add(samples[k].topic.name)
         last = at + 1 == len(events) or events[at + 1][0] != time_ns
         if last and time_ns >= start:
             record.times_ns.append(time_ns)
             record.topics.append(dict(topics))
             record.truths.append({})
+            record.published.append(since)
+            since = set()
     return record

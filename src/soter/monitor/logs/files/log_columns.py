@@ -41,7 +41,8 @@ class Columns:
     when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
     first and the last record of the log came, of whatever channel; None: these rows are all of it.
     `equal`: how many have the time of the one before them. `notes`: what was found of the file
-    besides; `unchecked`: whether nothing in it tells that a value was changed.
+    besides; `beyond_ns`: how long the file goes on behind the end of a choice; `unchecked`: whether
+    nothing in it tells that a value was changed.
     """
 
     times_ns: list[int] = field(default_factory=list)
@@ -49,6 +50,7 @@ class Columns:
     stamps_ns: dict[StampSource, list[int | None]] = field(default_factory=dict)
     where: list[str] = field(default_factory=list)
     ends_ns: tuple[int, int] | None = None
+    beyond_ns: int = 0
     equal: int = 0
     first_equal: str = ""
     notes: list[str] = field(default_factory=list)

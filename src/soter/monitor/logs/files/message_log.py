@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from soter.monitor.logs.files.log_columns import Arrived, Columns, Wanted
 
 SECOND_NS = 10**9
+HOUR_NS = 3600 * SECOND_NS
 OF_ALL = (
     "`[time] from` is asked of the messages of every channel that is mapped; without it their log "
     "time counts"
@@ -56,12 +57,12 @@ def read_messages(
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     counted: list[tuple[int, int]] = []
-    others: list[int] = []
+    others: list[tuple[int, str]] = []
     for arrived in _messages(path, by_channel, facts):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
             if mapping.counts(log_ns):
-                others = [min([log_ns, *others]), max([log_ns, *others])]
+                others.append((log_ns, channel))
             continue
         where = f"message {facts.there[channel]} of `{channel}`"
         if not mapping.counts(log_ns) or any(
@@ -80,11 +81,17 @@ def read_messages(
         if not columns.times_ns:
             help_ = nearest_or_all(str(key), facts.there)
             raise unusable(path, f"no message that counts stands on `{key}`", help_)
-    ends = _ends(counted, [] if mapping.where else others)
+    near, notes = _near(counted, others)
+    whole = _ends(counted, near)
+    ends = _ends(counted, []) if mapping.where else whole
+    beyond_ns = whole[1] - ends[1]
+    if beyond_ns > 0:
+        told = f"other channels go on for {seconds_text(beyond_ns)} s"
+        notes.append(f"{told}; of a choice by `where` the log ends with the last row that counts")
     for columns in columns_by_channel.values():
-        columns.ends_ns = ends
+        columns.ends_ns, columns.beyond_ns = ends, beyond_ns
         columns.unchecked = facts.unchecked
-        columns.notes += [*facts.notes, *order.notes]
+        columns.notes += [*facts.notes, *order.notes, *notes]
     return columns_by_channel
 
 
@@ -112,6 +119,33 @@ class _Order:
         return [
             f"in the order of the file time goes back {self.times:,} times between channels, {most}"
         ]
+
+
+def _near(
+    counted: list[tuple[int, int]], others: list[tuple[int, str]]
+) -> tuple[list[int], list[str]]:
+    """Log times of other channels, and notes that name those whose clock cannot be the log's.
+
+    These lie further from the rest than it is long, and than an hour: a sensor that fell silent
+    does not end the log.
+    """
+    first, last = min(counted)[0], max(counted)[0]
+    near: list[int] = []
+    far: dict[str, list[int]] = {}
+    early = sorted((o for o in others if o[0] < first), reverse=True)
+    for ns, channel in [*sorted(o for o in others if o[0] >= first), *early]:
+        apart = max(first - ns, ns - last)
+        if apart > max(last - first, HOUR_NS):
+            far.setdefault(channel, []).append(max(first - ns, last - ns, key=abs))
+            continue
+        first, last = min(first, ns), max(last, ns)
+        near.append(ns)
+    notes = []
+    for channel, by in far.items():
+        side = "before" if by[-1] > 0 else "after"
+        told = f"{len(by):,} messages of `{channel}`, up to {max(map(abs, by)) / 1e9:,.0f} s {side}"
+        notes.append(f"{told} the rest, have another clock and do not count as its end")
+    return near, notes
 
 
 def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:

@@ -209,6 +209,9 @@ def _bag2(path: Path) -> _Bag2:
     packed = "" if mode in ("", "none") else mode
     if packed not in ("", "file", "message") or (packed and form != "zstd"):
         raise unusable(path, f"it is packed by `{form[:40]}`, mode `{mode[:40]}`: zstd is read")
+    if (storage, packed) == ("mcap", "message"):
+        text = "its messages are packed one by one, which is read of sqlite3 only"
+        raise unusable(path, text, "`ros2 bag convert` writes one that is not")
     if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
         raise unusable(path, f"its `{METADATA}` names no files")
     if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
