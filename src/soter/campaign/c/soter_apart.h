@@ -14,7 +14,7 @@
 extern "C" {
 #endif
 
-#define SOTER_APART_GONE (-1)   /* the process ended before it was through */
+#define SOTER_APART_GONE (-1)    /* the process ended before it was through */
 #define SOTER_APART_CHANGED (-2) /* C of externs changed how the processor rounds */
 
 /* soter_batch, whose answer is `done`, or one of the above. Gives what waitpid says of the process;
