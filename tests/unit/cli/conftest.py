@@ -103,7 +103,7 @@ def equal_certificates_are_checked_once(
 
 ROBOT = """
 soter 1;
-topic pos: float;
+topic pos: float max_age 500ms;
 topic u: float in [-1.0, 1.0];
 param LIMIT: float = 0.9 in [0.0, 10.0];
 param EVERY: duration = 20ms in [10ms, 100ms];
