@@ -1,8 +1,8 @@
-"""Random programs that campaigns compute in lanes.
+"""Random programs of straight steps, flown together in campaigns.
 
 Purpose: branches, early returns, loops over constants, whole numbers, enums, records, arrays and
 lists that are indexed, draws, gates that refuse, contracts, and operations that fault in some
-worlds and not in others; branches that have no lanes, as they change a list.
+flights and not in others; branches that change a list.
 Non-goals: other constructs (`random_programs.py`).
 """
 
