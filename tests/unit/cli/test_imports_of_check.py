@@ -74,7 +74,6 @@ ON_OTHER_INPUT = {
     "soter.cli.terminal.child_result": "`except ChildResult`: commands in a process of their own",
     "soter.cli.terminal.standard_input": "`soter check -`",
     "soter.diagnostics.current_phase": "a check that takes seconds",
-    "soter.diagnostics.os_error_text": "a file that cannot be read",
     "soter.language.evaluate.fair_choice": "a fair choice in a constant",
 }
 

@@ -5,9 +5,11 @@ Non-goals: values that were changed in their place, which nothing in a bag cover
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sqlite3
 import struct
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,6 +18,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from bench.hostile.log_records import CHUNK1, CONNECTION1, INFO1, Record1, inside, rewritten
 
+import processes
 from generators.robot_logs import (
     T0,
     Recorded,
@@ -94,16 +97,12 @@ def test_what_lies_beside_the_database_that_a_link_points_to_is_told(
 
 def test_the_remedy_for_a_log_of_sqlite_works(tmp_path: Path) -> None:
     (tmp_path / "it's").mkdir()
-    import shlex
-    import subprocess
-    import sys
-
     bag = written(tmp_path / "it's", "ros2_plain", flight(12))
     with_wal(bag / DB)
     (bag / "metadata.yaml").unlink()
     program, *words = shlex.split(refused(bag / DB).split("put them into it: ")[1])
     assert program == "python3"
-    subprocess.run([sys.executable, *words], check=True)
+    processes.run([sys.executable, *words], check=True)
     assert sum(judge(bag / DB, stamp="arrival").samples.values()) == 22
 
 

@@ -24,7 +24,6 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 )
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model import typed
@@ -237,7 +236,13 @@ def doubt_constants(
         always_by_parts(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
         for i, e in enumerate((ttf, safer))
     )
-    if (ttf_always, safer_always) != (None, None) and maybe_nan(system, module):
+    if (ttf_always, safer_always) == (None, None):
+        return False
+    from soter.language.evaluate.predicates.numbers_in_predicates import (  # noqa: PLC0415 - seldom
+        maybe_nan,
+    )
+
+    if maybe_nan(system, module):
         return False  # the ranges of IEEE's comparisons, and a NaN is danger
     name = f"of module `{symbol.name}`"
     if ttf_always is False:
