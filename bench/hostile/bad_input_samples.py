@@ -101,7 +101,7 @@ MADE = {
 """Format -> the command that writes its file, and where else it looks for it."""
 HAZARDS = (
     "kind,id,text,traces_to,owner,validation,evidence\n"
-    'hazard,H1,"strikes, and\nhard",R1; Guard.P2b,,,\nrequirement,R1,stays,Guard.safe,,,\n'
+    'hazard,H1,"counts, and\nfar",R1; T,,,\nrequirement,R1,stays,always n < 9,,,\n'
     "assumption,scheme,,,somebody,a test,a report\n"
 )
 SAFE = "safe abs(position) < WALL;"

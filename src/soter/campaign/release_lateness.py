@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import read_bytes
 from soter.native.python_child import python_child
+from soter.report.atomic_write import own_place
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -129,5 +130,5 @@ def kept(path: Path, seconds: float) -> Lateness:
     if path.exists():
         return _read(path)
     made = measured(seconds)
-    path.write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
+    own_place(path.parent, path.name).write_text(json.dumps(asdict(made)) + "\n", encoding="utf-8")
     return made

@@ -22,6 +22,7 @@ from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
+from soter.report.atomic_write import require_no_links
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -85,6 +86,7 @@ class CampaignStore:
         self._lock: IO[str] | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
+            require_no_links(folder)
             self._open()
         except SoterError:
             self.close()

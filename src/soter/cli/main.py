@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
@@ -118,6 +119,7 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
     """The outcome of a command line; nothing gets past."""
     try:
         _require_utf8(arguments)
+        _require_own_folder()
         return _run(name, arguments, console)
     except ChildResult:
         raise
@@ -146,6 +148,14 @@ def _require_utf8(arguments: Sequence[str]) -> None:
         if (shown := utf8_text(word)) != word:
             text = f"`{shown}` is not UTF-8, which everything that soter writes is: rename it"
             raise UsageError(text, "soter COMMAND ...; soter --help")
+
+
+def _require_own_folder() -> None:
+    """OSError where `.soter`, in which many commands write, leads elsewhere: it may be sent."""
+    if os.path.lexists(".soter"):
+        from soter.report.atomic_write import own_place, require_no_links  # noqa: PLC0415 - then only
+
+        require_no_links(own_place(Path(), ".soter"))
 
 
 def _run(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:

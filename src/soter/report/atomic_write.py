@@ -1,7 +1,7 @@
-"""Write a file so that it is either there in full or not there at all.
+"""Write a file so that it is either there in full or not there at all, and where it is meant.
 
 Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms the one that
-stood there before.
+stood there before. Of a folder that Soter fills with names of its own, no link leads elsewhere.
 Non-goals: locking; of two writers of one path the last to finish wins.
 """
 
@@ -11,11 +11,11 @@ import os
 import re
 import secrets
 from contextlib import contextmanager, suppress
+from pathlib import Path, PurePath
 from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 PART = ".part"
 """Ending of a file that is being written."""
@@ -47,6 +47,30 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise
+
+
+def own_place(folder: Path, name: str) -> Path:
+    """Where a file of Soter's own lies in a folder; OSError where a link leads elsewhere from it.
+
+    Whoever made the folder would choose what is written over.
+    """
+    path = folder
+    for part in PurePath(name).parts:
+        path /= part
+        _require_no_link(path)
+    return path
+
+
+def require_no_links(folder: Path) -> None:
+    """OSError where a link lies anywhere in a folder of which Soter chooses all names."""
+    for at, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            _require_no_link(Path(at, name))
+
+
+def _require_no_link(path: Path) -> None:
+    if path.is_symlink():
+        raise OSError(f"`{path}` is a link, and what that leads to is not written: remove it")
 
 
 def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:

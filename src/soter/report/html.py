@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.os_error_text import reason
-from soter.report.atomic_write import atomic_write
+from soter.report.atomic_write import atomic_write, own_place
 from soter.report.errors import ReportError, ReportUnavailableError
 from soter.report.run.packed_json import packed, script_json
 from soter.report.run.page import body
@@ -51,7 +51,10 @@ def write_html(
         return write_text(html_document(page, library), path)
     name = script_name(library)
     written = write_text(html_document(page, beside=name), path)
-    script = target.resolve().with_name(name)
+    try:
+        script = own_place(target.resolve().parent, name)
+    except OSError as error:
+        raise ReportError(f"cannot write the report {target}: {reason(error)}") from error
     if not script.is_file() or script.stat().st_size != len(library.encode()):
         write_text(library, script)
     return written

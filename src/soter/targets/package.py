@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import ReadError, read_bytes
-from soter.report.atomic_write import atomic_write
+from soter.report.atomic_write import atomic_write, own_place
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,14 +81,13 @@ class Package:
                 )
             )
         for file in self.files:
-            path = self.folder / file.path
-            if file.yours and path.exists():
+            if file.yours and (self.folder / file.path).exists():
                 self.kept.append(file.path)
                 continue
-            self._write(path, file.text)
+            self._write(file.path, file.text)
             self.written.append(file.path)
         ours = {f.path: _digest(f.text) for f in self.files if not f.yours}
-        self._write(self.folder / MANIFEST, json.dumps(ours, indent=1) + "\n")
+        self._write(MANIFEST, json.dumps(ours, indent=1) + "\n")
         return self
 
     def _is_foreign(self, file: PackageFile) -> bool:
@@ -110,12 +109,12 @@ class Package:
             return {}
         return noted if isinstance(noted, dict) else {}
 
-    def _write(self, path: Path, text: str) -> None:
+    def _write(self, name: str, text: str) -> None:
         try:
-            with atomic_write(path) as stream:
+            with atomic_write(own_place(self.folder, name)) as stream:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
-            raise _cannot_write(path, error) from error
+            raise _cannot_write(self.folder / name, error) from error
 
 
 def _digest(text: str) -> str:

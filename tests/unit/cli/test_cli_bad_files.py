@@ -11,7 +11,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 from bench.hostile.bad_input_mutants import placed
-from bench.hostile.bad_input_samples import HAZARDS, MAP, NAMED, POSITIONS, ROOT, Format, formats
+from bench.hostile.bad_input_samples import (
+    HAZARDS,
+    MAP,
+    NAMED,
+    POSITIONS,
+    ROOT,
+    VIOLATED,
+    Format,
+    formats,
+)
 
 import processes
 from long_tests import examples
@@ -45,7 +54,7 @@ REPORT = {"program_sha256": "0", "tests": [{"name": "T", "verdict": "clean"}]}
 def files(here: Path) -> Iterator[Path]:
     """What the formats need; a test that hangs is ended."""
     track = (ROOT / "examples" / "wall" / "shuttle.soter").read_text(encoding="utf-8")
-    texts = {"track.soter": track, "violated.soter": track, "data.soter": NAMED}
+    texts = {"track.soter": track, "violated.soter": VIOLATED, "data.soter": NAMED}
     texts |= {"map.toml": MAP, "log.csv": POSITIONS, "one.json": "1.25\n"}
     texts |= {"rows.csv": "t,n,on\n1.5,2,true\n2.0,3,false\n0.5,1,true\n"}
     texts |= {"hazards.csv": HAZARDS}

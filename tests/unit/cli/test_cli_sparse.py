@@ -83,3 +83,10 @@ def test_a_cut_and_an_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(bounded_gzip, "UNPACKED_MAX", 1_000_000)
     with path.open("rb") as file, pytest.raises(zlib.error, match="more than"):
         bounded_gzip.BoundedGzip(file).readall()
+
+
+def test_a_high_limit_takes_no_memory_for_what_is_not_there(tmp_path: Path) -> None:
+    (tmp_path / "small").write_bytes(b"x" * 3)
+    assert read_bytes(tmp_path / "small", 2**60) == b"xxx"
+    with pytest.raises(ReadError, match="too large"):
+        read_bytes(tmp_path / "small", 2)

@@ -21,6 +21,7 @@ from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
 from soter.api.files import require_no_certificate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
+from soter.report.atomic_write import own_place
 from soter.report.errors import ReportError
 from soter.version import VERSION
 
@@ -157,11 +158,11 @@ def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     from soter.report.assurance.strictdoc import sdoc  # noqa: PLC0415 - only then
     from soter.report.html import write_text  # noqa: PLC0415 - only then
 
-    page, data, document = (folder / name for name in FILES)
     try:
+        page, data, document = (own_place(folder, name) for name in FILES)
         write_case(case, page)
         write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
         write_text(sdoc(case), document)
-    except ReportError as error:
+    except (ReportError, OSError) as error:
         raise SoterError((Diagnostic("D006", str(error)),)) from error
     return page, data, document

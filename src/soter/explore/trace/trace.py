@@ -17,6 +17,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
 from soter.language.load.data_files import parse_json
+from soter.report.atomic_write import own_place
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -166,7 +167,7 @@ def write_trace(trace: Trace, path: Path) -> Path:
     text = f'{head[:-2]},\n "steps": [\n  {lines}\n ]\n}}\n'
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+        own_place(path.parent, path.name).write_text(text, encoding="utf-8")
     except OSError as error:
         message = f"cannot write `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error

@@ -43,12 +43,22 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
     """
     with opened(path, limit, pipes=special, devices=special) as file:
         try:
-            data = file.read(limit + 1) if _size(file) <= limit else None
+            size = _size(file)
+            data = _read(file, limit + 1, size) if size <= limit else None
         except OSError as error:
             raise ReadError(reason(error)) from error
     if data is None or len(data) > limit:
         raise ReadError(f"it is too large: at most {limit // MIB} MiB are read")
     return data
+
+
+def _read(file: BinaryIO, most: int, size: int) -> bytes:
+    """All of it, at most so many bytes; memory for what is there, not for what might be."""
+    parts, room = [], most
+    while part := file.read(min(room, size + MIB)):
+        parts.append(part)
+        room -= len(part)
+    return b"".join(parts)
 
 
 def _size(file: BinaryIO) -> int:

@@ -18,6 +18,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.load.bounded_read import read_json_text
 from soter.language.load.data_files import parse_json
 from soter.language.model.python_values import to_json
+from soter.report.atomic_write import own_place
 from soter.semantics.adversary import ChoiceError, RecordedDraws
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -268,7 +269,8 @@ def write_counterexample(c: Counterexample, path: Path) -> Path:
         **{k: v for k, v in asdict(c).items() if k != "facts"},
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    own_place(path.parent, path.name).write_text(text, encoding="utf-8")
     return path
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.front_end import check_file
+from soter.language.load.bounded_read import ReadError, opened
 from soter.verify.command import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid.policies import core_synthesis
@@ -90,8 +91,11 @@ def synthesize(
 
 def _is_written(output: Path) -> bool:
     """Whether soter wrote a file: its beginning says so."""
-    with output.open(encoding="utf-8", errors="replace") as stream:
-        return sc_source.HEADER in stream.read(BEGINNING)
+    try:
+        with opened(output, pipes=False) as stream:
+            return sc_source.HEADER.encode() in stream.read(BEGINNING)
+    except ReadError:
+        return False
 
 
 def _require_place(main: Path, output: Path) -> None:

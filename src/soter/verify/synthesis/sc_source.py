@@ -17,6 +17,7 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 from soter.language.syntax.printer import format_source
+from soter.report.atomic_write import own_place
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -41,8 +42,8 @@ class SynthesizedSource:
     data: bytes
 
     def save(self, path: Path) -> tuple[Path, Path]:
-        """Write the program to `path` and the table beside it."""
-        beside = path.with_name(self.data_name)
+        """Write the program to `path` and the table beside it; OSError."""
+        beside = own_place(path.parent, self.data_name)
         path.write_text(self.text, encoding="utf-8")
         beside.write_bytes(self.data)
         return path, beside
