@@ -37,7 +37,7 @@ from soter.verify.proof_cache import stored_verdicts
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from soter.api.compiled_systems import PreparedSystem, PreparedSystems
     from soter.simulate.externs.bindings import Bindings
@@ -69,9 +69,11 @@ def simulate(
     else:
         bound = callables(bindings, engine, stop, apart=options.apart and hasattr(os, "fork"))
         go = _engine(engine, preparations, prepared)
+    answered = bindings.files()
     if writer is not None:
         layout = state_layout(bindings.system)
-        writer.begin(bindings.system, layout, seed, engine, bindings.texts())
+        told = {**bindings.texts(), **{f"{n} sha256 {f}": h for n, f, h in _each(answered)}}
+        writer.begin(bindings.system, layout, seed, engine, told)
     try:
         phase(f"running {bindings.system.name}", anew=True)
         with stoppable(stop, INTERRUPT if writer is None else ANY_END):
@@ -94,7 +96,7 @@ def simulate(
         raise
     finally:
         close(bound)
-    run.externs = bindings.texts()
+    run.externs, run.extern_files = bindings.texts(), answered
     run.paced = paced
     run.page = _page
     run.computed = [*prepared.computed, *assumptions(bound)]
@@ -104,6 +106,13 @@ def simulate(
     if run.interrupted and not options.partial:
         raise_again(stop)
     return run
+
+
+def _each(answered: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
+    """Extern, file and SHA-256 of it."""
+    for name, files in answered.items():
+        for file, sha256 in files.items():
+            yield name, file, sha256
 
 
 def _why_paced(bindings: Bindings, engine: str) -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 from xml.parsers import expat
 
-from soter.language.load.bounded_read import MIB, read_bytes
+from soter.language.load.bounded_read import MIB, beside, read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -67,20 +67,20 @@ def _files(path: Path) -> Iterator[ET.Element]:
     seen: set[Path] = set()
 
     def read(at: Path, depth: int) -> Iterator[ET.Element]:
-        seen.add(at)
+        seen.add(at.resolve())
         if len(seen) > FILES_MAX or depth > DEPTH_MAX:
             raise ValueError(f"it includes more than {FILES_MAX} files, or deeper than {DEPTH_MAX}")
         root = _tree(read_bytes(at, FILE_MAX))
         for include in root.findall("include"):
             name = (include.text or "").strip()
-            inner = (at.parent / name).resolve()
-            if not name or "/" in name or "\\" in name or inner.parent != at.parent:
+            inner = beside(at, name)
+            if inner is None or "/" in name or "\\" in name:
                 raise ValueError(f"it includes `{name[:60]}`, which is no file beside it")
-            if inner not in seen:
+            if inner.resolve() not in seen:
                 yield from read(inner, depth + 1)
         yield root
 
-    yield from read(path.resolve(), 0)
+    yield from read(path, 0)
 
 
 def _tree(raw: bytes) -> ET.Element:

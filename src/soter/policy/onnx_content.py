@@ -1,22 +1,22 @@
 """The bytes of an ONNX file, with the weights that lie in files beside it put into it.
 
 Purpose: what both readers of ONNX files are given. A tensor may name a file (`external_data` of
-the format), as `torch.onnx.export` writes it; that is looked for in the folder of the ONNX file,
-wherever the command was started, and nowhere else.
+the format), as `torch.onnx.export` writes it; that is looked for in the folder of the ONNX file as
+that is named, wherever the command was started, and nowhere else.
 Non-goals: what the bytes mean (`onnx_session.py`, `onnx_graph.py`).
 """
 
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.language.load.bounded_read import ReadError, read_bytes
+from soter.language.load.bounded_read import ReadError, beside, read_bytes
 from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of, missing_package
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 LOCATION = b"location"
 """The key that names another file stands in every ONNX file that has one (`onnx.proto`)."""
@@ -98,16 +98,15 @@ def _put_in(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None
 
 def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
     """A file in the folder of the ONNX file; X014 for any other, and where it is not read."""
-    folder = path.parent
-    try:
-        inside = (folder / name).resolve().is_relative_to(folder.resolve())
-    except (OSError, ValueError, RuntimeError):
-        inside = False
-    if not name or Path(name).is_absolute() or not inside:
+    at = beside(path, name)
+    if at is None:
         why = f"its constant `{tensor}` is said to lie in `{name[:80]}`"
         raise bad_policy(path, why, "only files in the folder of the ONNX file are read")
     try:
-        return read_bytes(folder / name, limit)
+        return read_bytes(at, limit)
     except ReadError as error:
-        why = f"its constant `{tensor}` lies in `{folder / name}`: {error}"
-        raise bad_policy(path, why, "keep the file beside the ONNX file that names it") from error
+        why = f"its constant `{tensor}` lies in `{at}`: {error}"
+        helps = ["keep the file beside the ONNX file that names it"]
+        if path.is_symlink():
+            helps.append(f"`{path.name}` is a link: bind `{path.resolve()}`, or link both")
+        raise bad_policy(path, why, *helps) from error

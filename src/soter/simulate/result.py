@@ -112,6 +112,8 @@ class Run:
     """Why a run that was asked for in real time was only paced."""
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
+    extern_files: dict[str, dict[str, str]] = field(default_factory=dict)
+    """SHA-256 of the files that answered each extern: weights beside a policy, what C includes."""
     computed: list[str] = field(default_factory=list)
     """A note on each module whose `ttf` and `safer` were computed."""
     proofs: dict[str, Proof] = field(default_factory=dict)

@@ -200,3 +200,17 @@ def test_what_pymavlink_brings_is_read_as_pymavlink_reads_it(name: str) -> None:
             *(m.crc_extra, m.wire_length, m.wire_min_length),
         )
         assert ours.invalid == {f.name: f.invalid for f in m.fields if f.invalid}
+
+
+def test_an_include_of_a_link_lies_beside_the_link(tmp_path: Path) -> None:
+    """As named; where both are links to one other folder, what they lead to is read."""
+    for folder in ("kept", "used", "both"):
+        (tmp_path / folder).mkdir()
+    kept = written(tmp_path / "kept", message(name="OWN"), "<include>inner.xml</include>")
+    written(tmp_path / "kept", message(name="KEPT").replace("54000", "54001"), name="inner.xml")
+    written(tmp_path / "used", message(name="USED").replace("54000", "54001"), name="inner.xml")
+    for folder in ("used", "both"):
+        (tmp_path / folder / "own.xml").symlink_to(kept)
+    (tmp_path / "both" / "inner.xml").symlink_to(tmp_path / "kept" / "inner.xml")
+    for folder, name in (("used", b"USED"), ("both", b"KEPT")):
+        assert b'"%s"' % name in dialect_xml(tmp_path / folder / "own.xml")

@@ -202,3 +202,123 @@ def test_what_is_written_of_a_policy_names_the_weights(
     heads = [[x for x in text if x.startswith("// weights: in `weights`")] for text in texts]
     assert len(heads[0]) == len(heads[1]) == 1
     assert heads[0] != heads[1]
+
+
+def layouts(folder: Path) -> dict[str, tuple[Path, float | None]]:
+    """Files that are links, and the bias that they have: 1 beside the link, 2 beside its target.
+
+    None: refused.
+    """
+    kept, blobs = folder / "kept", folder / "blobs"
+    model = onnx_of([(np.zeros((1, 2), np.float32), np.zeros(1, np.float32))], "Relu")
+    raw = moved(model)
+    given = [raw[:-4] + np.float32(x).tobytes() for x in (1.0, 2.0)]
+    for name in ("beside", "target", "both", "all", "blobs", "out", "kept"):
+        (folder / name).mkdir()
+    (kept / "p.onnx").write_bytes(model.SerializeToString())
+    (blobs / "3f").write_bytes(model.SerializeToString())
+    (blobs / "a7").write_bytes(given[0])
+    for name in ("beside", "both", "all", "out", "target"):
+        (folder / name / "p.onnx").symlink_to(kept / "p.onnx")
+    for name in ("beside", "both"):
+        (folder / name / "weights").write_bytes(given[0])
+    (kept / "weights").write_bytes(given[1])
+    (folder / "all" / "weights").symlink_to(kept / "weights")
+    (folder / "elsewhere").write_bytes(given[0])
+    (folder / "out" / "weights").symlink_to(folder / "elsewhere")
+    (folder / "stored").mkdir()
+    (folder / "stored" / "p.onnx").symlink_to("../blobs/3f")
+    (folder / "stored" / "weights").symlink_to("../blobs/a7")
+    (folder / "linked").symlink_to(kept)
+    said = {"beside": 1.0, "both": 1.0, "all": 2.0, "stored": 1.0, "linked": 2.0}
+    return {n: (folder / n / "p.onnx", said.get(n)) for n in (*said, "target", "out")}
+
+
+LAYOUTS = ("beside", "both", "all", "stored", "linked", "target", "out")
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_weights_of_a_link_are_those_beside_the_link(tmp_path: Path, name: str) -> None:
+    """As named, and never those of another folder: what lies only beside the target is told."""
+    from soter.policy.onnx_session import OnnxSession
+
+    path, bias = layouts(tmp_path)[name]
+    if bias is not None:
+        assert OnnxSession(path).run() == [bias]
+        return
+    with pytest.raises(SoterError) as caught:
+        OnnxSession(path)
+    (problem,) = caught.value.diagnostics
+    assert problem.code == "X014"
+    told = f"bind `{(tmp_path / 'kept' / 'p.onnx').resolve()}`" in " ".join(problem.helps)
+    assert told is (name == "target")
+
+
+@pytest.mark.parametrize("where", ["beside the link", "beside the target"])
+def test_a_program_that_is_a_link_names_what_lies_beside_the_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], where: str
+) -> None:
+    text = (
+        "soter 1;\ninput topic a: float[2] = [0.0, 0.0];\ntopic u: float = 0.0;\n"
+        'extern node N period 10ms from "onnx:p.onnx" { subscribes a; publishes u; }\n'
+        "system S default { node N; until 20ms; }\n"
+    )
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "used").mkdir()
+    (tmp_path / "kept" / "p.soter").write_text(text)
+    (tmp_path / "used" / "p.soter").symlink_to(tmp_path / "kept" / "p.soter")
+    folder = tmp_path / ("used" if where == "beside the link" else "kept")
+    model = onnx_of(random_layers(3, 2, 1), "Relu")
+    (folder / "weights").write_bytes(moved(model))
+    (folder / "p.onnx").write_bytes(model.SerializeToString())
+    monkeypatch.chdir(tmp_path)
+    done = main(["run", "used/p.soter"])
+    assert done == (0 if folder.name == "used" else 1)
+    assert ("X003" in capfd.readouterr().err) is (folder.name == "kept")
+
+
+def test_a_run_and_its_log_say_which_weights_flew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The program's hash is the same; statistics of a zip and what C includes are of the kind."""
+    from soter import load
+    from soter.simulate.trace_to_recorded_run import metadata
+
+    pytest.importorskip("mcap", reason="the extra is absent: soter[log]")
+    monkeypatch.chdir(tmp_path)
+    model = onnx_of(random_layers(3, 2, 1), "Relu")
+    raw = moved(model)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    (tmp_path / "p.soter").write_text(
+        "soter 1;\ninput topic a: float[2] = [0.0, 0.0];\ntopic u: float = 0.0;\n"
+        'extern node N period 10ms from "onnx:p.onnx" { subscribes a; publishes u; }\n'
+        "system S default { node N; until 20ms; }\n"
+    )
+    said = []
+    for k, data in enumerate((raw, raw[:-4] + np.float32(1.5).tobytes(), raw)):
+        (tmp_path / "weights").write_bytes(data)
+        assert main(["run", "p.soter", "--log", f"{k}.mcap"]) == 0
+        run = load("p.soter").simulate()
+        (files,) = run.extern_files.values()
+        assert set(files) == {"p.onnx", "weights"}
+        log = metadata(tmp_path / f"{k}.mcap")
+        assert all(log[f"extern N sha256 {name}"] == sha for name, sha in files.items())
+        said.append((files["p.onnx"], files["weights"], log["program_sha256"]))
+    assert said[0] == said[2]
+    assert [a == b for a, b in zip(said[0], said[1], strict=True)] == [True, False, True]
+
+
+def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_path: Path) -> None:
+    from soter.simulate.externs.extern_files import files_of
+
+    (tmp_path / "a.c").write_text('#include "gain.h"\n')
+    told = []
+    for gain in (1, 2):
+        for name in ("gain.h", "a.zip", "a.pkl", "a.py"):
+            (tmp_path / name).write_text(f"#define GAIN {gain}\n")
+        at = str(tmp_path / "a")
+        bound = (f"c:{at}.c:f", f"sb3:{at}.zip:{at}.pkl", f"python:{at}.py:f")
+        told.append([files_of(text) for text in bound])
+    assert [len(files) for files in told[0]] == [2, 2, 1]
+    assert all(a != b for a, b in zip(*told, strict=True))
+    assert files_of(None) == files_of(len) == {}

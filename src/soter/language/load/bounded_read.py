@@ -10,14 +10,11 @@ from __future__ import annotations
 import io
 import os
 import stat
-from typing import TYPE_CHECKING, BinaryIO
+from pathlib import Path
+from typing import BinaryIO
 
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import closest
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
 
 MIB = 2**20
 TEXT_MAX = 64 * MIB
@@ -114,6 +111,21 @@ def _piped(handle: int, most: int) -> bytes:
         while len(content) < most and (part := pipe.read(most - len(content))):
             content += part
     return bytes(content)
+
+
+def beside(path: Path, name: str) -> Path | None:
+    """The file that `path` calls `name`: in the folder of `path` as that is named.
+
+    None where it leads out of that folder; a link may lead to what lies beside what `path` itself
+    is a link to, as where both are kept elsewhere.
+    """
+    at = path.parent / name
+    try:
+        folders = (path.parent.resolve(), path.resolve().parent)
+        stays = any(at.resolve().is_relative_to(folder) for folder in folders)
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return at if name and stays and not Path(name).is_absolute() else None
 
 
 def near_names(path: Path) -> tuple[str, ...]:

@@ -17,6 +17,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.binding_text import FORMS, binding_of
+from soter.simulate.externs.extern_files import files_of
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.run_settings import usage_error
 
@@ -56,6 +57,10 @@ class Bindings:
     def texts(self) -> dict[str, str]:
         """What each extern is bound to, for people and logs."""
         return {x.name: _shown(x.bound) for x in self.externs}
+
+    def files(self) -> dict[str, dict[str, str]]:
+        """SHA-256 of the files that answer each extern, by name; SoterError X003, X014."""
+        return {x.name: files_of(x.bound) for x in self.externs}
 
 
 def check_text(name: str, text: str) -> str:

@@ -166,8 +166,8 @@ DOCUMENT = JsonObject(
     f"{RESULT}.Run",
     "system=system.name engine seed program_sha256=system.program.sha256 params notes duration_s "
     "until_s=duration_s interrupted wall_s lag_s_max real_time=timing instants violations "
-    "violation_list modules proofs mode_changes mode_changes_total faults externs extern_failures "
-    "extern_silences final trace_sha256",
+    "violation_list modules proofs mode_changes mode_changes_total faults externs extern_files "
+    "extern_failures extern_silences final trace_sha256",
     {
         "params": _params,
         "duration_s": _duration_s,
