@@ -94,6 +94,8 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
     if not Path(path).exists():
         raise missing_program(trace, path)
     checked = check_file(path)
+    if not checked.begins:
+        raise changed_program(trace, path)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != trace.sha256:

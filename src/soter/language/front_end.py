@@ -21,7 +21,7 @@ from soter.language.elaborate.lints.module_lints import doubt
 from soter.language.elaborate.parameter_values import has_param
 from soter.language.elaborate.tests_and_faults.tested_system import elaborate_test
 from soter.language.elaborate.wellformed import check_declaration, check_periods
-from soter.language.load.loader import FROM_DISK, load
+from soter.language.load.loader import FROM_DISK, is_program, load
 from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 
 if TYPE_CHECKING:
@@ -57,6 +57,11 @@ class CheckResult:
     def ok(self) -> bool:
         """Whether it may be run."""
         return self.program is not None and not self.diagnostics.has_errors
+
+    @property
+    def begins(self) -> bool:
+        """Whether what was read begins as a program, so that words of it may be told."""
+        return self.loaded is None or is_program(self.loaded.main.source.text)
 
     def default_system(self) -> SystemSymbol | None:
         """The only system, or the one marked `default`; None when that is not decided."""

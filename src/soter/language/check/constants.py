@@ -48,6 +48,7 @@ WHY = {
     FaultKind.CAPACITY: "a full list is pushed to",
     FaultKind.EXTERN: "an extern is called",
 }
+OUTSIDE = "of files outside of the program's folder nothing is told"
 
 
 class Calculator:
@@ -249,7 +250,7 @@ class ConstantChecker:
                 "D004",
                 f"`{decl.data}` is not a `{t}`",
                 decl.data_span,
-                str(error),
+                str(error) if self._loaded.shows(path) else OUTSIDE,
                 also=((decl.type.span, "this type is expected"),),
             )
             return None

@@ -8,6 +8,7 @@ Non-goals: names and types (`scope.py` and the checkers).
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NAMES_IN_CYCLE = 8
+BEFORE = re.compile(r"(?:\s|//[^\n]*)*")
 PRELUDE_DIR = Path(__file__).resolve().parents[1] / "prelude"
 
 
@@ -98,6 +100,14 @@ class LoadedProgram:
         self.digest.update(raw)
         self.data[path] = hashlib.sha256(raw).hexdigest()
 
+    def shows(self, path: Path) -> bool:
+        """Whether words of a data file are told: only where it lies in the program's folder.
+
+        Or in that of what the program is a link to. A stranger's program may name any file.
+        """
+        folders = (self.main.path.parent, _resolved(self.main.path).parent)
+        return any(_resolved(path).is_relative_to(_resolved(f)) for f in folders)
+
     @property
     def contents(self) -> dict[Path, str]:
         """SHA-256 of every file as it was read, by path: of a source, of its text as UTF-8."""
@@ -122,7 +132,7 @@ def read_text(
             diagnostics.error("D005", f"cannot read `{shown}`: {error}", span)
         return None
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         diagnostics.error(
@@ -132,6 +142,20 @@ def read_text(
             notes=(f"the first wrong byte is number {error.start}, in line {line}",),
         )
         return None
+    if span is not None and not is_program(text):
+        why = "it does not begin with `soter 1;`, so nothing of it is shown"
+        diagnostics.error("D005", f"cannot read `{shown}`: {why}", span)
+        return None
+    return text
+
+
+def is_program(text: str) -> bool:
+    """Whether a text begins as every program does, behind comments.
+
+    Of any other file that a program names, whosever it is, not a word is told.
+    """
+    begun = BEFORE.match(text)
+    return begun is not None and text.startswith("soter", begun.end())
 
 
 def load(

@@ -74,7 +74,10 @@ def replay_file(path: Path) -> Replay | None:
     """
     run = read_counterexample(path)
     facts = run.facts
-    checked = check_file(_program(path, str(facts.get("program", ""))))
+    named = _program(path, str(facts.get("program", "")))
+    checked = check_file(named)
+    if not checked.begins:
+        raise AnotherVersionError(f"`{path}` belongs to another version of `{named}`")
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != facts.get("program_sha256"):
