@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.os_error_text import reason
-from soter.language.load.bounded_read import beside, read_bytes, read_json_text
+from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.mapping.frames import WORLD
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink_link import read_link
@@ -191,9 +191,7 @@ class _MappingReader:
                 try:
                     types.add(name, text)
                 except UnknownMessageError as error:
-                    inside = beside(self.folder / "mapping", str(messages[name])) is not None
-                    why = "is no message definition, and lies elsewhere: nothing of it is shown"
-                    self.problems.add(str(error) if inside else f"`{messages[name]}` {why}")
+                    self.problems.add(str(error))
         return _Families(types, link)
 
     def _definition(self, name: str, path: object) -> str | None:

@@ -131,15 +131,13 @@ def test_the_program_of_a_counterexample_neither(
     assert SECRET not in "".join(capfd.readouterr())
 
 
-def test_words_of_a_message_definition_elsewhere_are_not_told(
+def test_words_of_what_is_no_message_definition_are_not_told(
     folder: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     topics = '[topics.u]\ntype = "own/Place"\nchannel = "/u"\n[topics.u.fields]\nvalue = "x"\n'
     (folder / "p.soter").write_text(HEAD + "const A: float = 0.5;\n" + SYSTEM)
     (folder / "log.csv").write_text("t,u\n0.0,0.0\n")
-    for name in ("../outside/words", "Own.msg"):
-        (folder / name).write_text("NotForStrangers x\n")
-    for name, told in (("../outside/words", False), ("Own.msg", True)):
-        (folder / "map.toml").write_text(f'[messages]\n"own/Place" = "{name}"\n{topics}')
+    for name in ("key", "notes", "words.json"):
+        (folder / "map.toml").write_text(f'[messages]\n"own/Place" = "../outside/{name}"\n{topics}')
         assert main(["monitor", "p.soter", "log.csv", "--map", "map.toml"]) == 1
-        assert ("NotForStrangers" in "".join(capfd.readouterr())) is told
+        assert SECRET not in "".join(capfd.readouterr())
