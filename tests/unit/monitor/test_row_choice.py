@@ -12,8 +12,9 @@ import pytest
 
 pytest.importorskip("mcap", reason="the extra `log` is not installed")
 
-from generators.robot_logs import CART, MS, T0
 from mcap.writer import Writer as McapWriter
+
+from generators.robot_logs import CART, MS, T0
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.logs.files.row_choice import RowChoice

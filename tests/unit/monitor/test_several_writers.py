@@ -12,6 +12,20 @@ import pytest
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
 
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+from rosbags.rosbag1 import Writer as Bag1Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2Writer
+
 from generators.robot_logs import (
     CART,
     CHANNEL,
@@ -27,19 +41,6 @@ from generators.robot_logs import (
     ros_message,
     written,
 )
-from mcap.writer import CompressionType
-from mcap.writer import Writer as McapWriter
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag1 import Writer as Bag1Writer
-from rosbags.rosbag2 import StoragePlugin
-from rosbags.rosbag2 import Writer as Bag2Writer
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 
@@ -140,7 +141,7 @@ def quality() -> Qos:
         QosTime(0, 0),
         QosLiveliness.AUTOMATIC,
         QosTime(0, 0),
-        False,  # noqa: FBT003 - of the package
+        False,
     )
 
 
