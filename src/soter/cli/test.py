@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.cli.ci.findings import exit_of_kinds
-from soter.cli.ci.findings_of_tests import KINDS, of_tests
+from soter.cli.ci.findings_of_tests import of_tests
 from soter.cli.ci.formats import add_format
 from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
 from soter.cli.terminal.command_outcome import (
@@ -35,9 +35,12 @@ from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.explore.results import (
+    BOUND,
     BOUNDS,
     ENDED,
+    EXHAUSTED,
     UNJUDGED,
+    VIOLATED,
     CheckpointState,
     ExploreReport,
     Robustness,
@@ -326,7 +329,7 @@ def _itself(t: TestResult) -> TestResult:
     return t
 
 
-VERDICTS = one_of(*KINDS)
+VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
 TRACE = (
     "trace page steps steps_that_matter minimal not_shortest? unshown=not_shown? shrunk_from? "

@@ -458,7 +458,6 @@ def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
     topics.update({s.topic.name: s.values[0] for s in samples if s.always})
     events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
     record, since = RecordedRun([], [], [], []), set[str]()
-    assert record.published is not None
     for at, (time_ns, k, i) in enumerate(events):
         topics[samples[k].topic.name] = samples[k].values[i]
         since.add(samples[k].topic.name)

@@ -81,9 +81,9 @@ def read_messages(
         counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
-            there = str(key) in facts.there
-            helps = choices[str(key)].helps if there else [nearest_or_all(str(key), facts.there)]
-            raise unusable(path, f"no message that counts stands on `{key}`", *helps)
+            known = str(key) in facts.there
+            hints = choices[str(key)].helps if known else [nearest_or_all(str(key), facts.there)]
+            raise unusable(path, f"no message that counts stands on `{key}`", *hints)
     near, notes = _near(counted, others)
     whole = _ends(counted, near)
     ends = _ends(counted, []) if mapping.where else whole
