@@ -8,13 +8,14 @@ Non-goals: bindings and `params` of runs (`simulate/`), options of searches
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import utf8_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from soter.diagnostics.codes import Code
     from soter.language.front_end import CheckResult
@@ -30,6 +31,16 @@ if TYPE_CHECKING:
 def mistake(code: Code, message: str, help_: str) -> SoterError:
     """An error of one diagnostic, with what helps."""
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
+
+
+def require_utf8(*names: object) -> None:
+    """`SoterError` U003 for a path that no report, certificate or document could say."""
+    for name in names:
+        if not isinstance(name, (str, Path)):
+            continue
+        if (shown := utf8_text(str(name))) != str(name):
+            text = f"`{shown}` is not UTF-8, which everything that soter writes is"
+            raise mistake("U003", text, "rename it")
 
 
 def time_ns(what: str, given: float | str | None) -> int | None:

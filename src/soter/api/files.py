@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.api.arguments import require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.version import VERSION
 
@@ -72,7 +73,8 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 
 def require_writable(path: Path) -> None:
-    """D006 where a log or a report cannot be written there, or something else would be lost."""
+    """D006 where a log or a report cannot be written there, or something else would be lost; U003."""
+    require_utf8(path)
     require_no_certificate(path)
     reason = ""
     if path.is_dir():

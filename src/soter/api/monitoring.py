@@ -12,7 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.arguments import chosen_modules
+from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
@@ -61,9 +61,10 @@ def log_judged(
     """When each module, or one, would have switched on the reads of a log, and how near it came.
 
     `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
-    `where`: rows that count, beside its own. SoterError D015, D016, U001; D017 where no module can
+    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no module can
     be decided.
     """
+    require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
     plan = decidable(flat, [t.topic.index for t in declared.topics])
@@ -97,6 +98,7 @@ def log_explained(
     Arguments and errors as of `log_judged`; of every module all driven topics and commands have to
     be mapped (D017), and its program has to determine a proof (R...).
     """
+    require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
     given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]

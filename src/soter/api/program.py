@@ -17,6 +17,7 @@ from soter.api.arguments import (
     complete,
     end_of,
     mistake,
+    require_utf8,
     values_of,
 )
 from soter.api.check_report import CheckReport, check_report
@@ -211,18 +212,21 @@ class Program:
         """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
         from soter.api.campaigning import campaign  # noqa: PLC0415 - see the docstring
 
+        require_utf8(how.get("output"))
         return campaign(self._bindings(self._completed(system, params)[0]), self.path, **how)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
         from soter.simulate.outputs.to_log import write_log  # noqa: PLC0415 - an extra
 
+        require_utf8(path)
         return write_log(run, path, VERSION)
 
     def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
         """Write the HTML report of a traced run, its script beside it or in it; D006, D007."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
+        require_utf8(path)
         return write_report(run, path, self.path, self_contained=self_contained)
 
     # ------------------------------------------------------------ building and proving
@@ -249,6 +253,7 @@ class Program:
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
+        require_utf8(output, cert, mapping, board)
         fresh = self.declared(system, params)
         completed = partial(self._completed, system, params, progress)
         how: dict[str, Any] = {"cert": cert, "mapping": mapping, "progress": progress}
@@ -273,6 +278,7 @@ class Program:
         """
         from soter.api.monitoring import judged  # noqa: PLC0415 - needs NumPy
 
+        require_utf8(log)
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
         return judged(flat, log, run, module, estimates=estimates)
@@ -287,6 +293,7 @@ class Program:
         """Write a safety case: see `soter.api.assurance.safety_case.assure`."""
         from soter.api.assurance.safety_case import assure  # noqa: PLC0415 - see the docstring
 
+        require_utf8(output, *how.values())
         return assure(self, output, **how)
 
     def emit_monitor(
@@ -304,6 +311,7 @@ class Program:
         """
         from soter.monitor.emit_monitor import write_monitor  # noqa: PLC0415 - needs NumPy
 
+        require_utf8(path)
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
         return write_monitor(flat, chosen, self.path, Path(path), alarm=alarm, params=params)
@@ -334,6 +342,7 @@ class Program:
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
+        require_utf8(cert, report)
         if synthesize:
             written = self.synthesize(module=module, system=system, params=params)
             if written:

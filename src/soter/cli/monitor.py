@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.api.files import write_sections
+from soter.cli.ci.findings import exit_of_kinds
 from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
@@ -73,7 +74,7 @@ EXAMPLES = """\
 
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 4 no step was judged,
 1 diagnostics, 2 usage; with --map: 0 no read lay outside `safe`, 3 one did, 4 of a module none
-was judged: every read came too late, or none at all
+was judged: the log does not decide it, or every read came too late (--module M asks of one)
 """
 SEEDS_MAX = 10_000
 HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
@@ -239,8 +240,7 @@ def _outcome(
     program: Program,
 ) -> CommandOutcome:
     warnings = program.diagnostics if program.ok else ()
-    source = judged[0].source if judged else "nothing"
-    part = min((j.judged_share for j in judged), default=0.0)
+    source, part = judged[0].source, min(j.judged_share for j in judged)
     says = f"{args.log or args.file}  judged on {source}{of_the_log(part)}"
     head, rows = table
     console.say(f"{says}\n")
@@ -250,23 +250,22 @@ def _outcome(
     notes = [n for j in judged for n in j.notes]
     if alarms:
         notes.insert(0, ALARM)
-    if empty or not judged:
-        notes.append(f"{', '.join(empty) or 'no module'}: {NOTHING}")
+    if empty:
+        notes.append(f"{', '.join(empty)}: {NOTHING}")
     for text in dict.fromkeys(notes):
         console.say(f"\n{text}")
     fields = _fields(args, Monitored(judged=tuple(judged)))
-    code, headline = FINE, f"the model explains every step{of_the_log(part)}"
-    if alarms:
-        code, headline = VIOLATED, "the model is false"
-    elif empty or not judged:
-        code, headline = UNDECIDED, NOTHING
+    found = of_judgements(judged)
+    code = exit_of_kinds(f.kind for f in found)
+    headline = f"the model explains every step{of_the_log(part)}"
+    headline = {VIOLATED: "the model is false", UNDECIDED: NOTHING}.get(code, headline)
     told = [
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
     fields |= _report(args, headline, code, told, console)
-    return CommandOutcome(code, tuple(warnings), fields, of_judgements(judged))
+    return CommandOutcome(code, tuple(warnings), fields, found)
 
 
 def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -296,15 +295,13 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
     for text in lines(judged, console):
         console.say(text)
-    decided = [m for m in judged.modules if m.decided]
-    code = FINE if all(m.judged for m in decided) else UNDECIDED
-    if any(m.violated for m in decided):
-        code = VIOLATED
+    found = of_log(judged)
+    code = exit_of_kinds(f.kind for f in found)
     fields = _fields(args, Monitored(log=judged))
     headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
     fields |= _report(args, headline, code, told, console)
-    return CommandOutcome(code, items, fields, of_log(judged))
+    return CommandOutcome(code, items, fields, found)
 
 
 def _explained(

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.cli.ci.findings import exit_of_kinds
 from soter.cli.ci.findings_of_tests import of_tests
 from soter.cli.ci.formats import add_format
 from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
 from soter.cli.terminal.command_outcome import (
-    FINE,
     INTERRUPTED,
-    UNDECIDED,
-    VIOLATED,
     CommandOutcome,
     exit_of,
 )
@@ -37,9 +35,12 @@ from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.explore.results import (
+    BOUND,
     BOUNDS,
     ENDED,
+    EXHAUSTED,
     UNJUDGED,
+    VIOLATED,
     CheckpointState,
     ExploreReport,
     Robustness,
@@ -72,7 +73,6 @@ in a folder of checkpoints: TEST.checkpoint, a search as far as it was
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
             130 interrupted by Ctrl-C, SIGTERM or SIGHUP (what was covered until then is printed)
 """
-EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
 PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
 UNREACHED_SHOWN, LINES_MAX = 6, 400
 
@@ -107,9 +107,10 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     _say(report, console)
     if args.junit is not None:
         report_as_junit(report, args.junit, console)
-    code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
+    found = of_tests(report)
+    code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
     junit = document(report) if args.format == "junit" else ""
-    return CommandOutcome(code, warnings, DOCUMENT.of(report), of_tests(report), junit)
+    return CommandOutcome(code, warnings, DOCUMENT.of(report), found, junit)
 
 
 def progress_text(looked: object) -> str:
@@ -328,7 +329,7 @@ def _itself(t: TestResult) -> TestResult:
     return t
 
 
-VERDICTS = one_of(*EXITS)
+VERDICTS = one_of(EXHAUSTED, VIOLATED, BOUND)
 SAYS_NOTHING = "property premise contract module fault input replacement"
 TRACE = (
     "trace page steps steps_that_matter minimal not_shortest? unshown=not_shown? shrunk_from? "

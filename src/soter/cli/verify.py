@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.ci.findings import CiFinding
+from soter.cli.ci.findings import CiFinding, exit_of_kinds
 from soter.cli.ci.formats import add_format
-from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.command_outcome import CommandOutcome, exit_of
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CERTIFICATE_FOLDER,
@@ -56,7 +56,6 @@ EXAMPLES = f"""\
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
             only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
-EXITS = {"proved": FINE, "assumed": FINE, "refuted": VIOLATED, "undecided": UNDECIDED}
 TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
@@ -129,7 +128,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     _say(report, printed)
     printed.show(console)
     _say_files(report, args, console)
-    exit_ = EXITS[report.verdict]
+    exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
     if words and report.verdict in HOLDING:
         outcome = StoredOutcome(exit_, fields, printed, warned=bool(warnings))
         store_outcome(args.file, words, report.contents, outcome)
@@ -447,7 +446,7 @@ def _states(run: LeavingRun) -> dict[str, list[float]]:
 
 
 RESULTS = "soter.verify.claims.results"
-VERDICT = one_of(*EXITS)
+VERDICT = one_of(*KINDS)
 FLOWN = JsonObject(f"{RESULTS}.FlownFigures", "takeovers_per_min ac_share table_bytes")
 COST = JsonObject(
     f"{RESULTS}.RemedyCost", "system until_s before after not_measured", before=FLOWN, after=FLOWN

@@ -7,7 +7,6 @@ Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and log
 from __future__ import annotations
 
 import importlib
-import json
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
+from soter.language.load.data_files import parse_json
 from soter.mapping.frames import WORLD
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink_link import read_link
@@ -49,7 +49,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise wrong_mapping([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
-        given = _toml(text) if path.suffix == ".toml" else json.loads(text)
+        given = _toml(text) if path.suffix == ".toml" else parse_json(text)
     except ImportError as error:
         why = "TOML needs Python 3.11 or the package tomli: or write JSON"
         raise wrong_mapping([why]) from error

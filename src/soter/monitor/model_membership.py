@@ -368,22 +368,18 @@ class _Ages:
         self.last: dict[str, int] = {}
         self.most: dict[str, float] = {}
         """By topic the greatest age that counts as judged: `max_age`, or some of its periods."""
-        given = record.published or []
         for t in (t for t in flat.topics if t.name in names):
-            at = [now for now, p in zip(record.times_ns, given, strict=False) if t.name in p]
+            heard = zip(record.times_ns, record.published, strict=True)
+            at = [now for now, published in heard if t.name in published]
             usual = float(np.median(np.diff(at))) if len(at) > 1 else np.inf
             self.most[t.name] = SILENT * usual if t.max_age_ns is None else t.max_age_ns
 
     def fresh(self, k: int, leaves: Sequence[str]) -> NDArray[np.bool_]:
         """Which of the driven leaves, by their topics, were published at instant k."""
-        if self.record.published is None:
-            return np.ones(len(leaves), dtype=np.bool_)
         return np.array([name in self.record.published[k] for name in leaves], dtype=np.bool_)
 
     def heard(self, k: int) -> bool:
         """Whether no topic was silent for too long up to instant k, which is noted."""
-        if self.record.published is None:
-            return True
         now = self.record.times_ns[k]
         too_old = [n for n, then in self.last.items() if now - then > self.most[n]]
         self.last.update((n, now) for n in self.names if n in self.record.published[k])
@@ -405,7 +401,6 @@ def _on_estimates(
     box: tuple[Floats, Floats] | None = None
     same: tuple[int, ...] = ()
     u, then, seen_ns, silent = np.zeros(0), 0, 0, False
-    stamp: object = None
     for k, now in enumerate(record.times_ns):
         y = reader.estimate(record.topics[k])
         if truths:
@@ -416,10 +411,9 @@ def _on_estimates(
             box = _image(models.step(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now
         silent, fresh = not ages.heard(k) or silent, ages.fresh(k, leaves)
-        unchanged = stamp is not None and np.array_equal(y, stamp)  # type: ignore[arg-type]
-        if parameter == same and not (fresh.any() and (record.published or not unchanged)):
+        if parameter == same and not fresh.any():
             continue  # nothing new was published
-        stamp, apart, gap = y, now - seen_ns, silent
+        apart, gap = now - seen_ns, silent
         seen_ns, silent = now, False
         model = models.model(parameter)
         seen = _seen(sight_of(models.problem, model), y - model.offset, fresh)

@@ -15,10 +15,10 @@ from typing import Any
 class RecordedRun:
     """After each instant: every topic by full name, every plant's true state by full name.
 
-    `published`: the topics that were published at each instant; None where nobody knows.
+    `published`: the topics that were published at each instant.
     """
 
     times_ns: list[int]
     topics: list[dict[str, Any]]
     truths: list[dict[str, Any]]
-    published: list[set[str]] | None = None
+    published: list[set[str]]

@@ -26,15 +26,19 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.language.model.system import System
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type
     from soter.simulate.result import Run
+
+MISSED = ("late", "skip", "wait", "overrun", "silent")
+"""Faults with which a component may publish nothing when it is released."""
 
 
 def recorded(run: Run) -> RecordedRun:
     """The values of a traced run."""
     trace = run.require_trace()
-    record = RecordedRun([], [], [])
+    record = RecordedRun([], [], [], [])
     plants = [c for c in run.system.components if c.plant is not None]
     places = [(t.name, run.layout.topic_offset(t.index), t.type) for t in run.system.topics]
     for row in trace:
@@ -42,7 +46,33 @@ def recorded(run: Run) -> RecordedRun:
         record.times_ns.append(int(row["header"]["ct"]))
         record.topics.append({n: decode_from(raw, offset, t) for n, offset, t in places})
         record.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
+        stamps, now = row["stamps"], record.times_ns[-1]
+        record.published.append({t.name for t in run.system.topics if stamps[t.index] == now})
+    _begin(record, run.system)
     return record
+
+
+def _begin(record: RecordedRun, system: System) -> None:
+    """Take from what is said of the first instant the values that nobody published.
+
+    A log has a first value of every topic, which may be its default.
+    """
+    if not record.published:
+        return
+    missed = {f.component for f in system.faults if f.kind in MISSED}
+    published = {
+        c.scope.topics[t]
+        for c in system.components
+        if c.index not in missed and (record.times_ns[0] - c.phase_ns) % c.period_ns == 0
+        for t in _publishes(c)
+    }
+    record.published[0] &= {system.topics[i].name for i in published}
+
+
+def _publishes(c: Component) -> list[TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return list(c.node.publishes) if c.node is not None else []
 
 
 def read_log(path: Path, system: System) -> RecordedRun:
@@ -51,7 +81,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
     types: dict[str, Type] = {t.name: t.type for t in system.topics}
     truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
     types.update({name: c.plant.truth for name, c in truths.items() if c.plant is not None})
-    record = RecordedRun([], [], [])
+    record, since = RecordedRun([], [], [], []), set[str]()
     topics: dict[str, Any] = {t.name: t.default for t in system.topics}
     states: dict[str, Any] = {}
     for time_ns, channel, message in messages(path):
@@ -64,21 +94,27 @@ def read_log(path: Path, system: System) -> RecordedRun:
         except (ValueShapeError, LookupError, TypeError) as error:
             raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
         if not record.times_ns or time_ns > record.times_ns[-1]:
-            _keep(record, topics, states)
+            _keep(record, topics, states, since)
             record.times_ns.append(time_ns)
+            since = set()
         if channel in truths:
             states[truths[channel].name] = value
         else:
             topics[channel] = value
+            since.add(channel)
     if not record.times_ns or len(states) < len(truths):
         raise unreadable(path, f"it holds no true states of `{system.name}`")
-    _keep(record, topics, states)
+    _keep(record, topics, states, since)
+    _begin(record, system)
     return record
 
 
-def _keep(record: RecordedRun, topics: dict[str, Any], states: dict[str, Any]) -> None:
-    """What stood when the instant that was read last was over."""
+def _keep(
+    record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], since: set[str]
+) -> None:
+    """What stood when the instant that was read last was over, and what was published in it."""
     if record.times_ns:
+        record.published.append(since)
         record.topics.append(dict(topics))
         record.truths.append(dict(states))
 

@@ -396,11 +396,12 @@ def test_a_module_that_a_log_leaves_undecided_is_an_error_beside_those_that_are_
 ) -> None:
     code, document, told = judge(SOME, names=("b",))
     undecided = [n for n, m in document["log"]["modules"].items() if not m["decided"]]
-    assert (code, undecided) == (0, ["Left"])
+    assert (code, undecided) == (4, ["Left"])
     assert f"Left: {NOTHING}: its DM reads a (" in told.split("module  judged")[0]
+    assert judge(SOME, ("b",), "--module", "Right")[0] == 0, "who asks of one is told of one"
     arguments = ["monitor", str(tmp_path / "two.soter"), str(tmp_path / "log.csv")]
     arguments += ["--map", str(tmp_path / "map.json")]
-    main([*arguments, "--format", "junit"])
+    assert main([*arguments, "--format", "junit"]) == 4
     suite = ET.fromstring(capsys.readouterr().out)  # noqa: S314 - our own
     cases = {c.get("name"): c.find("error") is not None for c in suite.iter("testcase")}
     assert cases == {"Left": True, "Right": False}

@@ -63,7 +63,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
-        if m.judged_share < 1.0 or m.beyond_s > 0.0:
+        if m.judged_share < 1.0 or m.beyond_s > 0.0 or m.last_heard:
             yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
@@ -153,6 +153,9 @@ def verdict_of(m: ModuleOfLog) -> str:
         parts.append(f"the first at {m.first_outside_s:.3f} s")
     if m.judged and m.judged_share < 1.0:
         parts.append(f"judged{of_the_log(m.judged_share)}")
+    if m.last_heard:
+        names = ", ".join(f"`{n}` after {t:.3f} s" for n, t in m.last_heard.items())
+        parts.append(f"nothing was heard of {names}")
     if m.beyond_s > 0.0:
         parts.append(f"to the last row that counts, {m.beyond_s:.3f} s before the file ends")
     return ", ".join(parts)
@@ -180,6 +183,8 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
     )
     if m.nan_looks:
         yield f"  `ttf` or `safer` compared a NaN in {m.nan_looks:,} of them; that counts as danger"
+    if m.silent:
+        yield f"  {m.silent:,} with young reads that rest on what was too old, or silent"
     if m.waiting:
         yield f"  {m.waiting:,} more before all that it reads was there"
     if m.outside_late:
@@ -310,8 +315,8 @@ FOREIGN_LOG = JsonObject(
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "
-        "steps ac_share first_switch_s switches changes stale ttf safer outside outside_late "
-        "first_outside_s nan_looks faults margin clearance bounds",
+        "steps ac_share first_switch_s switches changes stale silent last_heard ttf safer outside "
+        "outside_late first_outside_s nan_looks faults margin clearance bounds",
         {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,

@@ -67,8 +67,8 @@ def topics_of_safe(module: Module) -> set[int]:
 
 def topics_behind(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
     """These topics, and all that `nodes` read to publish them, directly or through one another."""
-    reads = {n: _reads(system, system.components[n]) for n in nodes}
-    writes = {n: _writes(system.components[n]) for n in nodes}
+    reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
+    writes = {n: written_by_node(system.components[n]) for n in nodes}
     behind = {_source(system, i) for i in topics}
     while more := {i for n in reads if writes[n] & behind for i in reads[n]} - behind:
         behind |= more
@@ -80,8 +80,10 @@ class _Search:
 
     def __init__(self, system: System, mapped: frozenset[int]) -> None:
         self.system, self.mapped = system, mapped
-        self.reads = {c.index: _reads(system, c) for c in system.components if c.node is not None}
-        self.writes = {c.index: _writes(c) for c in system.components if c.node is not None}
+        self.reads = {
+            c.index: reads_of_node(system, c) for c in system.components if c.node is not None
+        }
+        self.writes = {c.index: written_by_node(c) for c in system.components if c.node is not None}
         self.modules = {m.index for m in system.modules}
         self.nodes = {c.index for c in system.components if c.role == "node" and not self._never(c)}
 
@@ -199,13 +201,15 @@ def _reads_of_dm(system: System, module: Module) -> set[int]:
     return {_source(system, i) for i in module.reads}
 
 
-def _reads(system: System, c: Component) -> frozenset[int]:
+def reads_of_node(system: System, c: Component) -> frozenset[int]:
+    """What a node subscribes to; behind a queue its topic."""
     assert c.node is not None
     topics = [c.scope.topics[s.topic] for s in c.node.subscribes]
     return frozenset(_source(system, i) for i in topics)
 
 
-def _writes(c: Component) -> frozenset[int]:
+def written_by_node(c: Component) -> frozenset[int]:
+    """What a node publishes."""
     assert c.node is not None
     return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
 

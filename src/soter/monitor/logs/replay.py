@@ -21,10 +21,11 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe
+from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe, written_by_node
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
+from soter.monitor.logs.silent_topics import Hearing
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import AC, DecisionVerdict, StepOutcome
@@ -165,17 +166,23 @@ class _LogState:
             self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
         self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
         mapped = {s.topic.index for s in samples}
-        given = mapped.union(*(_written(system, n) for n in plan.nodes))
+        given = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
         self.needs: dict[int, set[int]] = {}
         """By component what has to be there before it steps: a node may feed itself."""
         for n in plan.nodes:
-            self.needs[n] = topics_behind(system, plan.nodes, _written(system, n)) & mapped
+            self.needs[n] = (
+                topics_behind(system, plan.nodes, written_by_node(system.components[n])) & mapped
+            )
         for m in (system.modules[i] for i in plan.modules):
             inputs = set(topics_behind(system, (), m.inputs))
             behind = topics_behind(system, plan.nodes, inputs) & mapped
             self.needs[m.dm] = behind | (inputs & given)
         self.aging = {s.topic.index for s in samples if not s.always}
         self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
+        self.hearing = Hearing.of(system, samples, plan)
+        modules = [system.modules[i] for i in plan.modules]
+        self.dm_rests = {m.index: self.hearing.rest_of(m.inputs) for m in modules}
+        self.safe_rests = {m.index: self.hearing.rest_of(self.of_safe[m.index]) for m in modules}
         self.watches: dict[int, _Watch] = {}
         self.unread: set[tuple[int, int]] = set()
         """Modules, and topics of their `safe` that no step has read since they were published."""
@@ -201,6 +208,9 @@ class _LogState:
             for feed in feeds:
                 self._publish(feed, feed.before(ct + 1))
         for m, watch in watches.items():
+            for on in (self.dm_rests[m], self.safe_rests[m]):
+                for name, then in self.hearing.fell_silent(self.c, on).items():
+                    watch.found.last_heard[name] = max(0, then + self.from_ns) / 1e9
             if self._heard(self.of_safe[m]) and self._read_by_safe(m) != watch.asked_of:
                 env = self.machine.environment(self.c, self.system.components[watch.module.dm])
                 watch.note_late(env, (ct + self.from_ns) / 1e9)
@@ -254,6 +264,7 @@ class _LogState:
             return
         if not heard:
             return  # it would tell the DM what the program begins with, not the log
+        self.hearing.note_node(self.c, n.index)
         self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
         if isinstance(outcome, StepOutcome) and outcome.fault is not None:
             told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
@@ -264,7 +275,9 @@ class _LogState:
         self.c, verdict = dm_step(self.machine, self.c, n.index)
         time_s = (self.c.ct + self.from_ns) / 1e9
         watch.note(verdict, env, time_s)
-        too_old = False
+        rests = self.hearing.rests(self.c, self.dm_rests[m])
+        watch.found.silent += not (rests or verdict.stale)
+        too_old = not self.hearing.rests(self.c, self.safe_rests[m])
         for i in self.of_safe[m] | self.needs[n.index]:
             topic, age = self.system.topics[i], self.c.ct - self.c.stamps[i]
             if topic.max_age_ns is not None:
@@ -277,7 +290,7 @@ class _LogState:
             if too_old:
                 watch.note_late(env, time_s)
             else:
-                watch.note_safe(env, time_s, fresh=not verdict.stale)
+                watch.note_safe(env, time_s, fresh=rests and not verdict.stale)
 
 
 def _driver(system: System, topic: int) -> int:
@@ -288,12 +301,6 @@ def _driver(system: System, topic: int) -> int:
         if c.node is not None and topic in {c.scope.topics[t] for t in c.node.publishes}:
             return c.index
     return -1
-
-
-def _written(system: System, node: int) -> set[int]:
-    c = system.components[node]
-    assert c.node is not None
-    return {c.scope.topics[t] for t in c.node.publishes}
 
 
 def _is_due(n: Component, ct: int) -> bool:

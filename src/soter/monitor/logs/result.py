@@ -61,6 +61,9 @@ class ModuleOfLog:
     what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
     it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
     `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
+    Of `silent` ones the reads were young, but not what nodes had read that ran for them, or a
+    measured topic without `max_age` had fallen silent. `last_heard`: by topic that the step rests
+    on and that fell silent for good, when it was measured last.
     `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
     were, too, and in `outside` it did not hold; `outside_late`: of samples that
     came too late, that the gate refused, or that no step read.
@@ -79,6 +82,7 @@ class ModuleOfLog:
     waiting: int = 0
     ac: int = 0
     stale: int = 0
+    silent: int = 0
     ttf: int = 0
     safer: int = 0
     asked: int = 0
@@ -93,6 +97,7 @@ class ModuleOfLog:
     margin: NearestMargin | None = None
     clearance: NearestMargin | None = None
     bounds: dict[str, NearestMargin] = field(default_factory=dict)
+    last_heard: dict[str, float] = field(default_factory=dict)
     span: Span | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -128,6 +133,8 @@ class ModuleOfLog:
             return "the log ends before all that its DM reads was there"
         if self.stale == self.steps:
             return "every read of its DM was too old"
+        if self.stale + self.silent == self.steps:
+            return "what its reads rest on was too old, or silent"
         return "every read of `safe` was too old, or it faulted"
 
     @property

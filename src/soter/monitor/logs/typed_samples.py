@@ -33,6 +33,7 @@ from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSourc
 from soter.mapping.topic_sources import SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 from soter.monitor.logs.files.log_columns import Columns, decimal_of, is_plain, unusable
+from soter.monitor.logs.files.row_choice import TRUTHS, RowChoice
 from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
 
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
-TRUTHS = {"true": True, "false": False}
 DIGITS_MAX = 40
 """Of a whole number: no type has more."""
 
@@ -210,9 +210,10 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
     elif t.delay_ns > 0:
         made.stamp = f"arrival less {show_ns(t.delay_ns)}"
+    choice = RowChoice(t.where)
     follows_lines = t.linear or any(isinstance(x, SlopeSource) for x in t.leaves.values())
     for i, now in enumerate(columns.times_ns):
-        if not _counts(t, columns, i):
+        if not choice.takes(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
             continue
         why = _foreign(t, columns, i)
         if t.stamp is not None and not why:
@@ -234,9 +235,8 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         for p, value in row.items():
             read[p].append(value)
     if not made.times_ns:
-        chosen = " and ".join(f"{k} = {v}" for k, v in t.where.items())
-        what = f"all of `{t.topic.name}`" + (f" and {chosen}" if chosen else "")
-        raise unusable(path, f"no row of it has {what}", made.first_left_out)
+        what = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
+        raise unusable(path, f"no row of it has {what}", made.first_left_out, *choice.helps)
     _fill(path, t, made, read)
 
 
@@ -255,10 +255,11 @@ def _of_sources(
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
     check = check_of(topic)
+    choices = [RowChoice(t.where) for t, _ in sources]
     arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
     for now, rank, i in sorted(arrivals):
         t, columns = sources[rank]
-        if not _counts(t, columns, i):
+        if not choices[rank].takes(lambda name: columns.cells[name][i]):  # noqa: B023 - the same
             continue
         if t.stamp is not None:
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
@@ -271,7 +272,8 @@ def _of_sources(
             made.values.append(value)
             taken.append(rank)
     if not made.times_ns:
-        raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out)
+        seen = [told for choice in choices for told in choice.helps]
+        raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
     counts = [f"{t.channel or k + 1} ({taken.count(k):,})" for k, (t, _) in enumerate(sources)]
     changes = sum(a != b for a, b in pairwise(taken))
     made.sources = f"{', '.join(counts)}, {changes:,} changes from one to the other"
@@ -310,11 +312,6 @@ def _cells(
     }
     lost = next((p for p, value in row.items() if value is None), None)
     return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
-
-
-def _counts(t: TopicMap, columns: Columns, i: int) -> bool:
-    """Whether a row is one of those that the topic chooses."""
-    return all(str(columns.cells[k][i]).strip() == v for k, v in t.where.items())
 
 
 def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
@@ -461,7 +458,6 @@ def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
     topics.update({s.topic.name: s.values[0] for s in samples if s.always})
     events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
     record, since = RecordedRun([], [], [], []), set[str]()
-    assert record.published is not None
     for at, (time_ns, k, i) in enumerate(events):
         topics[samples[k].topic.name] = samples[k].values[i]
         since.add(samples[k].topic.name)

@@ -24,9 +24,8 @@ from soter.language.evaluate.range_evaluation import (
 from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
-from soter.language.model.least_ages import least_age_ns
+from soter.language.model.least_ages import is_measured, least_age_ns
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -71,20 +70,16 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
-    outside = {e.topic for e in system.externals}
     aged = {
         n.topic for e in _predicates(module) for n in nodes([e]) if isinstance(n, typed.AgeRead)
     }
     for index in module.inputs:
         topic = system.topics[index]
-        least = least_age_ns(system, index)
-        moving = [v.type for c in system.components if c.plant for v in c.plant.states]
-        kinds = [topic.type, *(moving if least is not None else ())]
-        measured = any(isinstance(t, FloatType) for kind in kinds for _, t in leaves(kind))
         if topic.max_age_ns is not None or topic.symbol in aged | before:
             continue
-        if not measured or (least is None and index not in outside):
+        if not is_measured(system, index):
             continue
+        least = least_age_ns(system, index)
         helps: tuple[Help, ...] = (
             "say how old it may be: `topic ... max_age ...;`, at least as long as two publications",
         )

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import quote
 
 import apsw
-from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
+from rosbags.interfaces import ConnectionExtRosbag1, ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag1.reader import decompressors
@@ -25,6 +25,7 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
+from soter.monitor.logs.files.several_writers import Writers
 from soter.monitor.logs.files.whole_bags import WholeBag1, require_no_journal, require_whole
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
@@ -69,6 +70,7 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     In the order of the file; ContradictionError where it is not as it says.
     """
     facts.unchecked = True
+    writers = Writers()
     unpacking = BoundedUnpacking(path.stat().st_size)
     bounded = {
         decompressors["none"]: unpacking.plain,
@@ -79,10 +81,15 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
         decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
+        nodes = {k: _node_of(c) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
-            content = decoders[connection](data) if connection in chosen else None
+            content = None
+            if connection in chosen:
+                content = decoders[connection](data)
+                writers.note(names[connection], nodes[connection])
             yield time_ns, None, names[connection], content
+    facts.notes += writers.notes
 
 
 def sqlite_messages(
@@ -106,6 +113,10 @@ def sqlite_messages(
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
+        writers = Writers()
+        for c in chosen.values():
+            if isinstance(c.ext, ConnectionExtRosbag2):
+                writers.offer(c.topic, len(c.ext.offered_qos_profiles))
         decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
         names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):
@@ -116,7 +127,9 @@ def sqlite_messages(
             if not isinstance(data, bytes) or not isinstance(time_ns, int):
                 raise UndecodableError(f"a message of `{name}` is no bytes with a time")
             facts.there[name] += 1
+            writers.note(name, f"topic {topic}")
             yield time_ns, None, name, decoders[topic](unpack(data))
+    facts.notes += writers.notes
 
 
 def _chosen(
@@ -125,6 +138,13 @@ def _chosen(
     for connection in connections:
         facts.there.setdefault(connection.topic, 0)
     return [c for c in connections if c.topic in wanted]
+
+
+def _node_of(connection: Connection) -> str:
+    """Who published, where a bag of ROS 1 says so."""
+    ext = connection.ext
+    node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
+    return node or f"connection {connection.id}"
 
 
 def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:

@@ -18,6 +18,7 @@ from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.bounded_gzip import BoundedGzip
 from soter.monitor.logs.files.log_columns import add_row, moment, unusable
 from soter.monitor.logs.files.other_formats import remedies
+from soter.monitor.logs.files.row_choice import RowChoice
 
 if TYPE_CHECKING:
     from _csv import Reader
@@ -55,9 +56,10 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
     columns = wanted.columns()
     columns.unchecked = not path.name.lower().endswith(".gz")
     of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
+    choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
     for line, clock, row in _rows(path, list(needed), mapping.time, columns.notes):
-        if any(row[k].strip() != v for k, v in mapping.where.items()):
+        if not choice.takes(row.__getitem__):
             continue
         where = f"line {line}"
         now = _time(path, mapping, clock, where)
@@ -67,8 +69,8 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
         stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
         add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
     if not columns.times_ns:
-        chosen = " and ".join(f"{k} = {v}" for k, v in mapping.where.items())
-        raise unusable(path, f"no row has {chosen}" if chosen else "it has no rows")
+        said = f"no row has {choice}" if mapping.where else "it has no rows"
+        raise unusable(path, said, *choice.helps)
     return columns
 
 

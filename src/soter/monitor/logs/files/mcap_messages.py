@@ -8,6 +8,7 @@ of times (`message_log.py`).
 from __future__ import annotations
 
 import json
+import re
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -23,6 +24,7 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
+from soter.monitor.logs.files.several_writers import Writers
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_records import DamagedMcapError, McapRecords
@@ -41,6 +43,8 @@ ROS_SCHEMAS: dict[str, tuple[Format, int]] = {
     "ros2idl": ("idl", 2),
     "ros1msg": ("msg", 1),
 }
+PROFILE = re.compile(r"^- ", re.MULTILINE)
+"""The beginning of each publisher's settings, as a recorder of ROS 2 lists them."""
 READ = "json, cdr, ros1 and protobuf are read"
 
 
@@ -79,6 +83,7 @@ class _Reading:
     def __init__(self, wanted: dict[str, Wanted], facts: FileFacts) -> None:
         self.wanted, self.facts = wanted, facts
         self.decoders: dict[int, Callable[[bytes], Any]] = {}
+        self.writers = Writers()
 
     def messages(self, records: McapRecords) -> Iterator[Arrived]:
         """Log time, channel and content."""
@@ -89,8 +94,13 @@ class _Reading:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
                     decode = self.decoders[channel.id] = self._made_decoder(channel, schema)
+                    offered = channel.metadata.get("offered_qos_profiles", "")
+                    self.writers.offer(channel.topic, len(PROFILE.findall(offered)))
+                node = channel.metadata.get("callerid") or f"channel {channel.id}"
+                self.writers.note(channel.topic, node)
                 content = decode(message.data)
             yield message.log_time, message.publish_time, channel.topic, content
+        self.facts.notes += self.writers.notes
         self.facts.unchecked |= records.unchecked
         if records.private:
             told = f"{records.private:,} records of kinds that only its writer knows"

@@ -21,6 +21,7 @@ from soter.monitor.logs.files.log_columns import (
 from soter.monitor.logs.files.mcap_messages import mcap_messages
 from soter.monitor.logs.files.message_parts import NoPartError, NoTimeError, part_of, time_ns_of
 from soter.monitor.logs.files.ros_bags import bag_messages, is_bag, require_no_split
+from soter.monitor.logs.files.row_choice import RowChoice
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,6 +57,7 @@ def read_messages(
     by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
+    choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
     for arrived in _messages(path, by_channel, facts):
@@ -65,8 +67,8 @@ def read_messages(
                 others.append((log_ns, channel))
             continue
         where = f"message {facts.there[channel]} of `{channel}`"
-        if not mapping.counts(log_ns) or any(
-            str(_part(path, message, k, where)) != v for k, v in mapping.where.items()
+        if not mapping.counts(log_ns) or not choices[channel].takes(
+            lambda name: _part(path, message, name, where)  # noqa: B023 - called before the next
         ):
             continue
         now = _time(path, mapping, arrived, where)
@@ -79,8 +81,9 @@ def read_messages(
         counted.append((log_ns, now))
     for key, columns in columns_by_channel.items():
         if not columns.times_ns:
-            help_ = nearest_or_all(str(key), facts.there)
-            raise unusable(path, f"no message that counts stands on `{key}`", help_)
+            known = str(key) in facts.there
+            hints = choices[str(key)].helps if known else [nearest_or_all(str(key), facts.there)]
+            raise unusable(path, f"no message that counts stands on `{key}`", *hints)
     near, notes = _near(counted, others)
     whole = _ends(counted, near)
     ends = _ends(counted, []) if mapping.where else whole
