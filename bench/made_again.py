@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 DOCS = ROOT / "docs"
 OUT = ROOT / "build" / "made-again"
+LONGEST = 1e6
+"""No command is waited for longer, s: poll(2) cannot wait for a month."""
 BENCHMARK = "@"
 TEST = "-m pytest"
 WHOLE_PAGE = "*"
@@ -253,7 +255,7 @@ def run(command: str, limit_s: float, reads: str = "") -> Output:
     ) as child:  # fmt: skip
         code: int | None = None
         try:
-            text, wrong = child.communicate(timeout=limit_s)
+            text, wrong = child.communicate(timeout=min(limit_s, LONGEST))
             code = child.returncode
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
@@ -347,8 +349,12 @@ def main() -> int:
     parser.add_argument("--kept", action="store_true", help="run nothing: pages among each other")
     parser.add_argument("--only", nargs="+", default=[""], help="sections with one of these texts")
     parser.add_argument("--resume", action="store_true", help="take outputs of this code")
-    parser.add_argument("--seconds", type=float, default=1e9, help="begin nothing after so many")
-    parser.add_argument("--each", type=float, default=1e9, help="seconds that a command may take")
+    parser.add_argument(
+        "--seconds", type=float, default=LONGEST, help="begin nothing after so many"
+    )
+    parser.add_argument(
+        "--each", type=float, default=LONGEST, help="seconds that a command may take"
+    )
     parser.add_argument(
         "--write", action="store_true", help="write what differs into docs/benchmarks.md"
     )

@@ -6,6 +6,7 @@ sentences of docs/ have to be in bench/made_again_sections.py.
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -271,6 +272,15 @@ def test_the_command_says_what_differs_and_goes_on_where_it_was_ended(
     assert said("--only", "broken")[0] == 4, "nothing differs, and nothing was made"
     code, output = said("--only", "right", "--seconds", "0")
     assert (code, ran[-1]) == (4, "broken"), "no time, nothing begun"
+
+
+@pytest.mark.parametrize("limit", [made_again.LONGEST, math.inf, 1e9, 1e300, 60.0])
+def test_a_command_without_a_limit_is_run(limit: float, tmp_path: Path) -> None:
+    """Also where poll(2) could not wait so long: it counts milliseconds in 31 bits."""
+    script = tmp_path / "says.py"
+    script.write_text("print('4 robots')")
+    output = made_again.run(str(script), limit)
+    assert (output.code, output.text) == (0, "4 robots\n")
 
 
 def test_a_command_that_takes_too_long_is_ended_with_what_it_started(tmp_path: Path) -> None:
