@@ -272,6 +272,10 @@ def test_the_command_says_what_differs_and_goes_on_where_it_was_ended(
     assert said("--only", "broken")[0] == 4, "nothing differs, and nothing was made"
     code, output = said("--only", "right", "--seconds", "0")
     assert (code, ran[-1]) == (4, "broken"), "no time, nothing begun"
+    texts["right --n 3"], texts["wrong --n 3"] = "3 robots, 0 hits", "3 robots, 2 hits"
+    code, output = said("--with", "--n 3", "--flights", "3", "--only", "right", "wrong")
+    assert code == 3, "of a shorter run zeros count"
+    assert "2 sections, 2 figures compared: 1 as the page says, 1 differ" in output
 
 
 @pytest.mark.parametrize("limit", [made_again.LONGEST, math.inf, 1e9, 1e300, 60.0])
