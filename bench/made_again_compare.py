@@ -39,6 +39,8 @@ ROW_RULE = re.compile(r"^\|[-:| ]+\|$")
 TARGET = re.compile(r"[<>]=|target|goal")
 MET = re.compile(r"\b(?:ok|MISSED|missed|yes|NO|no)\s*$")
 """Whether a time met its target is no figure either."""
+BY_CLOCK = re.compile(r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}")
+"""A search that the clock ended: what it came to is no figure."""
 SIGMAS = 5.0
 
 
@@ -86,6 +88,7 @@ def lines(text: str, times: str | None = None) -> list[Line]:
                 spans = [(*m.span(),) for m in re.finditer(r"\S+(?: \S+)*", line)]
                 spans = [(a, b) for a, b in spans if heading.fullmatch(line[a:b])]
                 spans += [m.span() for m in re.finditer(r"(?<!\S)(?:wall|took)(?!\S)", line)]
+            line = TOKEN.sub(LEFT_OUT, line) if BY_CLOCK.search(line) else line
             made.append(_line(_without(line, spans, cells), units=usual))
         before = line
     return [x for x in made if x.words.strip()]

@@ -182,6 +182,17 @@ def test_whether_a_time_met_its_target_is_no_figure() -> None:
     assert len(compared(lap, lap.replace("<= 0  ok", "<= 0  MISSED")).differ) == 1
 
 
+@pytest.mark.parametrize("ended", ["stopped", "time", "bound: time, 86 ms covered"])
+def test_how_far_a_search_came_that_the_clock_ended_is_no_figure(ended: str) -> None:
+    row = f"both, 20 ticks  {ended}  91,633  873,269,688  175.01 s  50 ms  20 MB\n"
+    assert compared(row, row.replace("91,633", "5,633").replace("86", "7")).differ == []
+    assert len(compared(row, row.replace(ended, "exhausted")).differ) == 1
+    whole = row.replace(ended, "exhausted")
+    assert len(compared(whole, whole.replace("91,633", "5,633")).differ) == 1
+    moved = "robot 1 stopped in the junction  0  4\n"
+    assert len(compared(moved, moved.replace("4", "5")).differ) == 1
+
+
 def test_a_markdown_table_has_columns_of_times_too() -> None:
     rows = "| arm | flights | took |\n|---|---|---|\n| ours | 100 | 7.5 |\n"
     assert compared(rows, rows.replace("7.5", "9.1")).differ == []
