@@ -37,10 +37,11 @@ CLOCK = (
 RULE = re.compile(r"^[─ ]*──[─ ]*$")
 ROW_RULE = re.compile(r"^\|[-:| ]+\|$")
 TARGET = re.compile(r"[<>]=|target|goal")
-MET = re.compile(r"\b(?:ok|MISSED|missed|yes|NO|no)\s*$")
+WHETHER = r"\b(?:ok|MISSED|missed|yes|NO|no|if idle)\b"
+MET = re.compile(rf"{WHETHER}\s*$")
 """Whether a time met its target is no figure either."""
-BY_CLOCK = re.compile(r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}")
-"""A search that the clock ended: what it came to is no figure."""
+BY_CLOCK = re.compile(r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}|^load of the machine")
+"""A search that the clock ended: what it came to is no figure, nor is how busy a machine was."""
 SIGMAS = 5.0
 
 
@@ -107,7 +108,7 @@ def _without(line: str, spans: list[tuple[int, int]], cells: set[int]) -> str:
         return "|".join(LEFT_OUT if k in cells else c for k, c in enumerate(parts))
     if not spans:
         return line
-    there = re.compile(rf"{HEX}|{NUMBER}(?: ?{UNIT})?")
+    there = re.compile(rf"{HEX}|{NUMBER}(?: ?{UNIT})?|{WHETHER}")
 
     def left_out(m: re.Match[str]) -> str:
         inside = any(m.start() < b and a < m.end() for a, b in spans)

@@ -180,6 +180,12 @@ def test_whether_a_time_met_its_target_is_no_figure() -> None:
     assert compared(lap, slower).differ == []
     assert compared(lap, slower, times="").differ == []
     assert len(compared(lap, lap.replace("<= 0  ok", "<= 0  MISSED")).differ) == 1
+    head = "module  verdict    wall  <= 30 s  all\n──────  ───────  ─────  ───────  ───\n"
+    row = f"{head}cart    proved   8.7 s  yes      yes\n"
+    assert compared(row, row.replace("8.7 s  yes    ", "9.7 s  if idle")).differ == []
+    assert len(compared(row, row.replace("yes\n", "NO\n")).differ) == 1, "no column of times"
+    load = "load of the machine at the end (1, 5, 15 minutes): 4.2, 4.8, 4.8; 2 cores"
+    assert compared(load, load.replace("4.8", "0.1")).differ == []
 
 
 @pytest.mark.parametrize("ended", ["stopped", "time", "bound: time, 86 ms covered"])
