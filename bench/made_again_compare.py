@@ -172,14 +172,21 @@ def _text(line: Line) -> str:
     return re.sub("#", lambda _: next(numbers, "#"), line.words)
 
 
+def _undigested(line: Line) -> Line:
+    """A line without its digests."""
+    return Line(re.sub(HEX, LEFT_OUT, line.words), line.numbers)
+
+
 def sampled(kept: str, made: str, flights: int, times: str | None = None) -> Compared:
     """A kept output beside that of a run of but so many flights, programs or missions a row.
 
     A whole number that is 0 has to be 0; a share (%) may differ by SIGMAS standard deviations of a
-    mean of so many values in [0, 1] with this mean: sqrt(p (1 - p) / flights) at most, each.
+    mean of so many values in [0, 1] with this mean: sqrt(p (1 - p) / flights) at most, each. Their
+    digests are others.
     """
     told = Compared()
-    for old, now in _pairs(lines(kept, times), lines(made, times)):
+    there, new = ([_undigested(x) for x in lines(t, times)] for t in (kept, made))
+    for old, now in _pairs(there, new):
         if now is None:
             continue
         shares = [m[1] == "%" for m in re.finditer("# ?(%|)", old.words)]
