@@ -5,7 +5,8 @@
 Purpose: before a release every table, block and sentence with figures stands beside what its
 command prints today (bench/made_again_sections.py has them): sections of docs/benchmarks.md beside
 a new run, other pages beside the same output. `--small` makes the quicker runs, in which what is 0
-has to be 0 and shares have to fit; `--kept` runs nothing: pages beside the kept output of
+has to be 0 and shares have to fit, as with `--only X --with "ARGUMENTS" --flights N`, which is one
+shorter run of your own; `--kept` runs nothing: pages beside the kept output of
 docs/benchmarks.md. Outputs and verdicts are written to build/made-again as they come; `--resume`
 takes outputs of the code that is checked out. Exit code: 0 all figures came out; 3 something
 differs; 4 nothing differs, and something was not made.
@@ -24,7 +25,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +50,8 @@ if TYPE_CHECKING:
 
 DOCS = ROOT / "docs"
 OUT = ROOT / "build" / "made-again"
+LONGEST = 1e6
+"""No command is waited for longer, s: poll(2) cannot wait for a month."""
 BENCHMARK = "@"
 TEST = "-m pytest"
 WHOLE_PAGE = "*"
@@ -119,7 +122,7 @@ def sections(*, small: bool) -> list[Section]:
         )
     by_name = {s.name: s for s in found}
     for m in PAGES:
-        if small and not m.where.startswith(("```", WHOLE_PAGE)):
+        if small and not a_block(m):
             continue
         name = m.where.lstrip("`").split("\n")[0][:60]
         if m.command.startswith(BENCHMARK):
@@ -134,6 +137,21 @@ def sections(*, small: bool) -> list[Section]:
                 Section(m.page, name, command, m.flights if reduced else 0, m.times, "", m)
             )
     return found
+
+
+def a_block(m: Made) -> bool:
+    """Whether the page has what the command printed: a row or a sentence is of the whole run."""
+    return m.where.startswith(("```", WHOLE_PAGE))
+
+
+def may_be_less(s: Section) -> bool:
+    """Whether a run of fewer flights can be held against it."""
+    return s.made is None or (a_block(s.made) and not s.command.startswith(TEST))
+
+
+def shorter(s: Section, more: str, flights: int) -> Section:
+    """A section made with these arguments, which are of fewer flights a row: a tenth, say."""
+    return replace(s, command=f"{s.command} {more}", flights=flights)
 
 
 # ---------------------------------------------------------------- what a page says
@@ -253,7 +271,7 @@ def run(command: str, limit_s: float, reads: str = "") -> Output:
     ) as child:  # fmt: skip
         code: int | None = None
         try:
-            text, wrong = child.communicate(timeout=limit_s)
+            text, wrong = child.communicate(timeout=min(limit_s, LONGEST))
             code = child.returncode
         except subprocess.TimeoutExpired:
             os.killpg(child.pid, signal.SIGKILL)
@@ -347,8 +365,11 @@ def main() -> int:
     parser.add_argument("--kept", action="store_true", help="run nothing: pages among each other")
     parser.add_argument("--only", nargs="+", default=[""], help="sections with one of these texts")
     parser.add_argument("--resume", action="store_true", help="take outputs of this code")
-    parser.add_argument("--seconds", type=float, default=1e9, help="begin nothing after so many")
-    parser.add_argument("--each", type=float, default=1e9, help="seconds that a command may take")
+    parser.add_argument("--with", dest="more", default="", help="arguments of a shorter run")
+    parser.add_argument("--flights", type=int, default=1, help="of which a row has so many")
+    add = parser.add_argument
+    add("--seconds", type=float, default=LONGEST, help="begin nothing after so many")
+    add("--each", type=float, default=LONGEST, help="seconds that a command may take")
     parser.add_argument(
         "--write", action="store_true", help="write what differs into docs/benchmarks.md"
     )
@@ -358,6 +379,8 @@ def main() -> int:
     chosen = [
         s for s in sections(small=arguments.small) if any(x in s.title.lower() for x in wanted)
     ]
+    if arguments.more:
+        chosen = [shorter(s, arguments.more, arguments.flights) for s in chosen if may_be_less(s)]
     if arguments.list:
         print("\n".join(f"{s.title}\n  {s.command}" for s in chosen))
         return 0

@@ -37,8 +37,11 @@ CLOCK = (
 RULE = re.compile(r"^[─ ]*──[─ ]*$")
 ROW_RULE = re.compile(r"^\|[-:| ]+\|$")
 TARGET = re.compile(r"[<>]=|target|goal")
-MET = re.compile(r"\b(?:ok|MISSED|missed|yes|NO|no)\s*$")
+WHETHER = r"\b(?:ok|MISSED|missed|yes|NO|no|if idle)\b"
+MET = re.compile(rf"{WHETHER}\s*$")
 """Whether a time met its target is no figure either."""
+BY_CLOCK = re.compile(r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}|^load of the machine")
+"""A search that the clock ended: what it came to is no figure, nor is how busy a machine was."""
 SIGMAS = 5.0
 
 
@@ -86,6 +89,7 @@ def lines(text: str, times: str | None = None) -> list[Line]:
                 spans = [(*m.span(),) for m in re.finditer(r"\S+(?: \S+)*", line)]
                 spans = [(a, b) for a, b in spans if heading.fullmatch(line[a:b])]
                 spans += [m.span() for m in re.finditer(r"(?<!\S)(?:wall|took)(?!\S)", line)]
+            line = TOKEN.sub(LEFT_OUT, line) if BY_CLOCK.search(line) else line
             made.append(_line(_without(line, spans, cells), units=usual))
         before = line
     return [x for x in made if x.words.strip()]
@@ -104,7 +108,7 @@ def _without(line: str, spans: list[tuple[int, int]], cells: set[int]) -> str:
         return "|".join(LEFT_OUT if k in cells else c for k, c in enumerate(parts))
     if not spans:
         return line
-    there = re.compile(rf"{HEX}|{NUMBER}(?: ?{UNIT})?")
+    there = re.compile(rf"{HEX}|{NUMBER}(?: ?{UNIT})?|{WHETHER}")
 
     def left_out(m: re.Match[str]) -> str:
         inside = any(m.start() < b and a < m.end() for a, b in spans)
@@ -168,14 +172,21 @@ def _text(line: Line) -> str:
     return re.sub("#", lambda _: next(numbers, "#"), line.words)
 
 
+def _undigested(line: Line) -> Line:
+    """A line without its digests."""
+    return Line(re.sub(HEX, LEFT_OUT, line.words), line.numbers)
+
+
 def sampled(kept: str, made: str, flights: int, times: str | None = None) -> Compared:
     """A kept output beside that of a run of but so many flights, programs or missions a row.
 
     A whole number that is 0 has to be 0; a share (%) may differ by SIGMAS standard deviations of a
-    mean of so many values in [0, 1] with this mean: sqrt(p (1 - p) / flights) at most, each.
+    mean of so many values in [0, 1] with this mean: sqrt(p (1 - p) / flights) at most, each. Their
+    digests are others.
     """
     told = Compared()
-    for old, now in _pairs(lines(kept, times), lines(made, times)):
+    there, new = ([_undigested(x) for x in lines(t, times)] for t in (kept, made))
+    for old, now in _pairs(there, new):
         if now is None:
             continue
         shares = [m[1] == "%" for m in re.finditer("# ?(%|)", old.words)]

@@ -601,7 +601,8 @@ BENCHMARKS = (
         ("bench/testing/contracts.py",),
         "Planner, motion primitive and battery module in the small, 400 ms: each as it is among "
         "the contracts of the others, then all three as they are, for 175 s at most; and a safe "
-        "controller that forgets to land.",
+        "controller that forgets to land. `states` are those that are stored: the reduction chosen "
+        "here keeps what lies between two ends of instants as well.",
     ),
     Benchmark(
         "soter test: seeded bugs in float programs",

@@ -6,6 +6,7 @@ sentences of docs/ have to be in bench/made_again_sections.py.
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -179,6 +180,23 @@ def test_whether_a_time_met_its_target_is_no_figure() -> None:
     assert compared(lap, slower).differ == []
     assert compared(lap, slower, times="").differ == []
     assert len(compared(lap, lap.replace("<= 0  ok", "<= 0  MISSED")).differ) == 1
+    head = "module  verdict    wall  <= 30 s  all\n──────  ───────  ─────  ───────  ───\n"
+    row = f"{head}cart    proved   8.7 s  yes      yes\n"
+    assert compared(row, row.replace("8.7 s  yes    ", "9.7 s  if idle")).differ == []
+    assert len(compared(row, row.replace("yes\n", "NO\n")).differ) == 1, "no column of times"
+    load = "load of the machine at the end (1, 5, 15 minutes): 4.2, 4.8, 4.8; 2 cores"
+    assert compared(load, load.replace("4.8", "0.1")).differ == []
+
+
+@pytest.mark.parametrize("ended", ["stopped", "time", "bound: time, 86 ms covered"])
+def test_how_far_a_search_came_that_the_clock_ended_is_no_figure(ended: str) -> None:
+    row = f"both, 20 ticks  {ended}  91,633  873,269,688  175.01 s  50 ms  20 MB\n"
+    assert compared(row, row.replace("91,633", "5,633").replace("86", "7")).differ == []
+    assert len(compared(row, row.replace(ended, "exhausted")).differ) == 1
+    whole = row.replace(ended, "exhausted")
+    assert len(compared(whole, whole.replace("91,633", "5,633")).differ) == 1
+    moved = "robot 1 stopped in the junction  0  4\n"
+    assert len(compared(moved, moved.replace("4", "5")).differ) == 1
 
 
 def test_a_markdown_table_has_columns_of_times_too() -> None:
@@ -190,12 +208,9 @@ def test_a_markdown_table_has_columns_of_times_too() -> None:
 def test_a_smaller_run_is_held_to_zeros_and_shares() -> None:
     some = KEPT.replace("1,000", "20").replace("601", "11").replace("96.6", "93.0")
     some = some.replace("9904839878dc", "00ff00ff00ff").replace("ca950ab9b019", "11ff00ff00ff")
-    lines = "\n".join(x for x in some.splitlines() if "─" not in x)
-    kept = KEPT.replace("  9904839878dc", "").replace("  ca950ab9b019", "")
-    made = some.replace("  00ff00ff00ff", "").replace("  11ff00ff00ff", "")
-    assert sampled(kept, made, 20).differ == []
-    assert sampled(kept, made, 20).figures == 3
-    assert sampled(kept, lines, 20).figures < 3, "another digest is another line"
+    assert sampled(KEPT, some, 20).differ == []
+    assert sampled(KEPT, some, 20).figures == 3
+    kept, made = KEPT, some
     assert len(sampled(kept, made.replace(" 0 ", " 8 "), 20).differ) == 1
     assert len(sampled(kept, made.replace("93.0", "50.0"), 20).differ) == 1
     assert sampled(kept, made.replace("93.0", "50.0"), 2).differ == [], "two flights may say that"
@@ -271,6 +286,19 @@ def test_the_command_says_what_differs_and_goes_on_where_it_was_ended(
     assert said("--only", "broken")[0] == 4, "nothing differs, and nothing was made"
     code, output = said("--only", "right", "--seconds", "0")
     assert (code, ran[-1]) == (4, "broken"), "no time, nothing begun"
+    texts["right --n 3"], texts["wrong --n 3"] = "3 robots, 0 hits", "3 robots, 2 hits"
+    code, output = said("--with", "--n 3", "--flights", "3", "--only", "right", "wrong")
+    assert code == 3, "of a shorter run zeros count"
+    assert "2 sections, 2 figures compared: 1 as the page says, 1 differ" in output
+
+
+@pytest.mark.parametrize("limit", [made_again.LONGEST, math.inf, 1e9, 1e300, 60.0])
+def test_a_command_without_a_limit_is_run(limit: float, tmp_path: Path) -> None:
+    """Also where poll(2) could not wait so long: it counts milliseconds in 31 bits."""
+    script = tmp_path / "says.py"
+    script.write_text("print('4 robots')")
+    output = made_again.run(str(script), limit)
+    assert (output.code, output.text) == (0, "4 robots\n")
 
 
 def test_a_command_that_takes_too_long_is_ended_with_what_it_started(tmp_path: Path) -> None:
