@@ -61,8 +61,8 @@ def log_judged(
     """When each module, or one, would have switched on the reads of a log, and how near it came.
 
     `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
-    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no module can
-    be decided.
+    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no
+    module can be decided.
     """
     require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
