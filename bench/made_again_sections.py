@@ -99,6 +99,7 @@ SMALL = {
     "The stack of the trusted part": Small(apart="needs gcc and clang"),
     "Images for a Cortex-M": Small(apart=MINUTES),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
+    "Hostile files": Small("--only data_csv,map_toml,policy_onnx", part=True),
     "Damaged logs": Small("--flips 20", flights=20),
     "The mountain car: four drivers, alone and with RTA": Small(
         "--episodes 40 --jobs 1", flights=40

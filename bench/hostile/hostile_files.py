@@ -1,6 +1,6 @@
 """Files that mean harm, 30 of each format: what is executed, read or written elsewhere, and costs.
 
-    .venv/bin/python bench/hostile/hostile_files.py [--only FORMAT,...] [--seed 1]
+    .venv/bin/python bench/hostile/hostile_files.py [--only FORMAT,...] [--each N] [--seed 1]
 
 Purpose: of every format a file in place of a good one: no ordinary file, a link to a file outside
 of its folder, a file of another kind that runs, unpacks or grows where somebody trusts it, the good
@@ -115,6 +115,16 @@ _made: dict[str, bytes] = {}
 def number_of(one: Format) -> int:
     """How many hostile files there are of a format."""
     return EACH + len(CRAFTED.get(one.name, ()))
+
+
+def chosen(one: Format, each: int | None) -> list[int]:
+    """Which of them are tried."""
+    of = number_of(one)
+    return (
+        list(range(of))
+        if each is None
+        else [of * (i + 1) // each - 1 for i in range(min(each, of))]
+    )
 
 
 def hostile(one: Format, k: int, chance: Random, folder: Path, outside: Path) -> str:
@@ -237,6 +247,7 @@ def main() -> int:
     """Try all of them; 0 where nothing was wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="formats, with commas")
+    parser.add_argument("--each", type=int, help="so many of a format, spread over all of its own")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     known = {**formats(), **{f.name: f for f in MORE}}
@@ -248,7 +259,8 @@ def main() -> int:
         os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
         sample = Path(work) / "sample"
         samples(sample, names)
-        more_samples(sample)
+        if set(names) - set(formats()):
+            more_samples(sample)
         print(heading())
         for name in names:
             forked = Forked(Path(work) / name)
@@ -257,7 +269,7 @@ def main() -> int:
                 begin([*words], sample, known[name].stdin)
             forked.memory = bad_input_commands.mapped() + MEMORY
             one, seed = known[name], given.seed
-            judged = [tried(one, k, seed, sample, forked) for k in range(number_of(one))]
+            judged = [tried(one, k, seed, sample, forked) for k in chosen(one, given.each)]
             rows[name] = judged
             print(row(name, judged), flush=True)
     return 1 if told(rows) else 0

@@ -322,3 +322,40 @@ def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_pat
     assert [len(files) for files in told[0]] == [2, 2, 1]
     assert all(a != b for a, b in zip(*told, strict=True))
     assert files_of(None) == files_of(len) == {}
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_loop_is_refused_as_it_need_not_end(tmp_path: Path, inside: bool) -> None:
+    """2^62 turns: a run waits for what answers it. Also where it stands in a branch."""
+    from onnx import TensorProto, helper
+
+    from soter.policy.onnx_session import OnnxSession
+
+    def info(name: str, kind: int, shape: list[Any] | None) -> Any:
+        return helper.make_tensor_value_info(name, kind, shape)
+
+    number, truth, whole = TensorProto.FLOAT, TensorProto.BOOL, TensorProto.INT64
+    again = [helper.make_node("Identity", [a], [b]) for a, b in (("go", "on"), ("x", "y"))]
+    inputs = [info("i", whole, []), info("go", truth, []), info("x", number, None)]
+    body = helper.make_graph(
+        again, "body", inputs, [info("on", truth, []), info("y", number, None)]
+    )
+    turns = helper.make_node(
+        "Constant", [], ["N"], value=helper.make_tensor("n", whole, [], [2**62])
+    )
+    nodes = [turns, helper.make_node("Loop", ["N", "", "obs"], ["u"], body=body)]
+    if inside:
+        branch = helper.make_graph(nodes, "branch", [], [info("u", number, None)])
+        yes = helper.make_tensor("c", truth, [], [True])
+        nodes = [
+            helper.make_node("Constant", [], ["C"], value=yes),
+            helper.make_node("If", ["C"], ["u"], then_branch=branch, else_branch=branch),
+        ]
+    graph = helper.make_graph(
+        nodes, "policy", [info("obs", number, ["batch", 2])], [info("u", number, None)]
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(SoterError) as caught:
+        OnnxSession(tmp_path / "p.onnx")
+    assert "the operator Loop" in caught.value.diagnostics[0].message
