@@ -512,7 +512,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("testing.md", "process_tests.py` runs every test"): ELSEWHERE,
     ("timing.md", "```thread"): f"{HELD}unit/cli/test_cli_timing.py",
     ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
-    ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_what_runs.py",
+    ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",
     ("verification.md", "| kind"): DEFINED,
     ("verification.md", '```{ "system"'): DEFINED,
 }

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from policy_files import onnx_of, random_layers  # type: ignore[import-not-found]
 
+import processes
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy import onnx_content as content
@@ -359,3 +361,34 @@ def test_a_loop_is_refused_as_it_need_not_end(tmp_path: Path, inside: bool) -> N
     with pytest.raises(SoterError) as caught:
         OnnxSession(tmp_path / "p.onnx")
     assert "the operator Loop" in caught.value.diagnostics[0].message
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of /proc")
+def test_a_graph_that_asks_for_gigabytes_is_refused(
+    tmp_path: Path,
+) -> None:
+    """The file has a few hundred bytes; what it computes has 3 GiB on the way."""
+    from onnx import TensorProto, helper
+
+    shape = helper.make_tensor("n", TensorProto.INT64, [1], [3 * 2**28])
+    graph = helper.make_graph(
+        [
+            helper.make_node("Constant", [], ["N"], value=shape),
+            helper.make_node("ConstantOfShape", ["N"], ["zeros"]),
+            helper.make_node("ReduceSum", ["zeros"], ["zero"], keepdims=0),
+            helper.make_node("Add", ["obs", "zero"], ["u"]),
+        ],
+        "policy",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["batch", 1])],
+        [helper.make_tensor_value_info("u", TensorProto.FLOAT, None)],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    (tmp_path / "p.soter").write_text(
+        "soter 1;\ninput topic a: float = 0.0;\ntopic u: float = 0.0;\n"
+        'extern node N period 10ms from "onnx:p.onnx" { subscribes a; publishes u; }\n'
+        "system S default { node N; until 20ms; }\n"
+    )
+    command = [sys.executable, "-m", "soter.cli.main", "run", "p.soter"]
+    done = processes.run(command, cwd=tmp_path, capture_output=True)
+    assert (done.returncode, b"X014" in done.stderr) == (1, True), done.stderr
