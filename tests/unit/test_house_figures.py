@@ -152,7 +152,6 @@ ROOMS = {
     "tests/unit/language": (20, "as above"),
     "tests/unit/certificate": (35, "as above"),
     "tests/unit/verify/diagnosis": (17, "as above"),
-    "tests/unit/monitor": (17, "as above"),
     "tests/unit/cli": (37, "as above: a file a command"),
     "tests/unit/explore": (40, "as above; the engine's strategies are asked one by one"),
 }
