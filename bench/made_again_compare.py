@@ -29,9 +29,10 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}")
 REAL_TIME = re.compile(rf"{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
 CLOCK = (
-    r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|took|time|search|s|ms|us|ns|seconds|check s|rate|ratio|"
-    r"(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|.*, (?:s|ms|us|ns)|"
-    r"target(?: .*)?|met|faster|efficiency|by medians|memory|p50.*|p99.*|max(?: ms)?"
+    r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|/ verify|took|time|search|s|ms|us|ns|seconds|check s|rate|"
+    r"ratio|(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|"
+    r".*, (?:s|ms|us|ns)|target(?: .*)?|met|faster|efficiency|by medians|memory|"
+    r"p50.*|p99.*|max(?: ms)?"
 )
 """Headings of columns that hold another number in every run."""
 RULE = re.compile(r"^[─ ]*──[─ ]*$")
