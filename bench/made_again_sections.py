@@ -165,7 +165,7 @@ SMALL = {
         "--only cart --strategies random", apart=ENDED_BY_CLOCK
     ),
     "soter test: what the reductions leave out": Small("--most 100000", apart=MINUTES),
-    "soter test: equal instances": Small("--runs 1 --ticks 2"),
+    "soter test: equal instances": Small("--runs 1", part=True),
     "soter test: memory": Small(apart=MINUTES),
     "soter test against the brute-force enumerator": Small("--programs 12"),
     "soter test and parts that share only time": Small("--programs 6"),
