@@ -217,6 +217,14 @@ def test_a_smaller_run_is_held_to_zeros_and_shares() -> None:
     assert len(sampled(kept, made.replace("100.0", "93.0"), 20).differ) == 1
 
 
+def test_clauses_of_a_sentence_are_held_against_a_smaller_run_each() -> None:
+    page = "300 programs, 12 violated (fault 7, timed 5); 0 differ (target: none); 20 % of #\n"
+    some = "6 programs, 2 violated (timed 2); 0 differ (target: none); 50 % of #\n"
+    assert sampled(page, some, 6).differ == []
+    assert sampled(page, some, 6).figures == 2
+    assert len(sampled(page, some.replace("0 differ", "1 differ"), 6).differ) == 1
+
+
 def test_a_part_of_the_rows_is_held_to_all_of_their_figures() -> None:
     part = "\n".join(x for x in KEPT.splitlines() if not x.startswith("Alone"))
     assert compared(KEPT, part, part=True).differ == []
