@@ -82,6 +82,7 @@ def replay(
         sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
+        reasons={s.topic.name: tuple(s.reasons.values()) for s in samples if s.reasons},
         lost=[text for s in samples for text in s.lost],
         far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
     )
