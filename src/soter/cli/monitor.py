@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.api.files import write_sections
-from soter.cli.ci.findings import exit_of_kinds
 from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
@@ -25,6 +24,7 @@ from soter.cli.terminal.command_outcome import (
     VIOLATED,
     CommandOutcome,
     exit_of,
+    exit_of_kinds,
 )
 from soter.cli.terminal.log_judgement import (
     FOREIGN_LOG,
