@@ -78,6 +78,7 @@ def replay(
         modules=[],
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
+        assumed_units=tuple(n for s in samples for n in s.assumed_units),
         forced=forced,
         sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},

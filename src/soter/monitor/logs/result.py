@@ -170,7 +170,7 @@ class LogJudgement:
     the first; `reasons`: the same of each reason for which they were left out. `far_stamps`: by
     topic those that are further from the log's clock than the log is long. `lost`: in words what
     was left out, and far stamps. `ageless`: of topics without `max_age` the greatest age (ns) of a
-    read.
+    read. `assumed_units`: of leaves whose unit nobody says, what is taken for it.
     `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
     """
 
@@ -182,6 +182,7 @@ class LogJudgement:
     modules: list[ModuleOfLog]
     derived: list[DerivedValue] = field(default_factory=list)
     constants: tuple[str, ...] = ()
+    assumed_units: tuple[str, ...] = ()
     sources: dict[str, str] = field(default_factory=dict)
     forced: tuple[str, ...] = ()
     stamps: dict[str, str] = field(default_factory=dict)
@@ -217,6 +218,11 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
+        if self.assumed_units:
+            names = ", ".join(self.assumed_units)
+            assumptions.append(
+                f"neither the mapping nor a message says a unit, the program's is taken: {names}"
+            )
         if self.unchecked:
             assumptions.append(
                 "no checksum covers the log's values: one that was changed in its place is not seen"

@@ -78,7 +78,7 @@ class FarStamps:
         side = "before" if self.offset_s < 0 else "after"
         return (
             f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
-            f"{abs(self.offset_s):,.3f} s {side} it"
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
         )
 
 
@@ -89,7 +89,7 @@ class TopicSamples:
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
     `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
     how many and the first; what differs from a number on is one reason. `sources`: of several, how
-    many samples each gave.
+    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them.
     """
 
     topic: Topic
@@ -104,6 +104,7 @@ class TopicSamples:
     stamp: str = ""
     derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
+    assumed_units: list[str] = field(default_factory=list)
     sources: str = ""
 
     @property
@@ -201,6 +202,7 @@ def samples_of(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
+        made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _of_sources(path, of, made, first)
         elif t.names:
