@@ -79,10 +79,12 @@ def replay(
         modules=[],
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
+        assumed_units=tuple(n for s in samples for n in s.assumed_units),
         forced=forced,
         sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
+        reasons={s.topic.name: tuple(s.reasons.values()) for s in samples if s.reasons},
         lost=[*(text for s in samples for text in s.lost), *doubts(system, samples)],
         far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
     )
