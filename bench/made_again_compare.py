@@ -140,15 +140,20 @@ def _pairs(kept: list[Line], made: list[Line]) -> Iterator[tuple[Line, Line | No
         yield line, same.pop(0) if same else None
 
 
-def compared(kept: str, made: str, times: str | None = None, *, part: bool = False) -> Compared:
+def compared(
+    kept: str, made: str, times: str | None = None, *, part: bool = False, whole: bool = False
+) -> Compared:
     """Every line of a kept output beside a new one.
 
     `part`: beside one that has but some of the rows: a line is missed only where another one
-    begins as it does.
+    begins as it does. `whole`: all of the output is kept, so a new line with a figure is missing.
     """
-    told, new = Compared(), lines(made, times)
+    told, old_ones, new = Compared(), lines(kept, times), lines(made, times)
     names = {_name(x) for x in new} if part else set()
-    for old, now in _pairs(lines(kept, times), new):
+    if whole:
+        more = Counter(x.words for x in new if x.numbers) - Counter(x.words for x in old_ones)
+        told.differ += [f"the page has no line {words!r}" for words in more.elements()]
+    for old, now in _pairs(old_ones, new):
         if part and now is None and _name(old) not in names:
             continue
         told.figures += len(old.numbers)

@@ -165,6 +165,21 @@ def test_a_figure_or_a_word_that_is_another_one_differs(old: str, new: str) -> N
     assert compared(KEPT, KEPT.replace(old, new, 1)).figures == 6
 
 
+def test_a_row_that_the_page_leaves_out_differs() -> None:
+    row = next(x for x in KEPT.splitlines() if x.startswith("Alone"))
+    without = KEPT.replace(f"{row}\n", "")
+    assert compared(without, KEPT).differ == [], "an excerpt"
+    assert len(compared(without, KEPT, whole=True).differ) == 1
+    assert compared(KEPT, f"a new line\n{KEPT}", whole=True).differ == []
+    assert len(compared(KEPT, f"{KEPT}{row}\n", whole=True).differ) == 1, "the same row twice"
+    name = "The drone's laps"
+    (section,) = (s for s in made_again.sections(small=False) if s.made is None and s.name == name)
+    output = made_again.Output(
+        f"{made_again.printed(made_again.results()[name].text)}crashes 3\n", 0, 0.0, ""
+    )
+    assert len(made_again.verdict(section, output).differ) == 1
+
+
 def test_times_of_the_simulated_world_are_figures_where_the_section_says_so() -> None:
     lap = "arm   lap\n────  ───────\nours  10.68 s\n"
     assert compared(lap, lap.replace("10.68", "10.70")).differ == []

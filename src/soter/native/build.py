@@ -73,6 +73,7 @@ def library(
     kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     parts = [unit.header, unit.source, compiler.identity, *flags]
     parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
+    parts += library_flags() if unit.c_sources else ()
 
     def make(work: Path) -> None:
         sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
@@ -127,6 +128,9 @@ def include_flags(*files: Path) -> tuple[str, ...]:
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words.
 
+    C of externs is compiled as ever, whatever the `flags` are: it may ask which instructions there
+    are (`__AVX2__`), and is the same C in runs, campaigns and where its objects are looked into.
+
     `runtime`: sources or objects of the kernel and of what else is needed. The person's C comes
     first: a mistake in it is said before a large program is compiled for minutes.
     """
@@ -138,10 +142,11 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     message = "the C of this program does not compile"
     helps = _helps(unit) if unit.c_sources else (DEFECT,)
     externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    own = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"
-            command = [*without_link(compiler), "-c", extern, "-o", externs[i]]
+            command = [*own, "-c", extern, "-o", externs[i]]
             compile_with(command, work, message, helps, TELLING)
     command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
     compile_with(command, work, message, helps, TELLING)
