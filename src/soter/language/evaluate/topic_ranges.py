@@ -144,7 +144,7 @@ def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
             value = scope.params.get(n.param) if isinstance(n, ParamRead) else value
             if isinstance(value, (int, float)):
                 found |= {value, -value}
-            if isinstance(value, int) and isinstance(n.type, DurationType):
+            if isinstance(value, int) and isinstance(getattr(n, "type", None), DurationType):
                 found.add(value / 1e9)  # as `seconds` gives it, to an age
     return sorted(found)
 
