@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 from bench.hostile.bad_input_samples import ROOT, Format, soter_says
 
@@ -218,12 +219,12 @@ def _logs(folder: Path) -> None:
     )
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
     (folder / "a.onnx").write_bytes(model.SerializeToString())
-    raw = b""
+    weights = b""
     for tensor in model.graph.initializer:
-        set_external_data(tensor, "weights", len(raw), len(tensor.raw_data))
-        raw += tensor.raw_data
+        set_external_data(tensor, "weights", len(weights), len(tensor.raw_data))
+        weights += tensor.raw_data
         tensor.ClearField("raw_data")
-    (folder / "weights").write_bytes(raw)
+    (folder / "weights").write_bytes(weights)
     (folder / "b.onnx").write_bytes(model.SerializeToString())
 
 
@@ -232,7 +233,7 @@ def _loose(path: Path) -> None:
     from mcap.writer import Writer  # noqa: PLC0415 - an extra
 
     with path.open("wb") as file:
-        writer = Writer(file, use_chunking=False)
+        writer: Any = Writer(file, use_chunking=False)
         writer.start()
         schema = writer.register_schema("place", "jsonschema", b"{}")
         channel = writer.register_channel("/place", "json", schema)

@@ -123,10 +123,13 @@ def test_what_cannot_be_sent_is_not_told_by_sending() -> None:
     class Gone:
         sent = 0
 
-        def write(self, _: bytes) -> None:
+        def write(self, data: bytes) -> None:
             self.sent += 1
-            assert self.sent < 10
+            assert self.sent < 10, data
             raise RuntimeError("the transport is closed")
+
+        def close(self) -> None:
+            """It is."""
 
     server, gone = Server(), Gone()
     server.protocol.set_writer(gone)
