@@ -9,10 +9,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
-from soter.native.includes import included
+from soter.native.includes import computes_names, included
 from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
@@ -40,12 +41,13 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 
 
 def texts(*sources: str | Path) -> list[str]:
-    """Path and text of C files and of every header that they include, our own ones too."""
-    return [
-        x
-        for p, t in included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
-        for x in (p.name if p.is_relative_to(SOTER) else str(p), t)
-    ]
+    """Path and text of C files and of every header that they include, our own ones too.
+
+    With something that is never the same where a header is not known: no key is of that.
+    """
+    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
+    never = [uuid4().hex] if computes_names([t for _, t in known]) else []
+    return never + [x for p, t in known for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
 
 
 def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
