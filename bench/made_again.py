@@ -225,7 +225,7 @@ def _as_lines(s: Section, kept: str, text: str) -> Compared:
         return compared(kept, text, s.times, part=True)
     if s.flights or s.machine:
         return sampled(kept, text, max(s.flights, 1), s.times)
-    return compared(kept, text, s.times)
+    return compared(kept, text, s.times, whole=s.made is None)
 
 
 def held(s: Section, output: Output) -> Compared:

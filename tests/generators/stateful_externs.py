@@ -40,6 +40,12 @@ KINDS = {
     "drawn": MEMORY
     + "static memory *own(void) {\n  static _Thread_local memory shown;\n"
     + "  shown.calls = rand() % 1000;\n  return &shown;\n}\n",
+    "section": OF_FILE.replace("OF", '__attribute__((section(".init_array_of_mine")))'),
+    "loaded": MEMORY
+    + "#include <sys/mman.h>\nstatic memory *kept;\nstatic memory *own(void) { return kept; }\n"
+    + "__attribute__((constructor)) static void made(void) {\n"
+    + "  kept = mmap(0, sizeof *kept, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);\n"
+    + "}\n",
     "nothing": MEMORY + "#define own() (&(memory){0})\n",
 }
 HEADER = OF_FILE.replace("OF", "")

@@ -16,6 +16,7 @@ from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
+from soter.monitor.logs.doubtful_samples import doubts
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.result import units_taken
@@ -117,7 +118,7 @@ def log_explained(
     samples = samples_of(path, declared, columns)
     record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
-    told = [text for s in samples for text in s.lost]
+    told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]

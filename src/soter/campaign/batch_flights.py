@@ -23,10 +23,21 @@ from soter.campaign.compiled_unit import recipe_of
 from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.build import FAULTS, KERNEL, RUNTIME, library, library_flags, texts
-from soter.native.cache import digest
+from soter.language.evaluate.floating_point_mode import require_plain
+from soter.native.build import (
+    FAULTS,
+    KERNEL,
+    LIBRARY,
+    REPORT,
+    RUNTIME,
+    include_flags,
+    library,
+    library_flags,
+    texts,
+)
+from soter.native.cache import cached, digest
 from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.native.compiler import find
+from soter.native.compiler import compile_with, find
 from soter.native.extern_memory import unknown_of
 from soter.native.vector_instructions import FAST, vector_flags
 
@@ -40,9 +51,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
-ENGINE = tuple(
-    BATCH.with_name(f"soter_{name}") for name in ("batch.c", "apart.c", "batch.h", "apart.h")
-)
+APART = BATCH.with_name("soter_apart.c")
+ENGINE = (BATCH, BATCH.with_suffix(".h"))
 COMPILED_WITH = (*ENGINE, RUNTIME / "soter_sha256.c", RUNTIME / "soter_sha256.h")
 """What is compiled beside a program and the kernel."""
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
@@ -52,8 +62,8 @@ EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
 SPARE = 3
 """States that a batch needs besides those of its flights."""
-CHANGED = -2
-"""`SOTER_APART_CHANGED`"""
+CHANGED, UNLOADED = -2, -3
+"""`SOTER_APART_CHANGED`, `SOTER_APART_UNLOADED`"""
 MODULES_MAX = 64
 """Modules of a system whose saves can be counted."""
 ROOM = 1 << 14
@@ -72,12 +82,20 @@ class Flyer:
         self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
         unit = recipe.unit
         path = library(unit, recipe.optimise, (*FAST, *vector_flags()), COMPILED_WITH)
-        headers = (RUNTIME / "soter.h", *(e for e in ENGINE if e.suffix == ".h"))
+        headers = (RUNTIME / "soter.h", BATCH.with_suffix(".h"), APART.with_suffix(".h"))
         self.ffi = interface(*(declarations(header) for header in headers))
-        self.lib = opened(self.ffi, path)
-        at = partial(address, self.ffi, path)
-        self._program = at(f"{unit.prefix}_program", "const soter_program *")
-        self._measured = at(f"{unit.prefix}_measured", "const soter_measured *")
+        self.path, tables = path, [f"{unit.prefix}_{name}" for name in ("program", "measured")]
+        if recipe.keeps:  # never loaded here: what its C does as it is loaded is its flight's
+            self.lib = opened(self.ffi, _apart())
+            names = (os.fsencode(path), *(t.encode("ascii") for t in tables))
+            self._names = [self.ffi.new("char[]", name) for name in names]
+            self._program = self.ffi.new("soter_library *", self._names)
+            self._measured = self.ffi.NULL
+        else:
+            self.lib = opened(self.ffi, path)
+            at = partial(address, self.ffi, path)
+            self._program = at(tables[0], "const soter_program *")
+            self._measured = at(tables[1], "const soter_measured *")
         self._own = threading.local()
         most = 1 if recipe.keeps else BATCH_BYTES // unit.layout.size
         self.at_once = max(1, min(AT_ONCE, most))
@@ -117,9 +135,13 @@ class Flyer:
         """Fly; how many of the flights had room. SoterError X011, X012 for what C did to them."""
         given = (self._program, got.flights, len(numbers), got.order)
         if not self.recipe.keeps:
-            return int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
+            flown = int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
+            require_plain()
+            return flown
         done = shared((1,), np.int64)
         status = self.lib.soter_batch_apart(*given, self.ffi.cast("int64_t *", done.ctypes.data))
+        if done[0] == UNLOADED:
+            opened(self.ffi, self.path)
         if done[0] < 0:
             raise _gone(numbers[0], int(got.flights[0].seed), status, changed=done[0] == CHANGED)
         return int(done[0])
@@ -209,12 +231,24 @@ class Fleet(Flyer):
         for p, text in self.recipe.files:
             linked[Path(p).name] = digest([linked[Path(p).name], text])
         if unit.c_sources:
-            linked["compiler"] = digest([compiler.identity, *library_flags(self.recipe.optimise)])
+            linked["compiler"] = digest([compiler.identity, *library_flags("-O2")])
         return {
             "code_sha256": digest([unit.header, unit.source, *ours]),
             "linked": linked,
             "unknown": unknown_of(unit),
         }
+
+
+def _apart() -> Path:
+    """The library of `soter_apart.c`, which loads those of flights; SoterError X003, X004."""
+    compiler, flags = find(), (*library_flags(), *include_flags(APART))
+
+    def make(work: Path) -> None:
+        command = [*compiler.command, *flags, "-o", LIBRARY, str(APART), "-ldl"]
+        compile_with(command, work, "processes for flights do not compile", (REPORT,))
+
+    content = digest((compiler.identity, *flags, *texts(APART)))
+    return cached("apart", content, (LIBRARY,), make) / LIBRARY
 
 
 def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:

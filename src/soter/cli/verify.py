@@ -478,7 +478,7 @@ MODULE = JsonObject(
     vacuous=JsonObject(
         f"{RESULTS}.Vacuity",
         "how_often what share text parameters*",
-        how_often=one_of("never", "hardly ever"),
+        how_often=one_of("never", "hardly ever", "not shown"),
         what=one_of("ttf", "safer", "core", "safe"),
     ),
 )

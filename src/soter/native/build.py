@@ -9,10 +9,11 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
+from uuid import uuid4
 
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
-from soter.native.includes import included
+from soter.native.includes import computes_names, included
 from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
@@ -40,12 +41,13 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 
 
 def texts(*sources: str | Path) -> list[str]:
-    """Path and text of C files and of every header that they include, our own ones too."""
-    return [
-        x
-        for p, t in included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
-        for x in (p.name if p.is_relative_to(SOTER) else str(p), t)
-    ]
+    """Path and text of C files and of every header that they include, our own ones too.
+
+    With something that is never the same where a header is not known: no key is of that.
+    """
+    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
+    never = [uuid4().hex] if computes_names([t for _, t in known]) else []
+    return never + [x for p, t in known for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
 
 
 def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
@@ -73,6 +75,7 @@ def library(
     kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
     parts = [unit.header, unit.source, compiler.identity, *flags]
     parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
+    parts += library_flags() if unit.c_sources else ()
 
     def make(work: Path) -> None:
         sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
@@ -127,6 +130,9 @@ def include_flags(*files: Path) -> tuple[str, ...]:
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words.
 
+    C of externs is compiled as ever, whatever the `flags` are: it may ask which instructions there
+    are (`__AVX2__`), and is the same C in runs, campaigns and where its objects are looked into.
+
     `runtime`: sources or objects of the kernel and of what else is needed. The person's C comes
     first: a mistake in it is said before a large program is compiled for minutes.
     """
@@ -138,10 +144,11 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     message = "the C of this program does not compile"
     helps = _helps(unit) if unit.c_sources else (DEFECT,)
     externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    own = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
     for i, extern in enumerate(externs):
         if extern.endswith(".c"):
             externs[i] = f"{work / f'extern_{i + 1}.o'}"
-            command = [*without_link(compiler), "-c", extern, "-o", externs[i]]
+            command = [*own, "-c", extern, "-o", externs[i]]
             compile_with(command, work, message, helps, TELLING)
     command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
     compile_with(command, work, message, helps, TELLING)

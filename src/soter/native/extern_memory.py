@@ -59,8 +59,10 @@ READ_NOTHING = KEEP_NOTHING.union(FROM_WITHIN.split())
 WRITABLE, OCCUPIES = 1, 2
 SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
 ELF = b"\x7fELF\x02\x01"
-RELOCATED = (".data.rel.ro", ".init_array", ".fini_array")
+RELOCATED = re.compile(r"\.(data\.rel\.ro|init_array|fini_array)(\.|$)")
 """Sections that are only written while the library is loaded."""
+LOCAL = 0
+"""How a symbol is bound that other objects do not see."""
 
 
 @contextmanager
@@ -97,6 +99,7 @@ def _examined(unit: Unit, told: str) -> str:
         return ""
     compiler, flags = find(), library_flags()
     parts = [unit.header, compiler.identity, *flags, *texts(*unit.c_sources)]
+    parts.append(Path(__file__).read_text(encoding="utf-8"))
 
     def make(work: Path) -> None:
         (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
@@ -148,7 +151,7 @@ def _of(objects: list[bytes]) -> str:
     for data in objects:
         for name, flags, length in _sections(data):
             writable = flags & WRITABLE and flags & OCCUPIES
-            if writable and length and not name.startswith(RELOCATED):
+            if writable and length and not RELOCATED.match(name):
                 return LASTS
         for name, section in _symbols(data):
             if section == COMMON:
@@ -177,10 +180,11 @@ def _sections(data: bytes) -> Iterator[tuple[str, int, int]]:
 
 
 def _symbols(data: bytes) -> Iterator[tuple[str, int]]:
-    """Name and section of each symbol."""
+    """Name and section of each symbol that other objects can see."""
     table = _table(data)
     for _, kind, _, _, offset, length, link, _, _, entry in table:
         if kind == SYMBOLS:
             for at in range(offset + entry, offset + length, entry):
-                name, _, _, section = struct.unpack_from("<IBBH", data, at)
-                yield _name(data, table[link][4] + name), section
+                name, info, _, section = struct.unpack_from("<IBBH", data, at)
+                if info >> 4 != LOCAL:
+                    yield _name(data, table[link][4] + name), section

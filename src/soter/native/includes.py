@@ -1,23 +1,33 @@
 """C files and everything that they include.
 
 Purpose: what a compiled file depends on: the cache keys on it, packages copy it.
-Non-goals: headers in angle brackets, names that macros put together (`extern_memory.py` sees them).
+`computes_names`: that macros put a name together, which nobody here follows.
+Non-goals: headers in angle brackets; which names those are (`extern_memory.py` sees them).
 """
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 INCLUDE = re.compile(
     r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define)\b[^"\n]*"([^"\n]+)"',
     re.MULTILINE,
 )
 """A name in quotes of a directive that includes, or defines: there may be an `#include NAME`."""
+OF_A_MACRO = re.compile(
+    r"^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed)[ \t]*([A-Za-z_]\w*)(.*)$",
+    re.MULTILINE,
+)
+"""An include of a macro, and what stands behind its name."""
 FILES_MAX = 1000
 
 
@@ -36,6 +46,17 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
             places = ((place / name).resolve() for place in (path.parent, *folders))
             waiting += [p for p in places if p.is_file()][:1]
     return text_by_path
+
+
+def computes_names(texts: Collection[str]) -> bool:
+    """Whether C includes what a macro makes a name of, other than one that a definition quotes."""
+    joined = [t.replace("\\\n", "") for t in texts]
+    for name, rest in (found for t in joined for found in OF_A_MACRO.findall(t)):
+        defined = re.compile(rf"^[ \t]*(?:#|%:)[ \t]*define[ \t]+{name}\b(?!\()(.*)$", re.MULTILINE)
+        given = [d.strip() for t in joined for d in defined.findall(t)]
+        if rest.lstrip().startswith("(") or not given or any(d[:1] not in '"<' for d in given):
+            return True
+    return False
 
 
 def _read(path: Path) -> str:

@@ -15,6 +15,8 @@ from soter.api.assurance.reproduced_flights import read_flights, replay_flights
 from soter.campaign import batch_flights
 from soter.campaign.batch_flights import Fleet
 from soter.native.build import library_flags, texts
+from soter.native.includes import computes_names
+from soter.native.package_sources import SOTER
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -112,6 +114,39 @@ def test_a_header_is_seen_however_it_is_included(include: str, tmp_path: Path) -
     assert "the C of an extern" in refused(file)
     shutil.rmtree(file.parent / "flown")
     assert flown(file).result.digest != digest  # and nothing that was compiled of the old one
+
+
+def test_a_header_whose_name_a_macro_makes_is_compiled_anew(tmp_path: Path) -> None:
+    made = "#define STR(x) #x\n#include STR(more.h)"
+    file = write(tmp_path / "a", made, "MORE * push")
+    (file.parent / "c" / "more.h").write_text("#define MORE 0.5\n")
+    digest = flown(file).result.digest
+    (file.parent / "c" / "more.h").write_text("#define MORE 2.0\n")
+    shutil.rmtree(file.parent / "flown")
+    assert flown(file).result.digest != digest
+
+
+@pytest.mark.parametrize(
+    ("text", "computes"),
+    [
+        ("#define STR(x) #x\n#include STR(more.h)", True),
+        ("#define STR(x) #x\n#define H STR(more.h)\n#include H", True),
+        ("%:include \\\n STR(more.h)", True),
+        ("#include GIVEN_ELSEWHERE", True),
+        ('#define H "more.h"\n#ifdef X\n#define H STR(other.h)\n#endif\n#include H', True),
+        ('#define H "more.h"\n#include H', False),
+        ("#define H <math.h>\n#include H", False),
+        ('#include "more.h"\n#include <math.h>\n#define STR(x) #x', False),
+    ],
+)
+def test_what_no_key_is_of(text: str, computes: bool) -> None:
+    assert computes_names([text]) == computes
+
+
+def test_the_c_of_soter_has_a_key() -> None:
+    """Or nothing of it would be kept."""
+    of_soter = [p for p in SOTER.rglob("*.[ch]") if "ros" not in p.parts]
+    assert texts(*of_soter) == texts(*of_soter)
 
 
 def test_another_file_that_is_bound(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ Also of C that keeps something from call to call, of any number of flights and w
 
 from __future__ import annotations
 
+import os
 import shutil
 from functools import cache
 from pathlib import Path
@@ -181,6 +182,54 @@ def test_c_that_ends_or_changes_a_flight_is_told(
     assert told.code == code
     assert words in " ".join((told.message, *told.notes))
     assert "flight 0, seed 3" in told.message
+
+
+@pytest.mark.parametrize(
+    "kept", ["static memory mine;\n#define own() (&mine)", "#define own() (&(memory){.sum = 0.1})"]
+)
+def test_c_that_asks_for_vector_instructions_is_what_it_is_in_a_run(
+    kept: str, tmp_path: Path
+) -> None:
+    nothing = "#define own() (&(memory){0})"
+    of_vectors = f"#ifdef __AVX2__\n{kept}\n#else\n{nothing}\n#endif"
+    program = changed(tmp_path, nothing, of_vectors, kind="nothing")
+    compared(program.flat(), 1, 9)
+
+
+def test_what_one_flight_reads_of_standard_input_no_other_one_misses(tmp_path: Path) -> None:
+    reads = "#include <unistd.h>\ndouble moved(double s, double push, double gust) {"
+    reads += " unsigned char c = 0; s += read(0, &c, 1) == 1 ? 0.001 * c : 0.0;"
+    program = changed(tmp_path, BODY, reads)
+    before = os.dup(0)
+    with (tmp_path / "body.c").open("rb") as given:
+        os.dup2(given.fileno(), 0)
+    try:
+        fleet = Fleet(program.flat(), 10**9, "-O1")
+        flown = [figures_of(f) for f in fleet.fly(range(3), 3)]
+    finally:
+        os.dup2(before, 0)
+        os.close(before)
+    with Path(os.devnull).open("rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
+    ran = NativeProgram(program.flat(), "-O1")
+    assert flown == [
+        alone(lambda seed=seed: figures(ran.run(10**9, seed, keep_trace=True)))  # type: ignore[misc]
+        for seed in range(3, 6)
+    ]
+
+
+def test_c_that_keeps_nothing_and_changes_the_processor_is_told(tmp_path: Path) -> None:
+    said = "#include <xmmintrin.h>\n" + BODY + " _mm_setcsr(_mm_getcsr() | 0x8040);"
+    program = changed(tmp_path, BODY, said, kind="nothing")
+
+    def flown() -> str:
+        try:
+            program.campaign(flights=3, output=tmp_path / "c")
+        except SoterError as error:
+            return error.diagnostics[0].code
+        return "flown"
+
+    assert alone(flown) == "X012"
 
 
 def test_saves_and_measures_of_c_that_keeps_something_are_refused(tmp_path: Path) -> None:

@@ -78,6 +78,15 @@ def test_what_cannot_keep_anything_is_not(name: str, tmp_path: Path) -> None:
     assert kept_by(unit_of(tmp_path, KEEPS_NOTHING[name])) == ""
 
 
+def test_what_is_local_to_another_file_hides_no_function_of_a_library(tmp_path: Path) -> None:
+    drawn = "double drand48(void);\ndouble moved(double s, double u, double w) "
+    unit = unit_of(tmp_path, drawn + "{ return s + u * w + drand48(); }")
+    own = "__attribute__((noinline)) static double drand48(double x) { return x; }\n"
+    other = tmp_path / "other.c"
+    other.write_text(own + "double more(double x); double more(double x) { return drand48(x); }")
+    assert "drand48" in kept_by(replace(unit, c_sources=(*unit.c_sources, str(other))))
+
+
 def test_every_kind_of_the_generator_is_known(tmp_path: Path) -> None:
     for kind in stateful_externs.KINDS:
         unit = generate(stateful_externs.system(tmp_path / kind, kind, 0))

@@ -2,7 +2,9 @@
 #define _POSIX_C_SOURCE 200809L
 #include "soter_apart.h"
 
+#include <dlfcn.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <float.h>
 #include <signal.h>
 #include <stdio.h>
@@ -34,17 +36,48 @@ static bool soter_rounds_as_meant(void) {
          least * 0.5 > 0.0;
 }
 
-int soter_batch_apart(const soter_program* p, soter_flight* flights, uint32_t count,
+/* What `soter_batch` of a library gives, or SOTER_APART_UNLOADED. */
+static int64_t soter_flown(const soter_library* library, soter_flight* flights, uint32_t count,
+                           const soter_order* order) {
+  typedef uint32_t soter_batch_fn(const soter_program*, soter_flight*, uint32_t,
+                                  const soter_order*, size_t*);
+  soter_order own = *order;
+  size_t used = 0;
+  void* const loaded = dlopen(library->path, RTLD_NOW | RTLD_LOCAL);
+  if (!loaded) {
+    return SOTER_APART_UNLOADED;
+  }
+  soter_batch_fn* batch = NULL;
+  *(void**)&batch = dlsym(loaded, "soter_batch");
+  const soter_program* const program = dlsym(loaded, library->program);
+  own.measured = dlsym(loaded, library->measured);
+  if (!batch || !program || !own.measured) {
+    return SOTER_APART_UNLOADED;
+  }
+  return (int64_t)batch(program, flights, count, &own, &used);
+}
+
+static void soter_read_nothing(void) {
+  const int nothing = open("/dev/null", O_RDONLY);
+  if (nothing < 0 || dup2(nothing, STDIN_FILENO) < 0) {
+    _exit(1);
+  }
+  if (nothing != STDIN_FILENO) {
+    (void)close(nothing);
+  }
+}
+
+int soter_batch_apart(const soter_library* library, soter_flight* flights, uint32_t count,
                       const soter_order* order, int64_t* done) {
   *done = SOTER_APART_GONE;
   (void)fflush(NULL); /* what waits to be written is written once */
   const pid_t parent = getpid();
   const pid_t child = fork();
   if (child == 0) {
-    size_t used = 0;
     soter_die_with(parent);
-    const uint32_t flown = soter_batch(p, flights, count, order, &used);
-    *done = soter_rounds_as_meant() ? (int64_t)flown : SOTER_APART_CHANGED;
+    soter_read_nothing();
+    const int64_t flown = soter_flown(library, flights, count, order);
+    *done = soter_rounds_as_meant() ? flown : SOTER_APART_CHANGED;
     (void)fflush(NULL);
     _exit(0);
   }

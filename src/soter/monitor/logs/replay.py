@@ -22,6 +22,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe, written_by_node
+from soter.monitor.logs.doubtful_samples import doubts
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
@@ -84,7 +85,7 @@ def replay(
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
         reasons={s.topic.name: tuple(s.reasons.values()) for s in samples if s.reasons},
-        lost=[text for s in samples for text in s.lost],
+        lost=[*(text for s in samples for text in s.lost), *doubts(system, samples)],
         far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
     )
     watches = {}

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
+UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
 DIGITS_MAX = 40
 """Of a whole number: no type has more."""
 
@@ -254,7 +255,9 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
             read[p].append(value)
     if not made.times_ns:
         what = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
-        raise unusable(path, f"no row of it has {what}", made.first_left_out, *choice.helps)
+        arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
+        helps = (made.first_left_out, arrival, *choice.helps)
+        raise unusable(path, f"no row of it has {what}", *helps)
     _fill(path, t, made, read)
 
 
