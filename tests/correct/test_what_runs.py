@@ -60,6 +60,7 @@ LINES = {
     "verify": ("verify {0}.soter", "verify {0}_refuted.soter"),
     "recheck": ("recheck {0}_cert",),
     "monitor": ("monitor {0}.soter {0}.mcap", "monitor {0}.soter {0}.mcap --estimates"),
+    "monitor --seed": (f"monitor {{0}}.soter {SHORT}", f"monitor {{0}}.soter {SHORT} --seed 1..2"),
     "campaign": (f"campaign {{0}}.soter --flights 2 {SHORT} -o out",),
     "campaign --arms paper": (f"campaign {{0}}.soter --flights 2 {SHORT} -o out --arms paper",),
     "test": ("test python.soter",),

@@ -19,6 +19,7 @@ from soter.monitor.logs.decidable_modules import decidable
 from soter.monitor.logs.doubtful_samples import doubts
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
+from soter.monitor.logs.result import units_taken
 from soter.monitor.logs.typed_samples import recorded as of_samples
 from soter.monitor.logs.typed_samples import samples_of
 from soter.monitor.model_membership import Judgement, judge, needed_topics
@@ -119,6 +120,7 @@ def log_explained(
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
+    told += units_taken([x for s in samples for x in s.assumed_units])
     return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
 
 

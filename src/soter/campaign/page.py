@@ -63,7 +63,7 @@ def page_of(campaign: CampaignLike, program: str) -> CampaignPage:
     r = campaign.result
     way = "" if r.km is None else f", {r.km:,.0f} km"
     aloft = "" if r.hours_aloft is None else " aloft"
-    headline = f"{verdict(r)} in {r.rate_hours:,.1f} h{aloft}{way}"
+    headline = f"{verdict(r)} in {r.rate_hours:,.2f} h{aloft}{way}"
     return CampaignPage(
         title=f"{Path(program).name}: {campaign.system}, {r.flights:,} flights",
         headline=headline,

@@ -111,3 +111,10 @@ def test_a_measure_has_the_unit_of_what_it_measures(walk: tuple[Campaign, Path])
     assert away.x_name == "away / m"
     assert re.fullmatch(r"mean \S+ m, least \S+ m, most \S+ m.*", away.caption)
     assert ">away / m</text>" in campaign_main(page)
+
+
+def test_the_headline_has_the_hours_that_were_flown(cart: Campaign) -> None:
+    """A minute was 0.0 h, and four minutes 0.1 h."""
+    made = page_of(cart, str(CART))
+    assert made.headline.endswith(" in 0.02 h")
+    assert "0.02 h in 6 flights" in campaign_main(made)

@@ -61,6 +61,24 @@ class Ticks:
         self.left = 0
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.25, "  25%  2 s left"), (0.0, "")])
+def test_a_line_of_a_log_says_the_time_once(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch, share: float, told: str
+) -> None:
+    ticks = Ticks(clock, 1)
+    ready = threading.Event()
+    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: ticks)
+    monkeypatch.setattr(ticks, "wait", lambda s, wait=ticks.wait: ready.wait() and wait(s))
+    log = io.StringIO()
+    with ProgressBar(console(log)) as show:
+        assert show is not None
+        clock[0] = 4.0
+        show(share)
+        ready.set()
+        assert ticks.done.wait()
+    assert log.getvalue() == f"soter: 14 s{told}\n"
+
+
 @pytest.mark.parametrize("line", [LineOfProgress, ProgressBar])
 def test_nothing_where_there_is_no_standard_error_and_in_the_first_seconds_of_a_log(
     line: type[LineOfProgress],

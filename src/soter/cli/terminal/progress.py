@@ -157,7 +157,8 @@ class ProgressBar(LineOfProgress):
     def _so_far(self) -> str:
         share = f"{self._furthest:4.0%}" if 0.0 < self._furthest < 1.0 else ""
         since = f"{time.perf_counter() - self._phase_began:.0f} s"
-        doing = f"{self._phase}, {since}" if self._phase else since
+        in_a_log = "" if self._logging is not None else since  # whose lines begin with the time
+        doing = f"{self._phase}, {since}" if self._phase else in_a_log
         return "  ".join(p for p in (share, self._remaining(), doing) if p).strip()
 
     def _remaining(self) -> str:

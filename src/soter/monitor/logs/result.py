@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.diagnostics.span import Span
     from soter.monitor.logs.typed_samples import DerivedValue, FarStamps
 
@@ -158,6 +160,12 @@ class ModuleOfLog:
         return self.ac / self.steps if self.steps else 0.0
 
 
+def units_taken(assumed_units: Sequence[str]) -> list[str]:
+    """What is taken for granted of leaves whose unit nobody says, as `TopicMap` has them."""
+    told = "neither the mapping nor a message says a unit, the program's is taken: "
+    return [told + ", ".join(assumed_units)] if assumed_units else []
+
+
 @dataclass
 class LogJudgement:
     """A log, judged. Times count from its first row.
@@ -218,11 +226,7 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
-        if self.assumed_units:
-            names = ", ".join(self.assumed_units)
-            assumptions.append(
-                f"neither the mapping nor a message says a unit, the program's is taken: {names}"
-            )
+        assumptions += units_taken(self.assumed_units)
         if self.unchecked:
             assumptions.append(
                 "no checksum covers the log's values: one that was changed in its place is not seen"
