@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from itertools import islice
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -29,9 +30,10 @@ TIMES = "\N{MULTIPLICATION SIGN}"
 WITH_UNIT = re.compile(rf"{NUMBER} ?{UNIT}")
 REAL_TIME = re.compile(rf"{NUMBER} ?(?:x|{TIMES}) real(?: time)?")
 CLOCK = (
-    r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|took|time|search|s|ms|us|ns|seconds|check s|rate|ratio|"
-    r"(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|.*, (?:s|ms|us|ns)|"
-    r"target(?: .*)?|met|faster|efficiency|by medians|memory|p50.*|p99.*|max(?: ms)?"
+    r"wall(?:, \d)?|cpu(?: s|, \d| / 2)?|/ verify|took|time|search|s|ms|us|ns|seconds|check s|rate|"
+    r"ratio|(?:x )?real|longest|slowest answer|(?:<=|over) \S.*|best(?: cpu)?|median|"
+    r".*, (?:s|ms|us|ns)|target(?: .*)?|met|faster|efficiency|by medians|memory|"
+    r"p50.*|p99.*|max(?: ms)?"
 )
 """Headings of columns that hold another number in every run."""
 RULE = re.compile(r"^[─ ]*──[─ ]*$")
@@ -119,7 +121,7 @@ def _without(line: str, spans: list[tuple[int, int]], cells: set[int]) -> str:
 
 def _line(text: str, *, units: bool) -> Line:
     """Words and numbers of what is left of a line; `real time` are times everywhere."""
-    text = REAL_TIME.sub(LEFT_OUT, text)
+    text = REAL_TIME.sub(LEFT_OUT, text.replace("#", "No"))
     text = WITH_UNIT.sub(LEFT_OUT, text) if units else text
     if LEFT_OUT in text and TARGET.search(text):
         text = MET.sub(LEFT_OUT, text)
@@ -177,9 +179,11 @@ def _text(line: Line) -> str:
     return re.sub("#", lambda _: next(numbers, "#"), line.words)
 
 
-def _undigested(line: Line) -> Line:
-    """A line without its digests."""
-    return Line(re.sub(HEX, LEFT_OUT, line.words), line.numbers)
+def _clauses(line: Line) -> Iterator[Line]:
+    """The clauses of a line, without digests: of fewer programs another one may be another."""
+    numbers = iter(line.numbers)
+    for words in re.sub(HEX, LEFT_OUT, line.words).split(";"):
+        yield Line(words.strip(), tuple(islice(numbers, words.count("#"))))
 
 
 def sampled(kept: str, made: str, flights: int, times: str | None = None) -> Compared:
@@ -190,7 +194,7 @@ def sampled(kept: str, made: str, flights: int, times: str | None = None) -> Com
     digests are others.
     """
     told = Compared()
-    there, new = ([_undigested(x) for x in lines(t, times)] for t in (kept, made))
+    there, new = ([c for x in lines(t, times) for c in _clauses(x)] for t in (kept, made))
     for old, now in _pairs(there, new):
         if now is None:
             continue

@@ -220,6 +220,15 @@ BENCHMARKS = (
         " 20 GB of holes), and 1,000 command lines of each command with options that do not fit.",
     ),
     Benchmark(
+        "Hostile files",
+        ("bench/hostile/hostile_files.py",),
+        "Of every format that a command reads 30 files that mean harm, and those in its own words: "
+        "devices, pipes, links, pickles, what unpacks or grows to gigabytes, code and paths where "
+        "words stood. A command has 60 s and 2 GiB more than it begins with. `read outside`: "
+        "words of a file elsewhere in what it says or writes; `defects`: exits of 70, and "
+        "processes that outlive it.",
+    ),
+    Benchmark(
         "Damaged logs",
         ("bench/hostile/damaged_logs.py",),
         "Logs of somebody else, seven kinds, after disks, transfers and recorders that die: "

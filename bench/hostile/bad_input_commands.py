@@ -153,12 +153,20 @@ def _import_all() -> None:
             importlib.import_module(name)
 
 
+CALLS: dict[str, Callable[[str], int]] = {}
+"""Words that are no command of `soter` -> what reads the file that is named behind them."""
+
+
 def _exit_of(words: list[str]) -> int:
     """The exit code of a command line in this process."""
     from soter.cli.main import main  # noqa: PLC0415 - in a fork, mostly
+    from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - the same
 
     try:
-        return main(words)
+        return CALLS[words[0]](words[1]) if words[0] in CALLS else main(words)
+    except (SoterError, OSError) as refused:
+        sys.stderr.write(f"{refused}\n")
+        return 1
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else INTERNAL
 

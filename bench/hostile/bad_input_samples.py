@@ -279,7 +279,7 @@ def samples(folder: Path, names: Sequence[str]) -> None:
     (folder / "log.csv").write_text(POSITIONS)
     _others(folder)
     for name in MADE if OPTIONS in names else [n for n in MADE if n in names]:
-        said = _soter(folder, MADE[name][0])
+        said = soter_says(folder, MADE[name][0])
         if name == "test_report":
             (folder / "report.json").write_bytes(said)
         for trace_file in folder.glob(MADE[name][1] or "none"):
@@ -327,7 +327,8 @@ def _others(folder: Path) -> None:
     (folder / "session.lsp").write_bytes(stream)
 
 
-def _soter(folder: Path, words: str) -> bytes:
+def soter_says(folder: Path, words: str) -> bytes:
+    """What a command says and writes, which has to be accepted."""
     command = [sys.executable, "-m", "soter.cli.main", *words.split()]
     done = subprocess.run(command, cwd=folder, capture_output=True, check=False)
     assert done.returncode in (0, 3, 4), (words, done.stdout, done.stderr)

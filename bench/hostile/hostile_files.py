@@ -1,12 +1,14 @@
 """Files that mean harm, 30 of each format: what is executed, read or written elsewhere, and costs.
 
-    .venv/bin/python bench/hostile/hostile_files.py [--only FORMAT,...] [--seed 1]
+    .venv/bin/python bench/hostile/hostile_files.py [--only FORMAT,...] [--each N] [--seed 1]
 
 Purpose: of every format a file in place of a good one: no ordinary file, a link to a file outside
-of its folder, a file of another kind that runs, unpacks or grows where somebody trusts it, and the
-good one with code, paths and markup where words stood. Each command reads it in a process that may
-take 2 GiB more than it has, for 60 s. Counted is what may never be: a mark that only executed code
-makes, a change outside of the folder, a secret from outside in what the command says or writes.
+of its folder, a file of another kind that runs, unpacks or grows where somebody trusts it, the good
+one with code, paths and markup where words stood (also inside of what is packed), and what harms in
+its own words (`hostile_crafted.py`). Each command reads it in a process that may take 2 GiB more
+than it has, for 60 s. Counted is what may never be: a mark that only executed code makes, a change
+outside of the folder, a secret from outside in what the command says or writes. A link that stands
+on the command line is the user's own: there it is read.
 Non-goals: bits that flip (`bad_input.py`); programs that bind externs, which run them
 (docs/what-runs.md).
 """
@@ -37,9 +39,10 @@ if str(ROOT) not in sys.path:
 
 from bench.hostile import bad_input_commands  # noqa: E402 - needs the path
 from bench.hostile.bad_input_commands import Forked, Tried  # noqa: E402
-from bench.hostile.bad_input_mutants import SPECIAL  # noqa: E402
+from bench.hostile.bad_input_mutants import NO_STREAM, SPECIAL  # noqa: E402
 from bench.hostile.bad_input_samples import Format, formats, samples  # noqa: E402
-from bench.hostile.hostile_samples import MORE, more_samples  # noqa: E402
+from bench.hostile.hostile_crafted import CRAFTED, RUNS, Runs, repacked  # noqa: E402
+from bench.hostile.hostile_samples import CALLS, MORE, more_samples  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +51,7 @@ EACH = 30
 LIMIT_S, MEMORY = 60.0, 2 * 2**30
 SECRET = "not-for-strangers-7c1f"  # noqa: S105 - a mark
 RAN = "ran"
-SHELL = f"touch {RAN}"
+SHELL = RUNS
 WORDS: tuple[str, ...] = (
     f"__import__('os').system('{SHELL}')",
     f"$({SHELL})",
@@ -63,13 +66,6 @@ WORDS: tuple[str, ...] = (
 """What stands where a word stood."""
 WORD = re.compile(rb"[A-Za-z_][\w.]*")
 COLUMNS = ("executed", "written outside", "read outside", "over 2 GiB", "over 60 s", "defects")
-
-
-class Runs:
-    """What somebody executes who unpickles it."""
-
-    def __reduce__(self) -> tuple[object, ...]:
-        return os.system, (SHELL,)
 
 
 def _npy() -> bytes:
@@ -112,21 +108,36 @@ CONTENTS: dict[str, Callable[[], bytes]] = {
     "brackets without end": lambda: b"[{(" * 10**6,
 }
 """Whole files of another kind, whatever the format is."""
+LINK = "a link to what lies outside"
 _made: dict[str, bytes] = {}
+
+
+def number_of(one: Format) -> int:
+    """How many hostile files there are of a format."""
+    return EACH + len(CRAFTED.get(one.name, ()))
+
+
+def chosen(one: Format, each: int | None) -> list[int]:
+    """Which of them are tried."""
+    of = number_of(one)
+    return (
+        list(range(of))
+        if each is None
+        else [of * (i + 1) // each - 1 for i in range(min(each, of))]
+    )
 
 
 def hostile(one: Format, k: int, chance: Random, folder: Path, outside: Path) -> str:
     """Put hostile file `k` of a format in its place; what it is, in words."""
+    if k >= EACH:
+        what, put = CRAFTED[one.name][k - EACH]
+        put(folder, outside)
+        return what
     path = folder / one.files[k % len(one.files)]
-    kinds = [*SPECIAL, "a link to what lies outside", *CONTENTS]
+    kinds = [n for n in (*SPECIAL, LINK, *CONTENTS) if not one.stdin or n not in NO_STREAM]
     if k >= len(kinds):
-        raw = path.read_bytes()
         word = chance.choice(WORDS).replace("{outside}", str(outside)).encode()
-        for _ in range(chance.choice((1, 2, 8))):
-            spans = [m.span() for m in WORD.finditer(raw[:200_000])] or [(0, 0)]
-            at, to = chance.choice(spans)
-            raw = raw[:at] + word + raw[to:]
-        path.write_bytes(raw)
+        path.write_bytes(_worded(path.read_bytes(), word, chance))
         return f"{path.name}: {word.decode()}"
     kind = kinds[k]
     path.unlink()
@@ -137,6 +148,21 @@ def hostile(one: Format, k: int, chance: Random, folder: Path, outside: Path) ->
     else:
         path.symlink_to(outside / "secret")
     return f"{path.name} is {kind}"
+
+
+def _worded(raw: bytes, word: bytes, chance: Random) -> bytes:
+    """A file in which a word stands where others stood; inside of what is packed."""
+    if raw.startswith(b"\x1f\x8b"):
+        return gzip.compress(_worded(gzip.decompress(raw), word, chance))
+    if raw.startswith(b"PK"):
+        with zipfile.ZipFile(io.BytesIO(raw)) as packed:
+            one = chance.choice(packed.namelist())
+        return repacked(raw, lambda n, data: _worded(data, word, chance) if n == one else data)
+    for _ in range(chance.choice((1, 2, 8))):
+        spans = [m.span() for m in WORD.finditer(raw[:200_000])] or [(0, 0)]
+        at, to = chance.choice(spans)
+        raw = raw[:at] + word + raw[to:]
+    return raw
 
 
 @dataclass(frozen=True)
@@ -157,12 +183,13 @@ def tried(one: Format, k: int, seed: int, sample: Path, forked: Forked) -> Judge
     marks = _marks(forked.work)
     how = hostile(one, k, chance, folder, outside)
     kept: list[str] = []
-    line = list(one.commands[k % len(one.commands)])
-    t = forked.run(line, folder, how, look=lambda: kept.extend(_judged(folder)))
+    line = list(one.commands[k // 2 % len(one.commands)])
+    t = forked.run(line, folder, how, one.stdin, look=lambda: kept.extend(_judged(folder)))
     wrong = {x: x in kept for x in ("executed", "read outside")}
     wrong["executed"] |= _marks(forked.work) != marks
     wrong["written outside"] = _content(outside) != before
-    wrong["read outside"] |= SECRET in t.said
+    named = how.endswith(LINK) and one.files[k % len(one.files)] in line
+    wrong["read outside"] = not named and (wrong["read outside"] or SECRET in t.said)
     wrong["over 2 GiB"] = "MemoryError" in t.said or t.exit == -9
     wrong["over 60 s"] = t.exit is None
     wrong["defects"] = bool(t.wrong) and t.exit is not None
@@ -188,52 +215,64 @@ def _judged(folder: Path) -> list[str]:
     return found
 
 
-def table(rows: dict[str, list[Judged]]) -> int:
-    """Print a row a format, and the first of each kind of what was wrong; how many were."""
-    print(f"{'':14} {'files':>6} " + " ".join(f"{c:>15}" for c in COLUMNS) + f" {'longest':>9}")
+def heading() -> str:
+    """The names of the columns."""
+    return f"{'':14} {'files':>6} " + " ".join(f"{c:>15}" for c in COLUMNS) + f" {'longest':>9}"
+
+
+def row(name: str, judged: list[Judged]) -> str:
+    """What became of a format."""
+    counts = Counter(w for j in judged for w in j.wrong)
+    longest = max(j.tried.took_s for j in judged)
+    cells = " ".join(f"{counts[c]:15}" for c in COLUMNS)
+    return f"{name:14} {len(judged):6} {cells} {longest:8.1f}s"
+
+
+def told(rows: dict[str, list[Judged]]) -> int:
+    """Print the first of each kind of what was wrong; how many were."""
     first: dict[str, Judged] = {}
-    total: Counter[str] = Counter()
     for name, judged in rows.items():
-        counts = Counter(w for j in judged for w in j.wrong)
-        total += counts
-        longest = max(j.tried.took_s for j in judged)
-        cells = " ".join(f"{counts[c]:15}" for c in COLUMNS)
-        print(f"{name:14} {len(judged):6} {cells} {longest:8.1f}s")
         for j in judged:
             for w in j.wrong:
                 first.setdefault(f"{name}: {w}", j)
     for what, j in first.items():
         words = " ".join(j.tried.words)
         print(f"\n{what}\n  {j.tried.what[:200]}\n  soter {words[:200]}\n  {j.tried.wrong}")
-    print(f"\n{sum(len(j) for j in rows.values())} files: {sum(total.values())} wrong; target 0")
-    return sum(total.values())
+    wrong = sum(bool(j.wrong) for judged in rows.values() for j in judged)
+    print(f"\n{sum(len(j) for j in rows.values())} files: {wrong} wrong; target 0")
+    return wrong
 
 
 def main() -> int:
     """Try all of them; 0 where nothing was wrong."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="formats, with commas")
+    parser.add_argument("--each", type=int, help="so many of a format, spread over all of its own")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     known = {**formats(), **{f.name: f for f in MORE}}
-    known.pop("lsp")  # a stream
     names = given.only.split(",") if given.only else [n for n in known if n not in ("python", "c")]
     bad_input_commands.LIMIT_S = LIMIT_S
+    bad_input_commands.CALLS.update(CALLS)
     rows: dict[str, list[Judged]] = {}
     with tempfile.TemporaryDirectory(prefix="hostile_files_") as work:
         os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
         sample = Path(work) / "sample"
         samples(sample, names)
-        more_samples(sample)
+        if set(names) - set(formats()):
+            more_samples(sample)
+        print(heading())
         for name in names:
             forked = Forked(Path(work) / name)
             for words in known[name].commands:
-                (forked.warm if known[name].sealed is None else forked.accepted)([*words], sample)
+                begin = forked.warm if known[name].sealed is None else forked.accepted
+                begin([*words], sample, known[name].stdin)
             forked.memory = bad_input_commands.mapped() + MEMORY
-            judged = [tried(known[name], k, given.seed, sample, forked) for k in range(EACH)]
+            one, seed = known[name], given.seed
+            judged = [tried(one, k, seed, sample, forked) for k in chosen(one, given.each)]
             rows[name] = judged
-            print(f"{name}: {sum(bool(j.wrong) for j in judged)} wrong", file=sys.stderr)
-    return 1 if table(rows) else 0
+            print(row(name, judged), flush=True)
+    return 1 if told(rows) else 0
 
 
 if __name__ == "__main__":

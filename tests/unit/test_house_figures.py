@@ -146,13 +146,13 @@ ROOMS = {
         "one elaborator and what it places: a file a part of a system, found by its name",
     ),
     "tests/generators": (73, "each makes one kind of input; nobody reads two of them at once"),
-    "tests/correct": (104, "a file a promise of the pages, found by its name"),
+    "tests/correct": (106, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
     "tests/unit/report": (19, "as above"),
-    "tests/unit/language": (19, "as above"),
+    "tests/unit/language": (20, "as above"),
     "tests/unit/certificate": (35, "as above"),
     "tests/unit/verify/diagnosis": (17, "as above"),
-    "tests/unit/cli": (36, "as above: a file a command"),
+    "tests/unit/cli": (37, "as above: a file a command"),
     "tests/unit/explore": (40, "as above; the engine's strategies are asked one by one"),
 }
 """Rooms with more files than anybody can keep in mind: how many they may have, and why.

@@ -73,7 +73,7 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 
 def require_writable(path: Path) -> None:
-    """D006 where a log or a report cannot be written there, or something else would be lost; U003."""
+    """D006 where a log or a report cannot be written there or replaces something else; U003."""
     require_utf8(path)
     require_no_certificate(path)
     reason = ""

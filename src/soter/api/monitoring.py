@@ -16,6 +16,7 @@ from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.decidable_modules import decidable
+from soter.monitor.logs.doubtful_samples import doubts
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.typed_samples import recorded as of_samples
@@ -61,8 +62,8 @@ def log_judged(
     """When each module, or one, would have switched on the reads of a log, and how near it came.
 
     `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
-    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no module can
-    be decided.
+    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no
+    module can be decided.
     """
     require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
@@ -116,7 +117,7 @@ def log_explained(
     samples = samples_of(path, declared, columns)
     record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
-    told = [text for s in samples for text in s.lost]
+    told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
 

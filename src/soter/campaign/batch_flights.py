@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from soter.campaign.compiled_unit import Recipe
     from soter.core.core import CoreSystem
-    from soter.language.model.system import System
+    from soter.language.model.system import Component, System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 APART = BATCH.with_name("soter_apart.c")
@@ -334,12 +334,23 @@ IN_C = (
 )
 
 
+def _compiled_instead(outside: Sequence[Component]) -> tuple[str, ...]:
+    """What can be flown in place of a node that Python, or the file of a policy, answers."""
+    policy = bool(outside) and (outside[0].binding or "").startswith(("onnx:", "sb3:"))
+    written = "`soter policy FILE -o learned.soter` writes the policy as a function in Soter"
+    return (
+        *((written,) if policy else ()),
+        "replace it in the system by a node in Soter: `replace NODE by OTHER;`",
+        "or bind it to C: `--bind NODE=c:file.c:function`",
+    )
+
+
 def _without_externs(system: System, core: CoreSystem) -> None:
     """SoterError U003 for what only Python answers, or nobody."""
     linked = [c for c in system.components if c.node and (c.binding or "").startswith("c:")]
     outside = [c for c in system.components if c.extern and c not in linked]
     names = [c.name for c in outside]
-    kind, helps = "node", ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+    kind, helps = "node", _compiled_instead(outside)
     if outside and outside[0].plant is not None:
         kind, helps = "plant", (IN_C,)
     if not names:

@@ -192,6 +192,11 @@ class UnitCache(UnitBuilder):
                 return ()
         return tuple(sorted({cell.owner for cell in cells}))
 
+    @staticmethod
+    def names_of_more(system: System) -> tuple[str, ...]:
+        """The tables and the function of each measure."""
+        return ("measured", "measures", *(f"measure_{k}" for k in range(len(system.measures))))
+
     def more(self) -> list[c.CTop]:
         """The table of measures, and their functions."""
         declarations: list[c.CTop] = [c.Include("soter_batch.h")]

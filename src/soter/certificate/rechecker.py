@@ -38,7 +38,7 @@ from soter.certificate.reading.failsafe_law import law_of
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report
+from soter.certificate.report import RecheckedModule, Report, of_those_above
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.task_processes import UnderWay
 from soter.certificate.terms.terms import NotRecheckedError
@@ -161,6 +161,7 @@ def _check(
                 checked, facts.flying
             )
             under_way.afterwards(partial(report.modules.append, module_report))
+    of_those_above(report.modules)
     for facts in covered:
         _in_all_views(facts, covered)
     report.not_covered = uncovered(checked, overrides, covered)
@@ -251,8 +252,7 @@ def _module(
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = RecheckedModule(name, said, system=entry["system"])
-    report.stays = bool(facts.symbol.stays)
-    report.whilst = "" if facts.above is None else f" while {facts.above.name} is in AC"
+    report.stays, report.above = bool(facts.symbol.stays), getattr(facts.above, "name", "")
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")

@@ -12,7 +12,12 @@ from typing import TYPE_CHECKING
 from soter.certificate.allowed_claims import missing_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.certificate.assumptions import RecheckAssumption
+
+READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
+HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 
 
 @dataclass
@@ -34,8 +39,8 @@ class RecheckedModule:
     system: str = ""
     safe: str = ""
     """What `safe` of the module is, as the program writes it."""
-    whilst: str = ""
-    """When `safe` is kept, of a module below another one; "": at all times."""
+    above: str = ""
+    """The module while which is in AC `safe` is kept; "": at all times."""
     parameters: dict[str, str] = field(default_factory=dict)
     """Of the program, each with the value that was checked."""
     otherwise: dict[str, str] = field(default_factory=dict)
@@ -47,6 +52,11 @@ class RecheckedModule:
     assumptions: list[RecheckAssumption] = field(default_factory=list)
     shown: list[RecheckAssumption] = field(default_factory=list)
     """What was confirmed beside the claims; where it is not it is one of the assumptions."""
+
+    @property
+    def whilst(self) -> str:
+        """When `safe` is kept, of a module below another one, in words; "": at all times."""
+        return f" while {self.above} is in AC" if self.above else ""
 
     @property
     def other(self) -> list[str]:
@@ -118,3 +128,18 @@ class Report:
     def returns(self) -> bool:
         """Whether P2b is, too, wherever the program asks for it."""
         return self.accepted and all(m.returns or m.stays for m in self.modules)
+
+
+def of_those_above(modules: Sequence[RecheckedModule]) -> None:
+    """Where a module above is never in AC, what is claimed while it is says nothing either."""
+    by_name = {(m.system, m.name): m for m in modules}
+
+    def enter(m: RecheckedModule) -> str:
+        above = by_name.get((m.system, m.above))
+        why = "" if above is None else enter(above)
+        if above is not None and not m.vacuous and why not in {"", READS_NOTHING, HOLDS_ANYWAY}:
+            m.vacuous = why if why.startswith("of ") else f"of {above.name}: {why}"
+        return m.vacuous
+
+    for m in modules:
+        enter(m)

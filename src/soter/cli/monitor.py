@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.api.files import write_sections
-from soter.cli.ci.findings import exit_of_kinds
 from soter.cli.ci.findings_of_monitor import of_judgements, of_log
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
@@ -25,6 +24,7 @@ from soter.cli.terminal.command_outcome import (
     VIOLATED,
     CommandOutcome,
     exit_of,
+    exit_of_kinds,
 )
 from soter.cli.terminal.log_judgement import (
     FOREIGN_LOG,
@@ -264,7 +264,7 @@ def _outcome(
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
-    fields |= _report(args, headline, code, told, console)
+    fields |= _report(args, headline, _colour(code, part), told, console)
     return CommandOutcome(code, tuple(warnings), fields, found)
 
 
@@ -300,7 +300,8 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     fields = _fields(args, Monitored(log=judged))
     headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
-    fields |= _report(args, headline, code, told, console)
+    part = min((m.judged_share for m in judged.modules), default=0.0)
+    fields |= _report(args, headline, _colour(code, part), told, console)
     return CommandOutcome(code, items, fields, found)
 
 
@@ -339,7 +340,7 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
 def _report(
     args: argparse.Namespace,
     headline: str,
-    code: int,
+    colour: str,
     of: list[PageSection],
     console: Console,
 ) -> dict[str, object]:
@@ -348,10 +349,14 @@ def _report(
         return {}
     title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_of(args)}"
     path = report_path(args.report, args.file, ENDING)
-    verdict = {FINE: "good", VIOLATED: "bad"}.get(code, "")
-    write_sections(path, title, headline, verdict, of)
+    write_sections(path, title, headline, colour, of)
     console.say(f"\nreport  {path}")
     return {"report": str(path)}
+
+
+def _colour(code: int, share: float) -> str:
+    """How a page colours its headline: as good only where all of the record was judged."""
+    return "bad" if code == VIOLATED else "good" if code == FINE and share == 1.0 else ""
 
 
 def _provenance(program: Program) -> tuple[str, ...]:

@@ -108,12 +108,10 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
         return "yellow", f"ACCEPTED IN PART  {folder}: {why}"
     if report.contradicted:
         return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
-    if not report.returns:
-        return "yellow", f"ACCEPTED, without P2b  {folder}"
-    if report.vacuous:
-        why = "; ".join(f"{name}: {text}" for name, text in report.vacuous.items())
-        return "yellow", f"ACCEPTED, of next to nothing  {folder}: {visible(why)}"
-    return "green", f"ACCEPTED  {folder}"
+    why = visible("; ".join(f"{name}: {text}" for name, text in report.vacuous.items()))
+    says = ["without P2b"] * (not report.returns) + ["of next to nothing"] * bool(why)
+    colour = "yellow" if says else "green"
+    return colour, f"{', '.join(['ACCEPTED', *says])}  {folder}{f': {why}' * bool(why)}"
 
 
 def _headline(report: Report, folder: str, console: Console) -> str:

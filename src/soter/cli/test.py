@@ -9,15 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.findings import exit_of_kinds
 from soter.cli.ci.findings_of_tests import of_tests
 from soter.cli.ci.formats import add_format
 from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
-from soter.cli.terminal.command_outcome import (
-    INTERRUPTED,
-    CommandOutcome,
-    exit_of,
-)
+from soter.cli.terminal.command_outcome import INTERRUPTED, CommandOutcome, exit_of, exit_of_kinds
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CommandParser,

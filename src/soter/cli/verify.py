@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.ci.findings import CiFinding, exit_of_kinds
+from soter.cli.ci.findings import CiFinding
 from soter.cli.ci.formats import add_format
-from soter.cli.terminal.command_outcome import CommandOutcome, exit_of
+from soter.cli.terminal.command_outcome import CommandOutcome, exit_of, exit_of_kinds
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CERTIFICATE_FOLDER,
@@ -478,7 +478,7 @@ MODULE = JsonObject(
     vacuous=JsonObject(
         f"{RESULTS}.Vacuity",
         "how_often what share text parameters*",
-        how_often=one_of("never", "hardly ever"),
+        how_often=one_of("never", "hardly ever", "not shown"),
         what=one_of("ttf", "safer", "core", "safe"),
     ),
 )

@@ -131,7 +131,7 @@ class UnitBuilder:
         stem = PurePath(system.program.path).stem or "program"
         self.prefix = prefix or program_prefix(stem)
         self.layout = state_layout(system)
-        unique = FileNames(self.prefix, own_names(system))
+        unique = FileNames(self.prefix, (*own_names(system), *self.names_of_more(system)))
         self.types = TypeTable(unique)
         self.names = {x.index: unique.family(x.name, COMPONENT_NAMES) for x in system.components}
         self.module_names = {m.index: unique.family(m.name, MODULE_NAMES) for m in system.modules}
@@ -265,6 +265,11 @@ class UnitBuilder:
     def more(self) -> list[c.CTop]:
         """What a kind of program has besides (`explore/model/explorer_model.py`)."""
         return []
+
+    @staticmethod
+    def names_of_more(_system: System) -> tuple[str, ...]:
+        """What `more` calls its own, behind the prefix: nothing of the program is called so."""
+        return ()
 
     # ------------------------------------------------------------ functions and steps
 

@@ -16,7 +16,7 @@ from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, BinaryIO
 
 from lsprotocol import types as lsp
-from pygls.exceptions import JsonRpcInvalidRequest
+from pygls.exceptions import JsonRpcInternalError, JsonRpcInvalidRequest
 from pygls.lsp.server import LanguageServer
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -26,6 +26,8 @@ from soter.editor.requests import answer
 from soter.version import VERSION
 
 if TYPE_CHECKING:
+    from pygls.server import ServerErrors
+
     from soter.editor.code_lenses import Verdicts
 
 HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
@@ -42,6 +44,11 @@ class Server(LanguageServer):
         self.documents = Documents(self._publish)
         self._timer: asyncio.TimerHandle | None = None
         self._apologised = False
+
+    def report_server_error(self, error: Exception, source: ServerErrors) -> None:
+        """Tell the editor; what could not be sent is not told by sending, without end."""
+        if source is not JsonRpcInternalError:
+            super().report_server_error(error, source)
 
     def soon(self) -> None:
         """Check what waits, once nothing more comes."""

@@ -203,7 +203,12 @@ def _require_kept_nothing(unit: Unit) -> None:
     if why:
         what = f"an environment cannot have C that may keep something: {why}"
         note = "it is reset, and worlds of a vector are stepped by turns; what C keeps is neither"
-        helps = ("let the function keep nothing: what changes belongs into its result",)
+        helps = (
+            "what a node keeps is a `var` of it, which lies in the state: a reset begins it anew",
+            "of a function it belongs into the result, and comes back as an argument",
+            "or bind Python that has a `reset`: each reset of the environment calls it",
+            "`soter run` and `soter campaign` fly it as it is",
+        )
         raise SoterError((Diagnostic("X008", what, notes=(note,), helps=helps),))
 
 

@@ -202,7 +202,9 @@ class LeafReader:
             problems.add(f"`scale` of `{name}`, times its unit, is {scale!r}, which nobody means")
         if len(problems.told) > before:
             return None
-        return SignalSource(field, scale, float(what.get("offset", 0)))
+        said = unit is not None or standard is not None or "scale" in what
+        assumed = t.unit if isinstance(t, (FloatType, IntType)) and not said else ""
+        return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
 
     def _checked(self, name: str, t: Type, field: str) -> str | None:
         """The standard unit of a field, which has to be in the message and of the right kind."""

@@ -34,12 +34,14 @@ LeafPath = tuple[str, ...]
 class SignalSource:
     """`scale` * what stands in the column or field `name` + `offset`.
 
-    Of a topic that goes out the field is (leaf - `offset`) / `scale`.
+    Of a topic that goes out the field is (leaf - `offset`) / `scale`. `assumed_unit`: the one that
+    the program declares, where nobody says the field's.
     """
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
+    assumed_unit: str = field(default="", compare=False)
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,15 @@ class TopicMap:
         if message is None:
             return frozenset()
         return frozenset(n for n in self.names if message.field(n).through == "sequence")
+
+    @property
+    def assumed_units(self) -> list[str]:
+        """The leaves that are taken to be in the program's unit, as people write them."""
+        return [
+            f"`{self.name_of(p)}` in `{x.assumed_unit}`"
+            for p, x in self.leaves.items()
+            if isinstance(x, SignalSource) and x.assumed_unit
+        ]
 
     def name_of(self, path: LeafPath) -> str:
         """A leaf as people write it."""

@@ -122,6 +122,11 @@ def _size(layer: Layer) -> int | None:
     return int(layer.low.size) if isinstance(layer, Clipped) else None
 
 
+def in_numbers(count: int) -> str:
+    """How many numbers, in words."""
+    return f"{count} number{'s' * (count != 1)}"
+
+
 def problem_of(network: Network) -> str:
     """Why layers do not fit each other or hold numbers that are none; "" where they do."""
     size = network.inputs
@@ -129,7 +134,7 @@ def problem_of(network: Network) -> str:
         arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
         takes = arrays[0].shape[-1] if arrays else size
         if takes != size:
-            return f"layer {number} takes {takes} numbers, and is given {size}"
+            return f"layer {number} takes {in_numbers(takes)}, and is given {size}"
         if not all(np.isfinite(a).all() for a in arrays) and not isinstance(layer, Clipped):
             return f"layer {number} holds a number that is not finite"
         if isinstance(layer, Standardised) and not (layer.deviation > 0.0).all():

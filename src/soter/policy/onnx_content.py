@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+LOOP = b"Loop"
+"""The name of the one operator whose turns the graph itself counts."""
 LOCATION = b"location"
 """The key that names another file stands in every ONNX file that has one (`onnx.proto`)."""
 
@@ -32,12 +34,16 @@ class OnnxContent(NamedTuple):
 def onnx_content(path: Path) -> OnnxContent:
     """The content of an ONNX file. SoterError X003, X014; D007 where only `onnx` can tell."""
     data = content_of(path)
-    if LOCATION not in data:
+    endless = LOOP in data
+    if LOCATION not in data and not endless:
         return OnnxContent(data, {})
     model = parsed(path, data)
+    if endless and any(node.op_type == "Loop" for node in _messages(model, "NodeProto")):
+        help_ = "export the policy for one step, without a loop"
+        raise bad_policy(path, "it has the operator Loop, which need not end", help_)
     files: dict[str, bytes] = {}
     room = FILE_MAX
-    for tensor in _tensors(model):
+    for tensor in _messages(model, "TensorProto"):
         if tensor.data_location == tensor.EXTERNAL or tensor.external_data:
             _put_in(path, tensor, files, room)
             room -= len(tensor.raw_data)
@@ -60,15 +66,14 @@ def parsed(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
         raise bad_policy(path, "it is no ONNX file") from error
 
 
-def _tensors(message: Any) -> Iterator[Any]:  # noqa: ANN401
-    """Every tensor in a message: of graphs, of operators in them, of functions."""
-    if message.DESCRIPTOR.name == "TensorProto":
+def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
+    """Every message of a kind in one: of graphs, of operators in them, of functions."""
+    if message.DESCRIPTOR.name == kind:
         yield message
-        return
     for field, value in message.ListFields():
         if field.message_type is not None:
             for part in value if field.is_repeated else (value,):
-                yield from _tensors(part)
+                yield from _messages(part, kind)
 
 
 def _put_in(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401

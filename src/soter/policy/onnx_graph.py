@@ -19,6 +19,7 @@ from soter.policy.network import (
     Policy,
     Relu,
     Tanh,
+    in_numbers,
     problem_of,
 )
 from soter.policy.onnx_content import onnx_content, parsed
@@ -62,9 +63,9 @@ def read_onnx(path: Path) -> Policy:
     versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
     facts = {
         "file": f"ONNX, operators of version {versions}",
-        "observation": f"`{given}`, {network.inputs} numbers",
+        "observation": f"`{given}`, {in_numbers(network.inputs)}",
         "answer": f"`{answered}`, "
-        + ("the index of the largest" if network.choice else f"{network.outputs} numbers"),
+        + ("the index of the largest" if network.choice else in_numbers(network.outputs)),
     }
     if content.beside:
         told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
@@ -191,7 +192,7 @@ def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> F
         raise _UnreadError("it multiplies with what is no constant matrix on the right")
     weight = array if transposed else array.T
     if weight.shape[1] != size or not weight.size:
-        raise _UnreadError(f"a matrix takes {weight.shape[1]} numbers, and is given {size}")
+        raise _UnreadError(f"a matrix takes {in_numbers(weight.shape[1])}, and is given {size}")
     return np.ascontiguousarray(weight)
 
 

@@ -30,6 +30,7 @@ from soter.policy.network import (
     Relu,
     Standardised,
     Tanh,
+    in_numbers,
     problem_of,
 )
 from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
@@ -394,7 +395,7 @@ def _normalised(policy: Policy, statistics: Path | None) -> Policy:
     if size and inputs % size == 0:
         facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
         return replace(policy, facts=facts, per_frame=layer)
-    raise bad_policy(statistics, f"it is of {size} numbers, the policy takes {inputs}")
+    raise bad_policy(statistics, f"it is of {in_numbers(size)}, the policy takes {inputs}")
 
 
 def _statistics(path: Path) -> Standardised | None:

@@ -65,6 +65,11 @@ class JudgedUnit(UnitBuilder):
         extern = extern_functions(whole)
         self.judged = {m: p for m, p in every.items() if not _calls(p) & extern}
 
+    @staticmethod
+    def names_of_more(system: System) -> tuple[str, ...]:
+        """The table and the predicate of each module."""
+        return ("safe", *(f"safe_{m.index}" for m in system.modules))
+
     def more(self) -> list[c.CTop]:
         """The predicates, and the table by which they are found."""
         functions: list[c.CTop] = []

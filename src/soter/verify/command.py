@@ -20,6 +20,7 @@ from soter.language.model.system import claims_nothing
 from soter.native.compiler_process import end_compilers
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.remedy_cost import enter_cost
+from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
 from soter.verify.proof_cache import store_verdicts
@@ -76,6 +77,7 @@ def verify(
             problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = _proved(problems, refute, explain, progress, search)
+    of_those_above(results)
     for (flat, _), result in zip(chosen, results, strict=True):
         enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
     store_verdicts([flat for flat, _ in chosen], results)

@@ -244,6 +244,24 @@ def test_extern_plants_are_refused_as_plants(make: Callable[[str], Path], tmp_pa
     assert "next s = move(s, command);" in told.helps[0]
 
 
+@pytest.mark.parametrize("bound", ["onnx:rush.onnx", "sb3:rush.zip", "python:rush.py:step"])
+def test_a_node_that_a_file_answers_is_refused_with_all_that_can_fly_instead(
+    make: Callable[[str], Path], tmp_path: Path, bound: str
+) -> None:
+    """Before, nothing said that a policy can be written as a function, or C be linked."""
+    path = make(
+        "soter 1; topic a: float; topic u: float; plant P period 10ms {\n"
+        "  reads u; drives a = x; state x: float; }\n"
+        f'extern node N period 10ms from "{bound}" {{ subscribes a; publishes u; }}\n'
+        "system S { p: P; node N; until 1s; }\n"
+    )
+    with pytest.raises(SoterError, match="node `N` is extern") as caught:
+        load(path).campaign(flights=1, output=tmp_path / "c")
+    (told,) = caught.value.diagnostics
+    assert any("soter policy FILE -o" in h for h in told.helps) == (not bound.startswith("python"))
+    assert any("`--bind NODE=c:file.c:function`" in h for h in told.helps)
+
+
 @pytest.fixture
 def make(tmp_path: Path) -> Callable[[str], Path]:
     def write(text: str) -> Path:

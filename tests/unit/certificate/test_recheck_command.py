@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
@@ -10,7 +11,11 @@ import pytest
 from json_documents import problems_of
 from soter.api.program import load
 from soter.certificate.allowed_claims import CLAIMS, SAFETY
+from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.rechecker import RecheckedModule, Report
+from soter.certificate.report import of_those_above
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.vacuous_proofs import _of_tables
 from soter.cli.main import main
 from unit.verify.diagnosis.tank_modules import changed as changed_tank
 
@@ -130,6 +135,12 @@ VACUOUS = {
         "safer level > 0.4 && level < 1.6;",
         "safer level > 1.0 && level < 1.0 && level > 0.9;",
     ),
+    "`ttf` holds of whatever is fresh": (
+        "ttf level < 0.25 ||",
+        "ttf level < 0.25 || age(level) <= seconds(100ms) && level > 0.1 ||",
+    ),
+    "`safe` holds of all values": ("level > 0.2 && level < 1.8;", "level > 0.2 || level < 1.8;"),
+    "nothing says that AC ever gets control": ("&& level < 1.6;", "&& level < 0.6;"),
     "": ("ttf level < 0.25", "ttf level < 0.25"),
 }
 
@@ -149,3 +160,51 @@ def test_a_proof_about_an_ac_that_never_flies_is_no_plain_accepted(
     assert main(["recheck", str(folder)]) == 0
     out = capsys.readouterr().out
     assert ("ACCEPTED, of next to nothing" in out) == bool(said)
+
+
+# ---------------------------------------------------------------- half-spaces of a DM
+
+BOX = HalfSpaces((-1.0, -1.0), (1.0, 1.0), (), ())
+THIN = HalfSpaces((-1.0, -1.0), (1.0, 1.0), ((1.0, 1.0), (-1.0, -1.0)), (1e-6, 1e-6))
+ALL = [((1.0, 0.0), exact(2.0))]
+
+
+def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tuple[str, str]:
+    at = SimpleNamespace(low=start, high=start)
+    facts: Any = SimpleNamespace(states=[at, at])
+    tables: Any = SimpleNamespace(
+        states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
+    )
+    return _of_tables(facts, [], [tables], ((-1.0, 1.0), (-1.0, 1.0)))
+
+
+def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:
+    """x <= limit."""
+    return [((1.0, 0.0), exact(limit))]
+
+
+@pytest.mark.parametrize("core", [BOX, THIN])
+def test_half_spaces_are_looked_at(core: HalfSpaces) -> None:
+    assert looked_at(core, ALL, ALL) == ("", "")
+    assert looked_at(core, below(-0.9), ALL) == ("", "")  # a twentieth of them
+    never, unseen = looked_at(core, below(-1.5), ALL)
+    assert (never[:29], unseen) == ("as far as was seen AC never h", "")
+    assert "give it back on none of 2,000 states drawn from K" in never
+    hardly, _ = looked_at(core, ALL, below(-0.999))
+    assert "AC" in hardly
+    assert "keeps control" in hardly
+
+
+def test_where_no_state_of_k_is_known_nothing_is_said() -> None:
+    assert looked_at(THIN, ALL, ALL, start=0.9) == ("", "no state of K was drawn")
+
+
+def test_what_is_claimed_while_one_is_in_ac_that_never_is() -> None:
+    outer = RecheckedModule("Outer", {}, vacuous="AC never has control")
+    inner = RecheckedModule("Inner", {}, above="Outer")
+    lowest = RecheckedModule("Lowest", {}, above="Inner")
+    other = RecheckedModule("Other", {}, above="Outer", system="Another")
+    of_those_above([lowest, inner, outer, other])
+    assert inner.vacuous == "of Outer: AC never has control"
+    assert lowest.vacuous == "of Outer: AC never has control"
+    assert other.vacuous == ""

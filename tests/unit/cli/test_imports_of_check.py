@@ -55,6 +55,7 @@ PROGRAMS = (
             "S005_unit_behind_the_set",
             "T003_wrong_arguments_are_checked_too",
             "W010_set_of_what_nobody_reads",
+            "W034_ageless_scan",
         )
     ),
 )

@@ -40,13 +40,43 @@ SAID: dict[str, tuple[list[tuple[str, str]], list[str]]] = {
         ["W034"],
     ),
     "the predicates look at its age": (
-        [(" max_age 20ms", ""), ("ttf front", "ttf age(front) > seconds(30ms) || front")],
+        [(" max_age 20ms", ""), ("ttf front", "ttf age(front) > seconds(30ms) || front"),
+         ("safer front", "safer age(front) < seconds(30ms) && front")],
         [],
     ),
+    "only ttf looks at its age": (
+        [(" max_age 20ms", ""), ("ttf front", "ttf age(front) > seconds(30ms) || front")],
+        ["W034"],
+    ),
+    "only safer looks at its age": (
+        [(" max_age 20ms", ""), ("safer front", "safer age(front) < seconds(30ms) && front")],
+        ["W034"],
+    ),
+    "an age times one": ([("safer front", "safer 1.0 * age(front) < 500.0 && front")], ["W035"]),
+    "the greater of an age and zero": (
+        [("safer front", "safer max(age(front), 0.0) < 500.0 && front")], ["W035"]),
+    "an age on the right": ([("ttf front", "ttf 500.0 < 1.0 * age(front) || front")], ["W035"]),
+    "an age and a constant": (
+        [("rta Guard", "const LONG: float = 500.0;\nrta Guard"),
+         ("safer front", "safer age(front) + 1.0 < LONG && front")], ["W035"]),
+    "an age given to a function": (
+        [("rta Guard", "fun young(a: float): bool { let b = a; return b < 500.0; }\nrta Guard"),
+         ("safer front", "safer young(age(front)) && front")], ["W035"]),
+    "an age that a function makes milliseconds of": (
+        [("rta Guard", "fun young(a: float): bool { return 1000.0 * a < 15.0; }\nrta Guard"),
+         ("safer front", "safer young(age(front)) && front")], []),
+    "an age times a thousand": (
+        [("safer front", "safer 1000.0 * age(front) < 15.0 && front")], []),
+    "ttf that all ages fulfil": ([("ttf front", "ttf age(front) >= 0.0 || front")], ["W022"]),
+    "ttf that all fresh ages fulfil": (
+        [("ttf front", "ttf age(front) <= seconds(20ms) || front")], ["W022"]),
+    "safer that no fresh age fulfils": (
+        [("safer front", "safer age(front) > seconds(20ms) && front")], ["W022"]),
     "an age in milliseconds": ([("safer front", "safer age(front) < 15.0 && front")], ["W035"]),
     "turned round, in ttf": ([("ttf front", "ttf 15.0 <= age(front) || front")], ["W035"]),
     "without max_age, by the period": (
-        [(" max_age 20ms", ""), ("ttf front", "ttf age(front) > 500.0 || front")],
+        [(" max_age 20ms", ""), ("ttf front", "ttf age(front) > 500.0 || front"),
+         ("safer front", "safer age(front) < 0.03 && front")],
         ["W035"],
     ),
     "an age in seconds": ([("safer front", "safer age(front) < 0.015 && front")], []),

@@ -111,3 +111,24 @@ def test_a_program_may_end_anywhere(name: str) -> None:
             for use in index.uses_in(main.source):
                 if abs(use.span.start - end) < STEP:
                     assert described(use.definition, document.good)
+
+
+def test_what_cannot_be_sent_is_not_told_by_sending() -> None:
+    """An editor that is gone: a server told that it could not tell, and so on without end."""
+    pytest.importorskip("pygls", reason="the extra is absent: soter[lsp]")
+    from lsprotocol import types as lsp
+
+    from soter.editor.server import Server
+
+    class Gone:
+        sent = 0
+
+        def write(self, _: bytes) -> None:
+            self.sent += 1
+            assert self.sent < 10
+            raise RuntimeError("the transport is closed")
+
+    server, gone = Server(), Gone()
+    server.protocol.set_writer(gone)
+    server.window_show_message(lsp.ShowMessageParams(lsp.MessageType.Error, "text"))
+    assert gone.sent == 1

@@ -30,6 +30,7 @@ from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from types import FrameType
 
 FULL = np.array([3.0], dtype=np.float32)
@@ -396,6 +397,49 @@ def test_linked_c_with_a_memory_is_refused(
     assert caught.value.diagnostics[0].code == "X008"
     (tmp_path / "log.c").write_text(LOG_C)
     Protected("gears.soter", Engine()).reset(seed=1)
+
+
+def counts(program: str, log: Callable[[], object] | None = None) -> list[int]:
+    """What `noted` says after three steps of each of three episodes, two worlds by turns."""
+    worlds = []
+    for _ in range(2):
+        made = soter.load(program)
+        worlds.append(Protected(made if log is None else made.bind("Log", log()), Engine()))
+    found = []
+    for _ in range(3):
+        for env in worlds:
+            env.reset(seed=1)
+        for _ in range(3):
+            seen = [env.step(2)[-1] for env in worlds]
+        assert "violations" in seen[0]
+        found += [e.session.topic(e.session.system.topic("noted").index) for e in worlds]
+    return found
+
+
+def test_what_the_refusal_of_such_c_says_to_do_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A `var` of the node, or Python that has a `reset`: each begins anew."""
+    text = LINKED.replace("{ publishes noted; }", "{ publishes noted; var calls: int = 0; }")
+    (tmp_path / "gears.soter").write_text(text)
+    own = "gears_Log_local *local, gears_Log_out *out"
+    code = LOG_C.replace("gears_Log_out *out", own).replace(">noted = 1", ">noted = ++local->calls")
+    (tmp_path / "log.c").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    kept = counts("gears.soter")
+    assert len(set(kept)) == 1
+    assert kept[0] > 1
+
+    class Log:
+        def reset(self, _: int) -> None:
+            self.calls = 0
+
+        def step(self, _: Any) -> dict[str, Any]:
+            self.calls += 1
+            return {"noted": self.calls}
+
+    (tmp_path / "gears.soter").write_text(LINKED)
+    assert counts("gears.soter", Log) == kept
 
 
 def test_worlds_of_a_vector_share_no_memory_of_c(tmp_path: Path) -> None:

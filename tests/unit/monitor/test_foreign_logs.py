@@ -231,6 +231,38 @@ def test_files_that_cannot_be_read_are_told(program: Any, tmp_path: Path) -> Non
         assert {d.code for d in error.value.diagnostics} == {code}, log
 
 
+@pytest.mark.parametrize(
+    ("row", "assumed"),
+    [
+        ("x", "m"),
+        ({"from": "x", "offset": 1.0}, "m"),
+        ({"from": "x", "unit": "mm"}, ""),
+        ({"from": "x", "scale": 0.001}, ""),
+        ({"constant": 1.0}, ""),
+    ],
+)
+def test_a_column_whose_unit_nobody_says_is_taken_in_the_programs_and_that_is_said(
+    tmp_path: Path, row: Any, assumed: str
+) -> None:
+    """Millimetres that are read as metres are a violation of nothing, or hide one."""
+    path = tmp_path / "p.soter"
+    path.write_text(PROGRAM.replace("x: float, v", 'x: float unit "m", v', 1))
+    topics = {**FIELDS, "seen": {"fields": {"x": row, "v": "v"}}}
+    judged = judge(load(path), tmp_path, {**MAP, "topics": topics})
+    said = [a for a in judged.assumptions if "says a unit" in a]
+    assert [a.rsplit(": ", 1)[1] for a in said] == ([f"`seen.x` in `{assumed}`"] if assumed else [])
+
+
+@pytest.mark.parametrize("mark", [";", "\t", "|"])
+def test_a_table_of_another_separator_is_told_that_commas_part_cells(
+    program: Any, tmp_path: Path, mark: str
+) -> None:
+    with pytest.raises(SoterError, match="it has no column") as error:
+        judge(program, tmp_path, MAP, LOG.replace(",", mark))
+    told = error.value.diagnostics[0].helps
+    assert f"cells are parted by commas, not by {mark!r}" in told[0]
+
+
 def test_a_mapping_of_constants_alone_asks_nothing_of_a_log(program: Any, tmp_path: Path) -> None:
     given = {"topics": {"on": {"fields": {"value": {"constant": True}}}}}
     problems = refused(program, tmp_path, given)

@@ -32,6 +32,7 @@ from generators.robot_logs import (
     written,
 )
 from soter.api import load
+from soter.cli.terminal.log_judgement import FOREIGN_LOG
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files import mcap_messages
@@ -73,6 +74,44 @@ def test_a_message_that_says_nothing_is_left_out_counted_and_named(
     assert first.startswith(f"message 11 of `{CHANNEL}`: ")
     assert why in first
     assert judged.samples["motion"] == 39
+
+
+@pytest.mark.parametrize("name", ["cdr.mcap", "plain.bag", "ros2_plain"])
+def test_each_reason_for_which_messages_are_left_out_is_counted_and_named(
+    tmp_path: Path, name: str
+) -> None:
+    """One that is rare would stand before the one that ends the flight."""
+    died = [
+        Recorded(m.arrival_ns, odometry(m.arrival_ns - MS, math.nan, 1.0)) if k >= 25 else m
+        for k, m in enumerate(flight(40))
+    ]
+    late = Recorded(T0 + 100 * MS, odometry(T0 + 105 * MS, 1.0, 1.0))
+    later = Recorded(T0 + 120 * MS, odometry(T0 + 127 * MS, 1.0, 1.0))
+    log = written(tmp_path, name, [*died[:10], late, died[11], later, *died[13:]])
+    judged = judge(log)
+    count, first = judged.left_out["motion"]
+    assert count == 17
+    assert "its stamp lies 5 ms after its arrival" in first
+    assert [n for n, _ in judged.reasons["motion"]] == [2, 15], "5 ms and 7 ms are one reason"
+    assert len(judged.lost) == 2
+    assert judged.lost[0].startswith("left out: 2 samples of motion; the first: ")
+    assert judged.lost[1].endswith(": no finite number for `motion.x`")
+    left_out = FOREIGN_LOG.of(judged)["left_out"]
+    assert isinstance(left_out, dict)
+    assert left_out["motion"]["samples"] == sum(r["samples"] for r in left_out["motion"]["reasons"])
+
+
+def test_of_reasons_that_do_not_end_the_last_is_all_that_are_left(tmp_path: Path) -> None:
+    """A frame is a text of the file: each message may have another one."""
+    frames = [
+        Recorded(m.arrival_ns, odometry(m.arrival_ns - MS, 1.0, 1.0, chr(97 + k % 26) * (k % 37)))
+        if k > 0
+        else m
+        for k, m in enumerate(flight(40))
+    ]
+    judged = judge(written(tmp_path, "json.mcap", frames), frame_id="odom")
+    assert judged.left_out["motion"][0] == 39
+    assert [n for n, _ in judged.reasons["motion"]] == [1] * 8 + [31]
 
 
 def test_a_stamp_from_the_future_makes_no_later_one_old(tmp_path: Path) -> None:

@@ -34,6 +34,7 @@ OTHERS = [
     ("flight.parquet", b"PAR1", "pandas.read_parquet"),
     ("flight.mat", b"MATLAB 5.0 MAT-file", "writetable"),
     ("flight.xlsx", b"PK\x03\x04", "save the table as a CSV"),
+    ("flight.txt", "t,x,v\n".encode("utf-16"), "iconv -f UTF-16"),
     ("flight.txt", b"t,x,v\n0,1,2\n", "its name ends in `.csv`"),
     ("flight.mcap", b"", "docs/real-logs.md"),
 ]

@@ -191,3 +191,22 @@ def test_where_nothing_was_young_enough_nothing_is_judged(judge: Any) -> None:
     code, left, told = judge(rows(lambda t: t % 300 != 0), nodes)
     assert (code, left["judged"]) == (4, False)
     assert "what its reads rest on was too old, or silent" in told
+
+
+def test_a_verdict_is_said_of_all_of_a_log_too_and_only_then_is_its_page_green(
+    judge: Any, tmp_path: Path, capsys: Any
+) -> None:
+    page = tmp_path / "page.html"
+    again = ["monitor", *(str(tmp_path / n) for n in ("p.soter", "log.csv"))]
+    again += ["--map", str(tmp_path / "map.json"), "--report", str(page)]
+    _, left, told = judge(rows(lambda _: False), **DIRECT)
+    assert (left["judged_share"], told.splitlines()[2]) == (
+        1.0,
+        "Left: none of 41 reads lay outside `safe`",
+    )
+    assert main(again) == 0
+    assert '<p class="verdict good">' in page.read_text()
+    assert judge(rows(lambda t: t >= DIES_MS), **DIRECT)[0] == 0
+    assert main(again) == 0
+    assert '<p class="verdict ">' in page.read_text(), "a part is no reason for green"
+    capsys.readouterr()

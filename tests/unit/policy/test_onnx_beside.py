@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from policy_files import onnx_of, random_layers  # type: ignore[import-not-found]
 
+import processes
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy import onnx_content as content
@@ -322,3 +324,71 @@ def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_pat
     assert [len(files) for files in told[0]] == [2, 2, 1]
     assert all(a != b for a, b in zip(*told, strict=True))
     assert files_of(None) == files_of(len) == {}
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_loop_is_refused_as_it_need_not_end(tmp_path: Path, inside: bool) -> None:
+    """2^62 turns: a run waits for what answers it. Also where it stands in a branch."""
+    from onnx import TensorProto, helper
+
+    from soter.policy.onnx_session import OnnxSession
+
+    def info(name: str, kind: int, shape: list[Any] | None) -> Any:
+        return helper.make_tensor_value_info(name, kind, shape)
+
+    number, truth, whole = TensorProto.FLOAT, TensorProto.BOOL, TensorProto.INT64
+    again = [helper.make_node("Identity", [a], [b]) for a, b in (("go", "on"), ("x", "y"))]
+    inputs = [info("i", whole, []), info("go", truth, []), info("x", number, None)]
+    body = helper.make_graph(
+        again, "body", inputs, [info("on", truth, []), info("y", number, None)]
+    )
+    turns = helper.make_node(
+        "Constant", [], ["N"], value=helper.make_tensor("n", whole, [], [2**62])
+    )
+    nodes = [turns, helper.make_node("Loop", ["N", "", "obs"], ["u"], body=body)]
+    if inside:
+        branch = helper.make_graph(nodes, "branch", [], [info("u", number, None)])
+        yes = helper.make_tensor("c", truth, [], [True])
+        nodes = [
+            helper.make_node("Constant", [], ["C"], value=yes),
+            helper.make_node("If", ["C"], ["u"], then_branch=branch, else_branch=branch),
+        ]
+    graph = helper.make_graph(
+        nodes, "policy", [info("obs", number, ["batch", 2])], [info("u", number, None)]
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    with pytest.raises(SoterError) as caught:
+        OnnxSession(tmp_path / "p.onnx")
+    assert "the operator Loop" in caught.value.diagnostics[0].message
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of /proc")
+def test_a_graph_that_asks_for_gigabytes_is_refused(
+    tmp_path: Path,
+) -> None:
+    """The file has a few hundred bytes; what it computes has 3 GiB on the way."""
+    from onnx import TensorProto, helper
+
+    shape = helper.make_tensor("n", TensorProto.INT64, [1], [3 * 2**28])
+    graph = helper.make_graph(
+        [
+            helper.make_node("Constant", [], ["N"], value=shape),
+            helper.make_node("ConstantOfShape", ["N"], ["zeros"]),
+            helper.make_node("ReduceSum", ["zeros"], ["zero"], keepdims=0),
+            helper.make_node("Add", ["obs", "zero"], ["u"]),
+        ],
+        "policy",
+        [helper.make_tensor_value_info("obs", TensorProto.FLOAT, ["batch", 1])],
+        [helper.make_tensor_value_info("u", TensorProto.FLOAT, None)],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+    (tmp_path / "p.onnx").write_bytes(model.SerializeToString())
+    (tmp_path / "p.soter").write_text(
+        "soter 1;\ninput topic a: float = 0.0;\ntopic u: float = 0.0;\n"
+        'extern node N period 10ms from "onnx:p.onnx" { subscribes a; publishes u; }\n'
+        "system S default { node N; until 20ms; }\n"
+    )
+    command = [sys.executable, "-m", "soter.cli.main", "run", "p.soter"]
+    done = processes.run(command, cwd=tmp_path, capture_output=True)
+    assert (done.returncode, b"X014" in done.stderr) == (1, True), done.stderr

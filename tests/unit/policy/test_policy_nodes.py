@@ -126,7 +126,7 @@ def test_a_number_that_is_none_is_the_gates_business(tmp_path: Path) -> None:
         (
             "sb3:ppo.zip",
             {"reads": "goal", "topics": "topic push: Vec2;"},
-            "it answers 1 numbers, the node publishes 2 (`push`)",
+            "it answers 1 number, the node publishes 2 (`push`)",
         ),
         ("sb3:sac.zip:ppo_vecnormalize.pkl", {"reads": "motion"}, "it is of 2 numbers"),
         (

@@ -21,10 +21,11 @@ from soter.certificate.induction.induction_problem import (
     nanoseconds,
     read_induction,
 )
-from soter.certificate.report import RecheckedModule
+from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.vacuous_proofs import GETS, KEEPS, READS_NOTHING
+from soter.certificate.vacuous_proofs import GETS, KEEPS
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
 from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
@@ -218,6 +219,8 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
 
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""
+    if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
+        return HOLDS_ANYWAY, ""
     settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
     for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):

@@ -115,6 +115,8 @@ class PolytopeTables:
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
     """Half-spaces that make the DM give control back, of real numbers (`dm_half_spaces.py`)."""
+    leaves: list[tuple[tuple[float, ...], arb]] | None = None
+    """The same of what makes it leave AC in control."""
 
     def as_cell(self, box: HalfSpaces) -> GroupTables:
         """A box as a group with a grid of one cell."""

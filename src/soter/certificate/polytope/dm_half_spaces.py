@@ -51,7 +51,7 @@ def compare_half_spaces(
                 raise RejectedError("the cases have other polytopes, and the DM has one for all")
             _only(outer, group.levels[0], [outer])
             _only(inner, group.levels[-1], [outer, inner])
-            group.gives_back = _surely([outer, inner])
+            group.leaves, group.gives_back = _surely([outer]), _surely([outer, inner])
 
 
 def _error(row: Sequence[float], box: HalfSpaces) -> arb:

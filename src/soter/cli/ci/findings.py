@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED
 from soter.diagnostics.diagnostic import Severity
 
 if TYPE_CHECKING:
@@ -34,12 +33,6 @@ class CiFinding:
     """Where it stands; None: in no file."""
     details: tuple[str, ...] = ()
     seconds: float = 0.0
-
-
-def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code of findings: the one rule of every command that JUnit tells of, too."""
-    found = set(kinds)
-    return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 
 
 def of_diagnostics(items: Iterable[Diagnostic]) -> list[CiFinding]:

@@ -14,7 +14,7 @@ from soter.diagnostics.diagnostic import Severity
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.cli.ci.findings import CiFinding
+    from soter.cli.ci.findings import CiFinding, Kind
     from soter.diagnostics.diagnostic import Diagnostic
 
 SCHEMA = 1
@@ -69,6 +69,12 @@ class UsageError(Exception):
     def __init__(self, message: str, usage: str) -> None:
         super().__init__(message)
         self.usage = usage.removeprefix("usage: ").strip()
+
+
+def exit_of_kinds(kinds: Iterable[Kind]) -> int:
+    """The exit code of findings: the one rule of every command that JUnit tells of, too."""
+    found = set(kinds)
+    return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 
 
 def exit_of(diagnostics: Iterable[Diagnostic]) -> int:

@@ -63,8 +63,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
-        if m.judged_share < 1.0 or m.beyond_s > 0.0 or m.last_heard:
-            yield f"{m.module}: {verdict_of(m)}\n"
+        yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
         yield f"\n{m.module}"
@@ -263,12 +262,22 @@ class LostSamples:
     first: str
 
 
+@dataclass(frozen=True)
+class LeftOutSamples(LostSamples):
+    """The same of samples that were left out, and of each reason for it."""
+
+    reasons: tuple[LostSamples, ...]
+
+
 def _lost(told: dict[str, tuple[int, str]]) -> dict[str, LostSamples]:
     return {name: LostSamples(*x) for name, x in told.items()}
 
 
-def _left_out(j: LogJudgement) -> dict[str, LostSamples]:
-    return _lost(j.left_out)
+def _left_out(j: LogJudgement) -> dict[str, LeftOutSamples]:
+    return {
+        name: LeftOutSamples(*x, tuple(LostSamples(*r) for r in j.reasons[name]))
+        for name, x in j.left_out.items()
+    }
 
 
 def _refused(j: LogJudgement) -> dict[str, LostSamples]:
@@ -297,6 +306,9 @@ def _distance(n: NearestMargin) -> float | None:
 
 RESULT = "soter.monitor.logs.result"
 LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
+LEFT_OUT = JsonObject(
+    LeftOutSamples, "samples first reasons", named="samples_left_out", reasons=LOST
+)
 NEAREST = JsonObject(
     f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
 )
@@ -307,7 +319,7 @@ FOREIGN_LOG = JsonObject(
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
     derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),
-    left_out=LOST,
+    left_out=LEFT_OUT,
     refused=LOST,
     far_stamps=JsonObject(
         "soter.monitor.logs.typed_samples.FarStamps", "samples offset_s length_s"

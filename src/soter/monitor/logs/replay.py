@@ -22,6 +22,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe, written_by_node
+from soter.monitor.logs.doubtful_samples import doubts
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
@@ -78,11 +79,13 @@ def replay(
         modules=[],
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
+        assumed_units=tuple(n for s in samples for n in s.assumed_units),
         forced=forced,
         sources={s.topic.name: s.sources for s in samples if s.sources},
         stamps={s.topic.name: s.stamp for s in samples if s.stamp},
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
-        lost=[text for s in samples for text in s.lost],
+        reasons={s.topic.name: tuple(s.reasons.values()) for s in samples if s.reasons},
+        lost=[*(text for s in samples for text in s.lost), *doubts(system, samples)],
         far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
     )
     watches = {}

@@ -167,9 +167,10 @@ class LogJudgement:
     `forced`: modules whose mode the system forces. `stamps`: by topic the field that says when it
     was measured. `sources`: by topic that has several, how many samples each gave. `left_out`,
     `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
-    the first. `far_stamps`: by topic those that are further from the log's clock than the log is
-    long. `lost`: in words what was left out, and far stamps. `ageless`: of topics without `max_age`
-    the greatest age (ns) of a read.
+    the first; `reasons`: the same of each reason for which they were left out. `far_stamps`: by
+    topic those that are further from the log's clock than the log is long. `lost`: in words what
+    was left out, and far stamps. `ageless`: of topics without `max_age` the greatest age (ns) of a
+    read. `assumed_units`: of leaves whose unit nobody says, what is taken for it.
     `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
     """
 
@@ -181,10 +182,12 @@ class LogJudgement:
     modules: list[ModuleOfLog]
     derived: list[DerivedValue] = field(default_factory=list)
     constants: tuple[str, ...] = ()
+    assumed_units: tuple[str, ...] = ()
     sources: dict[str, str] = field(default_factory=dict)
     forced: tuple[str, ...] = ()
     stamps: dict[str, str] = field(default_factory=dict)
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
+    reasons: dict[str, tuple[tuple[int, str], ...]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -215,6 +218,11 @@ class LogJudgement:
             f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
             for n, counts in self.sources.items()
         ]
+        if self.assumed_units:
+            names = ", ".join(self.assumed_units)
+            assumptions.append(
+                f"neither the mapping nor a message says a unit, the program's is taken: {names}"
+            )
         if self.unchecked:
             assumptions.append(
                 "no checksum covers the log's values: one that was changed in its place is not seen"

@@ -9,6 +9,7 @@ topic has several sources: one of which no value can be taken is silent, and ano
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_right
 from dataclasses import dataclass, field, replace
 from itertools import groupby, pairwise
@@ -46,8 +47,12 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
     from soter.semantics.publication_gate import Check
 
+UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
 DIGITS_MAX = 40
 """Of a whole number: no type has more."""
+
+REASONS_MAX = 8
+"""Why samples of one topic were left out: whatever comes after these is counted as one more."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,7 @@ class FarStamps:
         side = "before" if self.offset_s < 0 else "after"
         return (
             f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
-            f"{abs(self.offset_s):,.3f} s {side} it"
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
         )
 
 
@@ -83,8 +88,9 @@ class TopicSamples:
     """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
 
     `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
-    `log_ns`: when the whole log begins and ends. `left_out`: rows without a usable value, and
-    `first_left_out` why. `sources`: of several, how many samples each gave.
+    `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
+    how many and the first; what differs from a number on is one reason. `sources`: of several, how
+    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them.
     """
 
     topic: Topic
@@ -93,13 +99,13 @@ class TopicSamples:
     linear: bool = False
     gap_ns: int = 0
     log_ns: tuple[int, int] = (0, 0)
-    left_out: int = 0
-    first_left_out: str = ""
+    reasons: dict[str, tuple[int, str]] = field(default_factory=dict)
     far_stamps: FarStamps | None = None
     stamps_ns: list[int] = field(default_factory=list)
     stamp: str = ""
     derived: list[DerivedValue] = field(default_factory=list)
     constants: list[str] = field(default_factory=list)
+    assumed_units: list[str] = field(default_factory=list)
     sources: str = ""
 
     @property
@@ -117,20 +123,32 @@ class TopicSamples:
             furthest = max(before.offset_s, offset_ns / 1e9, key=abs)
             self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
 
-    def leave_out(self, why: str) -> None:
+    def leave_out(self, where: str, why: str) -> None:
         """Count a row that gives no sample."""
-        self.left_out += 1
-        self.first_left_out = self.first_left_out or why
+        reason = re.split(r"\d", why, maxsplit=1)[0]
+        if reason not in self.reasons and len(self.reasons) >= REASONS_MAX:
+            reason = ""
+        count, first = self.reasons.get(reason, (0, f"{where}: {why}"))
+        self.reasons[reason] = count + 1, first
+
+    @property
+    def left_out(self) -> int:
+        """How many rows gave no sample."""
+        return sum(count for count, _ in self.reasons.values())
+
+    @property
+    def first_left_out(self) -> str:
+        """Where the first of them is, and why; "" where there is none."""
+        return next((first for _, first in self.reasons.values()), "")
 
     @property
     def lost(self) -> list[str]:
         """What people are told of samples that were not used, and of stamps in another clock."""
         name = self.topic.name
-        told = []
-        if self.left_out:
-            told.append(
-                f"left out: {self.left_out:,} samples of {name}; the first: {self.first_left_out}"
-            )
+        told = [
+            f"left out: {count:,} samples of {name}; the first: {first}"
+            for count, first in self.reasons.values()
+        ]
         if self.far_stamps is not None:
             told.append(
                 f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
@@ -185,6 +203,7 @@ def samples_of(
         of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
         t, rows = of[0]
         made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
+        made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
         if t.promise is not None:
             _of_sources(path, of, made, first)
         elif t.names:
@@ -225,7 +244,7 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         if not why:
             row, why = _cells(path, t, columns, i)
         if why:
-            made.leave_out(f"{columns.where[i]}: {why}")
+            made.leave_out(columns.where[i], why)
             continue
         if follows_lines and made.times_ns and made.stamps_ns[-1] == (stamps[i] or 0) - first_ns:
             for column in (made.times_ns, made.stamps_ns, *read.values()):
@@ -236,7 +255,9 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
             read[p].append(value)
     if not made.times_ns:
         what = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
-        raise unusable(path, f"no row of it has {what}", made.first_left_out, *choice.helps)
+        arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
+        helps = (made.first_left_out, arrival, *choice.helps)
+        raise unusable(path, f"no row of it has {what}", *helps)
     _fill(path, t, made, read)
 
 
@@ -265,7 +286,7 @@ def _of_sources(
             made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
         value, stamp, why = _of_source(path, t, columns, i, check)
         if why:
-            made.leave_out(f"{columns.where[i]}: {why}")
+            made.leave_out(columns.where[i], why)
         elif turns.judge(rank, stamp) == "taken":
             made.times_ns.append(now - first_ns)
             made.stamps_ns.append(stamp - first_ns)

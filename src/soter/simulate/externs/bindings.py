@@ -8,6 +8,8 @@ Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), runni
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -22,13 +24,16 @@ from soter.simulate.externs.python_extern import PythonExtern, instantiated, loa
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from soter.core.core import CoreSystem
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
     from soter.simulate.interrupt import StopRequest
+
+POLICY_MEMORY = 2 * 2**30
+"""Bytes that the process of a policy may take beyond what it begins with."""
 
 
 @dataclass(eq=False)
@@ -308,7 +313,21 @@ def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -
     from soter.simulate.externs.isolated_extern import ProcessExtern  # noqa: PLC0415 - POSIX only
 
     load = partial(_target, system, extern)
+    binding = binding_of(extern.bound) if isinstance(extern.bound, str) else None
+    if binding is not None and binding.is_policy:
+        load = partial(_in_bounds, load)
     return ProcessExtern(extern.name, load, node.answers, extern.span, stop)
+
+
+def _in_bounds(load: Callable[[], object]) -> object:
+    """Load a policy in a process that can take `POLICY_MEMORY` more: a graph may ask for any."""
+    with suppress(ImportError, OSError, ValueError):  # elsewhere nobody says what a process has
+        from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
+
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        most = pages * os.sysconf("SC_PAGE_SIZE") + POLICY_MEMORY
+        setrlimit(RLIMIT_AS, (most, getrlimit(RLIMIT_AS)[1]))
+    return load()
 
 
 def _target(system: System, extern: Extern) -> object:

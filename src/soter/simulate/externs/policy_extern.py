@@ -22,7 +22,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
-from soter.policy.network import answering, standardised
+from soter.policy.network import answering, in_numbers, standardised
 from soter.policy.policy_errors import bad_policy
 from soter.semantics.externs import Converted
 
@@ -58,7 +58,7 @@ class PolicyExtern:
         frames = asked.size // count if count and asked.size % count == 0 else 0
         if not frames:
             names = ", ".join(f"`{name}`" for name, _ in reads)
-            why = f"it takes {asked.size} numbers, the node reads {count} ({names})"
+            why = f"it takes {in_numbers(asked.size)}, the node reads {count} ({names})"
             raise bad_policy(
                 path, why, "what a node `subscribes` is its observation, in this order"
             )
@@ -71,7 +71,7 @@ class PolicyExtern:
         self._per_frame = assumed.policy.per_frame if assumed.policy is not None else None
         if self._per_frame is not None and self._per_frame.mean.size != count:
             size = self._per_frame.mean.size
-            raise bad_policy(path, f"a frame of it has {size} numbers, the node reads {count}")
+            raise bad_policy(path, f"a frame of it has {in_numbers(size)}, the node reads {count}")
         self.assumed = tuple(told)
         _require_answers(path, assumed, answers)
 
@@ -194,7 +194,7 @@ def _require_answers(path: Path, assumed: _Assumed, answers: Shapes) -> None:
     kinds = [k for _, t in answers for k in _kinds(t)]
     names = ", ".join(f"`{name}`" for name, _ in answers)
     if len(kinds) != assumed.outputs:
-        why = f"it answers {assumed.outputs} numbers, the node publishes {len(kinds)} ({names})"
+        why = f"it answers {in_numbers(assumed.outputs)}, the node publishes {len(kinds)} ({names})"
         raise bad_policy(path, why)
     if not assumed.whole and any(not isinstance(k, FloatType) for k in kinds):
         why = f"it answers numbers with fractions, and {names} takes whole ones"

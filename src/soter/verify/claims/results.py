@@ -65,8 +65,9 @@ class Region:
 class Vacuity:
     """That a proof says little: AC never, or hardly ever, has control (`vacuity.py`).
 
-    `what`: of `ttf`, `safer` or `core` (K itself); `share`: of K, of C for `core`; `parameters`: of
-    the worst case where there are several.
+    `how_often`: "not shown" where nothing says that it ever has; `what`: of `ttf`, `safer`, `safe`,
+    `core` (K itself) or "above" (the module above); `share`: of K, of C for `core`; `parameters`:
+    of the worst case where there are several.
     """
 
     how_often: str

@@ -9,14 +9,19 @@ Non-goals: verdicts: a proof about an empty set is a proof.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model.durations import show_ns
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.least_ages import fresh_ages_ns
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead
 from soter.verify.claims.product_sets import candidates
 from soter.verify.claims.results import Vacuity
+from soter.verify.problem.estimates import errors_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
@@ -39,16 +45,19 @@ FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
 """The bit of a predicate's truth that says: AC may have control."""
-NEVER, HARDLY_EVER = "never", "hardly ever"
+NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
+OF_FRESH = "of whatever is fresh"
+ABOVE = "above"
+HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 
 
 def vacuity(done: Sequence[Case]) -> Vacuity | None:
     """The worst of all cases; None where `safe` and the proof say something, and AC has control."""
-    if done and (nothing := _reads_nothing(done[0].problem)):
+    if done and (nothing := _says_nothing(done[0].problem)):
         return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _of_case(case)]
     if not every:
-        return None
+        return _never_given(done)
     worst = min((v for _, v in every), key=lambda v: (v.how_often != NEVER, v.share))
     if len(done) == 1:
         return worst
@@ -67,11 +76,10 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
     """The same of a proof by induction; `never`: as `Induction` has it."""
-    if nothing := _reads_nothing(problem):
+    if nothing := _says_nothing(problem):
         return nothing
     if never == "fails":
-        text = "`safe` holds of all values that its topics may have: it says nothing"
-        return Vacuity(NEVER, "safe", 0.0, text)
+        return Vacuity(NEVER, "safe", 0.0, HOLDS_ANYWAY)
     if never == "gets":
         text = "AC never has control (at no decision does `safer` hold of what is fresh)"
         return Vacuity(NEVER, "safer", 0.0, text)
@@ -82,10 +90,13 @@ def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
     return None
 
 
-def _reads_nothing(problem: Problem) -> Vacuity | None:
-    if topic_reads(problem.module.symbol.safe):
-        return None
-    return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
+def _says_nothing(problem: Problem) -> Vacuity | None:
+    safe = problem.module.symbol.safe
+    if not topic_reads(safe):
+        return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
+    if always_by_parts(safe, problem.system, problem.module.scope):
+        return Vacuity(NEVER, "safe", 0.0, HOLDS_ANYWAY)
+    return None
 
 
 def small_cores(done: Sequence[Case]) -> tuple[str, ...]:
@@ -116,6 +127,9 @@ def _of_case(case: Case) -> Iterator[Vacuity]:
     yield from _core(case)
     free = _least_free(case)
     for predicate in ("safer", "ttf"):
+        if predicate == "ttf" and _taken_by_age(case):
+            yield Vacuity(NEVER, "ttf", 0.0, _never(case, "ttf", empty=False, of=OF_FRESH))
+            continue
         if _excluded(case, predicate):
             yield Vacuity(NEVER, predicate, 0.0, _never(case, predicate, empty=free == 0.0))
             continue
@@ -147,7 +161,7 @@ def _core(case: Case) -> Iterator[Vacuity]:
             yield Vacuity(HARDLY_EVER, "core", share, text)
 
 
-def _never(case: Case, predicate: str, *, empty: bool) -> str:
+def _never(case: Case, predicate: str, *, empty: bool, of: str = "everywhere") -> str:
     times = case.problem.times
     if empty:
         within = show_ns(times.horizon_ns)
@@ -155,7 +169,7 @@ def _never(case: Case, predicate: str, *, empty: bool) -> str:
     if predicate == "safer":
         return "AC never has control (`safer` holds nowhere)"
     span = show_ns(times.delta_dm)
-    return f"AC never keeps control (`ttf` holds everywhere: {span} at a time at most)"
+    return f"AC never keeps control (`ttf` holds {of}: {span} at a time at most)"
 
 
 def _hardly(predicate: str, share: float) -> str:
@@ -184,6 +198,27 @@ def _excluded(case: Case, predicate: str) -> bool:
         for state, ends in proof.estimates.items():
             box[state] = ends
     return not case.forms.truth(predicate, box) & LETS[predicate]
+
+
+def _taken_by_age(case: Case) -> bool:
+    """Whether `ttf` with its ages, which no proof goes by, holds of all estimates of states of K.
+
+    At every age that what is fresh may have: up to its `max_age`, and to A of the proof.
+    """
+    problem, ttf = case.problem, case.problem.module.symbol.ttf
+    if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
+        return False
+    ages = fresh_ages_ns(problem.system, problem.module, problem.times.age_dm)
+    ends = dict(enumerate(case.forms.whole.tolist()))
+    for proof in case.proofs:
+        ends.update(proof.estimates)
+    off = errors_of(problem)
+    within = {
+        leaf: (ends[s][0] - off.get(s, 0.0), ends[s][1] + off.get(s, 0.0))
+        for s, leaf in problem.topic_leaf_of_state.items()
+    }
+    read = narrowed(problem.system, ages, within)
+    return always_by_parts(ttf, problem.system, problem.module.scope, read) is True
 
 
 # ---------------------------------------------------------------- shares of K
@@ -260,11 +295,49 @@ class _Drawer:
 # ---------------------------------------------------------------- the start
 
 
+def _never_given(done: Sequence[Case]) -> Vacuity | None:
+    """Where SC has control at the start, and no claim says that it ever gives it."""
+    if not at_the_start(done) or not (clause := done[0].problem.module.symbol.stays):
+        return None
+    why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
+    return Vacuity(NOT_SHOWN, "safer", 0.0, f"nothing says that AC ever gets control ({why})")
+
+
+def _refused_at_start(case: Case) -> bool:
+    """Whether `safer`, as it is written, holds of no estimate of an initial state."""
+    if case.problem.computed:
+        return False
+    box = case.forms.whole.copy()
+    box[: len(case.problem.initial)] = [(i.low, i.high) for i in case.problem.initial]
+    return not case.forms.truth("safer", box) & LETS["safer"]
+
+
+def of_those_above(results: Sequence[ModuleResult]) -> None:
+    """Where a module above is never in AC, what is claimed while it is says nothing either."""
+    by_name = {m.name: m for m in results}
+
+    def enter(m: ModuleResult) -> Vacuity | None:
+        above = by_name.get(m.problem.above)
+        own = None if above is None else enter(above)
+        if (
+            m.vacuity is None
+            and above is not None
+            and own is not None
+            and own.what in (*LETS, ABOVE)
+        ):
+            text = own.text if own.what == ABOVE else f"of {above.name}: {own.text}"
+            m.vacuity = replace(own, what=ABOVE, text=text)
+        return m.vacuity
+
+    for m in results:
+        enter(m)
+
+
 def at_the_start(done: Sequence[Case]) -> str:
     """A line where AC cannot have control at the start: the state is not in `safer` yet."""
     for case in done:
         if case.parameter != case.problem.parameter_start or case.failed("P2a"):
             continue
-        if any(p.waits_at_start(case) for p in case.proofs):
+        if any(p.waits_at_start(case) for p in case.proofs) or _refused_at_start(case):
             return "at the start `safer` does not hold: SC has control until the state is there"
     return ""

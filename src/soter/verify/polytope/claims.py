@@ -267,6 +267,13 @@ class PolytopeProof(GroupProof):
             return None
         return Target.of(self.group, deployed[1].shrunk(sets.group.error))
 
+    def waits_at_start(self, case: Case) -> bool:
+        """By the half-spaces of the DM, where the initial state is one point."""
+        initial = [case.problem.initial[a.state] for a in self.group.axes]
+        if self.found.deployed is None or any(i.low < i.high for i in initial):
+            return False
+        return not self.found.deployed[1].contains(np.array([[i.low for i in initial]])).any()
+
     def recover(self, case: Case, target: SetFactor) -> None:
         """Q, and after how many holds every run from K is in it."""
         assert isinstance(target, Target)

@@ -13,10 +13,11 @@ import soter
 from soter.cli.main import main
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from soter.verify.command import modules_of, problems_of
+from soter.verify.command import modules_of, problems_of, verify
 from soter.verify.diagnosis.vacuity import HARDLY
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed
+from unit.verify.towers import changed as changed_tower
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -58,6 +59,69 @@ def test_ttf_true_leaves_ac_nothing() -> None:
     assert module_result.headline.startswith(
         "proved, but AC never keeps control (`ttf` holds everywhere"
     )
+
+
+@pytest.mark.parametrize(
+    ("part", "taken"),
+    [
+        ("age(level) >= seconds(0ms)", True),
+        ("age(level) < seconds(200ms)", True),  # nothing fresh is as old
+        ("age(level) < seconds(60ms) || age(level) > seconds(50ms)", True),
+        ("age(level) <= seconds(100ms) && level > 0.1", True),  # where K lies, errors included
+        ("age(level) <= seconds(100ms) && level > 1.0", False),
+        ("age(level) < seconds(50ms) || age(level) > seconds(60ms)", False),
+        ("age(level) > seconds(80ms)", False),
+    ],
+)
+def test_an_age_that_takes_control_whatever_is_fresh(part: str, taken: bool) -> None:
+    module_result = proved(changed((TTF, f"ttf level < 0.25 || level > 1.75 || {part};")))
+    assert (module_result.vacuity is not None) == taken
+    if module_result.vacuity is not None:
+        assert (module_result.vacuity.how_often, module_result.vacuity.what) == ("never", "ttf")
+        assert "`ttf` holds of whatever is fresh: 100 ms" in module_result.headline
+
+
+@pytest.mark.parametrize(
+    ("safe", "nothing"),
+    [
+        ("abs(level) >= 0.0", True),
+        ("level > -3.0 && level < 3.0", True),  # its set is narrower
+        ("level > -1.0 || level < 1.0", True),
+        ("level > -1.0 && level < 1.9", False),  # all of the grid, and not all of its values
+    ],
+)
+def test_a_safe_that_no_value_violates_says_nothing(safe: str, nothing: bool) -> None:
+    of_two = ("topic level: float", "topic level: float in [-2.0, 2.0]")
+    written = ("safe level > 0.2 && level < 1.8;", f"safe {safe};")
+    module_result = proved(changed(of_two, written))
+    assert (module_result.vacuity is not None) == nothing
+    if module_result.vacuity is not None:
+        assert "`safe` holds of all values that its topics may have" in module_result.headline
+
+
+@pytest.mark.parametrize(
+    ("safer", "clause", "says"),
+    [
+        ("level > 0.4 && level < 0.6", "returns never;", "nothing says that AC ever gets control"),
+        ("level > 0.4 && level < 1.6", "returns never;", ""),  # it has control from the start on
+        ("level > 5.0", "returns never;", "AC never has control"),
+    ],
+)
+def test_control_that_nobody_is_asked_to_give(safer: str, clause: str, says: str) -> None:
+    text = changed(("safer level > 0.4 && level < 1.6;", f"safer {safer};\n  {clause}"))
+    module_result = proved(text)
+    assert ("" if module_result.vacuity is None else module_result.vacuity.text).startswith(says)
+    assert (module_result.vacuity is None) == (not says)
+
+
+def test_a_module_below_one_that_never_has_control_says_nothing() -> None:
+    always = ("ttf abs(x) > 1.7;", "ttf abs(x) > 1.7 || age(x) >= seconds(0ms);")
+    checked = check_file("tower.soter", changed_tower([always]))
+    outer, inner = verify(checked, refute=False).modules
+    assert outer.vacuity is not None
+    assert inner.vacuity is not None
+    assert inner.vacuity.what == "above"
+    assert inner.headline.startswith("proved while Outer is in AC, but of Outer: AC never keeps")
 
 
 def test_a_predicate_that_only_enclosures_cannot_decide_is_seen_through() -> None:

@@ -26,6 +26,7 @@ from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.least_ages import is_measured, least_age_ns
 from soter.language.model.tree_walk import nodes
+from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,9 +71,8 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
-    aged = {
-        n.topic for e in _predicates(module) for n in nodes([e]) if isinstance(n, typed.AgeRead)
-    }
+    asked = [{n.topic for n in _ages_in(e)} for e in _predicates(module)]
+    aged = set.intersection(*asked) if asked else set()
     for index in module.inputs:
         topic = system.topics[index]
         if topic.max_age_ns is not None or topic.symbol in aged | before:
@@ -91,7 +91,9 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
             topic.symbol.span,
             "it has no `max_age`",
             also=((module.symbol.span, "the DM reads it"),),
-            notes=("of a sensor that falls silent, or never spoke, AC keeps control",),
+            notes=("of a sensor that falls silent, or never spoke, AC keeps control",)
+            if not any(topic.symbol in of for of in asked)
+            else ("only one of `ttf` and `safer` looks at its age: the other one trusts it",),
             helps=helps,
         )
 
@@ -99,16 +101,19 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
 def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """W035: `ttf` or `safer` compares an age with so much more than it ever is: other units."""
     for n in nodes(_predicates(module)):
-        if not isinstance(n, typed.TypedBinary) or n.op not in COMPARISONS:
+        if not isinstance(n, typed.TypedBinary | typed.TypedCall) or n.type != BOOL:
             continue
-        read = next((x for x in (n.left, n.right) if isinstance(x, typed.AgeRead)), None)
-        if read is None:
+        if isinstance(n, typed.TypedBinary) and n.op not in COMPARISONS:
             continue
-        index = module.scope.topics[read.topic]
-        topic = system.topics[index]
-        usual = topic.max_age_ns or least_age_ns(system, index)
-        if usual is None:
+        usual_by_topic = {
+            t: t.max_age_ns or least_age_ns(system, i)
+            for i in dict.fromkeys(module.scope.topics[read.topic] for read in _ages_in(n))
+            for t in (system.topics[i],)
+        }
+        known = [age for age in usual_by_topic.values() if age is not None]
+        if not known or len(known) < len(usual_by_topic):
             continue
+        topic, usual = next(iter(usual_by_topic)), max(known)
         ages = Range(0.0, MUCH_OLDER * usual / 1e9)
         truth = _truth(module.scope, n, {"age": ages})
         if not truth.single or _truth(module.scope, n, {"age": Range(0.0, math.inf)}).single:
@@ -124,6 +129,10 @@ def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) ->
             notes=("what is older than `max_age` is stale, and AC has no control anyway",),
             helps=(f"write a time with its unit: `age(...) < seconds({write_ns(usual)})`",),
         )
+
+
+def _ages_in(e: typed.TypedExpr) -> list[typed.AgeRead]:
+    return [n for n in nodes([e]) if isinstance(n, typed.AgeRead)]
 
 
 def _predicates(module: Module) -> list[typed.TypedExpr]:
@@ -263,7 +272,7 @@ def _doubt_time(
     )
 
 
-def _truth(scope: Scope, comparison: typed.TypedBinary, ranges: Mapping[str, Range]) -> Range:
+def _truth(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
     """What a comparison is while `time`, or an `age`, is in a range, whatever else it reads."""
 
     def read(place: ReadPlace) -> Range:

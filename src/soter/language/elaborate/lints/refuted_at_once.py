@@ -25,9 +25,10 @@ from soter.language.elaborate.lints.contradictory_predicates import (
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.evaluate.topic_ranges import always_by_parts
+from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
 from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
 from soter.language.model.types import FloatType, IntType, has_list, leaves
@@ -230,10 +231,14 @@ def doubt_constants(
     """W022 for predicates that are the same everywhere; whether something was said."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
-    if ttf is None or safer is None or not trials or not topic_reads(symbol.safe):
+    if ttf is None or safer is None or not topic_reads(symbol.safe):
         return False  # nothing is to be kept, or W021 says so
+    aged = any(isinstance(n, typed.AgeRead) for n in nodes([ttf, safer]))  # then nothing is tried
+    read = narrowed(system, fresh_ages_ns(system, module)) if aged else None
     ttf_always, safer_always = (
-        always_by_parts(e, system, module.scope) if len({t[i] for t in trials}) == 1 else None
+        always_by_parts(e, system, module.scope, read)
+        if aged or len({t[i] for t in trials}) == 1
+        else None
         for i, e in enumerate((ttf, safer))
     )
     if (ttf_always, safer_always) == (None, None):

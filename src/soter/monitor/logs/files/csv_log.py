@@ -34,6 +34,7 @@ OF_ROS = [Fraction(SECOND_NS), Fraction(1)]
 """Units of the two columns of a ROS time, in ns."""
 SEVERAL = "`where` chooses the rows of one flight; `time` its column and unit"
 QUOTES = "is a quote not closed there? a text of several lines is not read: leave its column out"
+COMMAS = "numbers have a point, and cells are parted by commas"
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
 LINE_MAX = 1 << 24
@@ -167,4 +168,6 @@ def _place(path: Path, head: list[str], name: str) -> int:
         return head.index(name)
     if name in head:
         raise unusable(path, f"two columns are called `{name}`")
-    raise unusable(path, f"it has no column `{name}`", nearest_or_all(name, head))
+    other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)
+    commas = () if other is None else (f"{COMMAS}, not by {other!r}",)
+    raise unusable(path, f"it has no column `{name}`", *commas, nearest_or_all(name, head))

@@ -21,6 +21,7 @@ ARDUPILOT = (
     "`mavlogdump.py --format csv --types TYPE FILE` of the package `pymavlink` writes a CSV of one "
     "type of its messages"
 )
+IN_UTF_8 = "`iconv -f UTF-16 -t UTF-8 FILE` writes it in UTF-8, as a CSV is here"
 BY_MAGIC = (
     (b"ULog\x01\x12\x35", "a ULog of PX4: `ulog2csv FILE` of the package `pyulog` writes its CSVs"),
     (b"\xa3\x95", f"a DataFlash log of ArduPilot: {ARDUPILOT}"),
@@ -32,6 +33,8 @@ BY_MAGIC = (
     (b"PAR1", "Parquet: `pandas.read_parquet(FILE).to_csv(NEW)` in Python writes a CSV"),
     (b"\x89HDF\r\n", "HDF5, as MATLAB writes it, too: its `writetable` writes a CSV"),
     (b"MATLAB 5.0", "a MAT-file: MATLAB's `writetable` writes a CSV"),
+    (b"\xff\xfe", f"a text in UTF-16: {IN_UTF_8}"),
+    (b"\xfe\xff", f"a text in UTF-16: {IN_UTF_8}"),
     (b"PK\x03\x04", "a ZIP, or a table of Excel: unpack it, or save the table as a CSV"),
 )
 BY_ENDING = {".tlog": f"a telemetry log of MAVLink: {ARDUPILOT}"}
