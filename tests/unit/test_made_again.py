@@ -21,7 +21,7 @@ if str(ROOT) not in sys.path:
 from bench import made_again  # noqa: E402 - needs the path
 from bench.made_again_compare import compared, numbers_in, sampled, stood  # noqa: E402
 from bench.made_again_sections import EXCEPT, NOT_SEEN, PAGES, SMALL  # noqa: E402
-from bench.run_all import BENCHMARKS, Result  # noqa: E402
+from bench.run_all import BENCHMARKS, Result, results  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -174,9 +174,7 @@ def test_a_row_that_the_page_leaves_out_differs() -> None:
     assert len(compared(KEPT, f"{KEPT}{row}\n", whole=True).differ) == 1, "the same row twice"
     name = "The drone's laps"
     (section,) = (s for s in made_again.sections(small=False) if s.made is None and s.name == name)
-    output = made_again.Output(
-        f"{made_again.printed(made_again.results()[name].text)}crashes 3\n", 0, 0.0, ""
-    )
+    output = made_again.Output(f"{made_again.printed(results()[name].text)}crashes 3\n", 0, 0.0, "")
     assert len(made_again.verdict(section, output).differ) == 1
 
 
