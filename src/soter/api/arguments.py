@@ -8,6 +8,7 @@ Non-goals: bindings and `params` of runs (`simulate/`), options of searches
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,11 +35,18 @@ def mistake(code: Code, message: str, help_: str) -> SoterError:
 
 
 def require_utf8(*names: object) -> None:
-    """`SoterError` U003 for a path that no report, certificate or document could say."""
+    """`SoterError` U003 for a path that no report, certificate or document could say.
+
+    What the current folder is called, and those above it, is no matter.
+    """
+    here = ""
+    with suppress(OSError):
+        here = str(Path.cwd() / "_")[:-1]
     for name in names:
         if not isinstance(name, (str, Path)):
             continue
-        if (shown := utf8_text(str(name))) != str(name):
+        said = str(name).removeprefix(here)
+        if (shown := utf8_text(said)) != said:
             text = f"`{shown}` is not UTF-8, which everything that soter writes is"
             raise mistake("U003", text, "rename it")
 

@@ -23,6 +23,7 @@ from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.cli.terminal.timing_report import TIMING, say_timing
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.record_to_json import JsonObject, one_of
+from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     import argparse
@@ -105,7 +106,7 @@ def _say(report: CheckReport, console: Console) -> None:
     if modules:
         names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
         proved = f": {' '.join(names)} hold"
-    console.say(f"{ok}  {report.path}  {counted}{proved}  {report.program_sha256[:12]}")
+    console.say(f"{ok}  {visible(report.path)}  {counted}{proved}  {report.program_sha256[:12]}")
     for line in (*_assumptions(report.systems), *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
     for timing in report.timings:

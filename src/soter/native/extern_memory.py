@@ -56,6 +56,7 @@ puts rand rand_r realloc snprintf sprintf srand stderr stdout vfprintf vsnprintf
 """
 READ_NOTHING = KEEP_NOTHING.union(FROM_WITHIN.split())
 """Functions and names that bring in nothing from outside of the process; some keep something."""
+WHEN = re.compile(r"__(?:DATE|TIME|TIMESTAMP)__")
 WRITABLE, OCCUPIES = 1, 2
 SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
 ELF = b"\x7fELF\x02\x01"
@@ -123,6 +124,8 @@ def _examined(unit: Unit, told: str) -> str:
 def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
     """What a compiler read besides what is known to be included; `rule`: as make would read it."""
     known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED))
+    for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
+        return f"it says when it was compiled (`{when}`)"
     names = (
         n.replace("\\ ", " ") for n in re.findall(r"(?:\\ |[^\s])+", rule.replace("\\\n", " "))
     )

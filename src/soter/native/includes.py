@@ -19,10 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
 INCLUDE = re.compile(
-    r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define)\b[^"\n]*"([^"\n]+)"',
+    r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define|if|elif)\b[^"\n]*"([^"\n]+)"',
     re.MULTILINE,
 )
-"""A name in quotes of a directive that includes, or defines: there may be an `#include NAME`."""
+"""A name in quotes of a directive that includes, or defines: there may be an `#include NAME`. Or
+one that asks whether a file is there (`__has_include`)."""
+INCBIN = re.compile(r'\.incbin[ \t]*\\?"([^"\\\n]+)')
+"""A file that assembler in the C puts into the object."""
 OF_A_MACRO = re.compile(
     r"^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed)[ \t]*([A-Za-z_]\w*)(.*)$",
     re.MULTILINE,
@@ -42,7 +45,8 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
         if path in text_by_path:
             continue
         text_by_path[path] = _read(path)
-        for name in INCLUDE.findall(text_by_path[path].replace("\\\n", "")):
+        text = text_by_path[path].replace("\\\n", "")
+        for name in (*INCLUDE.findall(text), *INCBIN.findall(text)):
             places = ((place / name).resolve() for place in (path.parent, *folders))
             waiting += [p for p in places if p.is_file()][:1]
     return text_by_path

@@ -57,6 +57,19 @@ def test_control_characters_never_reach_the_terminal(soter: Soter, here: Path) -
         assert "\x1b" not in done.err
 
 
+@pytest.mark.parametrize("command", [("check",), ("run", "--until", "20ms")], ids=lambda c: c[0])
+@pytest.mark.parametrize("between", ["\n", "\r", "\x1b[2J"], ids=["newline", "return", "escape"])
+def test_no_name_of_a_file_is_a_verdict_of_another_one(
+    soter: Soter, here: Path, command: tuple[str, ...], between: str
+) -> None:
+    name = f"a{between}ok  other.soter  1 system.soter"
+    shutil.copy(here / "cart.soter", here / name)
+    done = soter(command[0], name, *command[1:])
+    assert done.exit == 0
+    assert "\x1b" not in done.out
+    assert not any(line.startswith("ok  other") for line in re.split("[\n\r]", done.out))
+
+
 @pytest.mark.parametrize(
     "seed", ["-1", "1.5", "", "99999999999999999999", "0x10", "²", "\u0663", "1_0"]
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,8 @@ import soter
 from generators import stateful_externs
 from generators.flights_of_runs import alone, figures
 from soter.codegen.unit import generate
-from soter.native.extern_memory import kept_by
+from soter.native.build import library
+from soter.native.extern_memory import kept_by, unknown_of
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:
@@ -107,6 +109,36 @@ def test_a_header_that_changes_is_looked_at_again(tmp_path: Path) -> None:
     inner = inner.replace("{ return", "{ static double all; all += s; return all +")
     (tmp_path / "inner.h").write_text(inner, encoding="utf-8")
     assert kept_by(unit)
+
+
+BEGUN = "double moved(double s, double u, double w) { return s + u * w + "
+ASKED = '#if __has_include("other.h")\n#define G 0.5\n#else\n#define G 0.0\n#endif\n'
+HELD = (
+    '__asm__(".pushsection .rodata\\n.globl held_in_c\\nheld_in_c:"\n'
+    '  ".incbin \\"{}\\"\\n.popsection");\nextern const double held_in_c[1];\n'
+)
+
+
+@pytest.mark.parametrize("how", ["asked", "held"])
+def test_what_c_depends_on_without_including_it_is_compiled_anew(how: str, tmp_path: Path) -> None:
+    other = tmp_path / "other.h"
+    if how == "held":
+        other.write_bytes(struct.pack("d", 0.0))
+    begin, value = (ASKED, "G") if how == "asked" else (HELD.format(other), "held_in_c[0]")
+    unit = unit_of(tmp_path, f"{begin}{BEGUN}{value}; }}")
+    unit = replace(unit, c_sources=(str(tmp_path / "own.c"),))
+    before = library(unit)
+    assert library(unit) == before
+    other.write_bytes(struct.pack("d", 0.5))
+    assert library(unit) != before
+
+
+@pytest.mark.parametrize("when", ["__TIME__", "__DATE__", "__TIMESTAMP__"])
+def test_nobody_knows_what_c_depends_on_that_says_when_it_was_compiled(
+    when: str, tmp_path: Path
+) -> None:
+    unit = unit_of(tmp_path, f"{BEGUN}{when}[4]; }}")
+    assert when in unknown_of(unit)
 
 
 # ---------------------------------------------------------------- runs in one process

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.cli.terminal.real_time_report import timing_lines
+from soter.report.printable_text import visible
 from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline
 from soter.semantics.random.faults import begins
 from soter.simulate.outputs.result_assumptions import of_run
@@ -55,7 +56,7 @@ def _headline(run: Run, path: str, console: Console) -> str:
     how = f"{run.engine}, {_time(run.wall_s)}"
     how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ""
     how += ", in real time" if run.timing else ", paced" if run.lag_s_max is not None else ""
-    facts = f"{path}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
+    facts = f"{visible(path)}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
 
 
