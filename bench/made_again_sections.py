@@ -225,7 +225,7 @@ SMALL = {
     "The playground, and what pages weigh": Small("--times 1", machine=CLOCK),
     "Bugs of the fleet's leases": Small(times=SIMULATED, apart=MINUTES),
     "Four robots at a junction, one machine in trouble": Small(
-        "--runs 2", flights=2, times=SIMULATED
+        "--runs 4", flights=4, times=SIMULATED
     ),
     "The junction as processes over DDS": Small("--row 0 --seconds 10", machine=SCHEDULER),
     "Two drones as processes over DDS": Small("--seconds 10", machine=SCHEDULER),
@@ -260,7 +260,7 @@ NOT_SEEN = frozenset(
         "Safe exploration: the mapper's margins",
         "Safe exploration: a lidar that is worse than assumed",
         "A rover among people",
-        "Four robots at a junction, one machine in trouble",
+        "drone.md / system     hours",
     }
 )
 """Sections whose smaller run has not been seen to come out yet: none of them is a long test."""
