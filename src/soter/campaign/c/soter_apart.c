@@ -39,8 +39,8 @@ static bool soter_rounds_as_meant(void) {
 /* What `soter_batch` of a library gives, or SOTER_APART_UNLOADED. */
 static int64_t soter_flown(const soter_library* library, soter_flight* flights, uint32_t count,
                            const soter_order* order) {
-  typedef uint32_t soter_batch_fn(const soter_program*, soter_flight*, uint32_t,
-                                  const soter_order*, size_t*);
+  typedef uint32_t soter_batch_fn(const soter_program*, soter_flight*, uint32_t, const soter_order*,
+                                  size_t*);
   soter_order own = *order;
   size_t used = 0;
   void* const loaded = dlopen(library->path, RTLD_NOW | RTLD_LOCAL);
