@@ -239,7 +239,6 @@ NOT_SEEN = frozenset(
         "The drone against the plant of its proof",
         "The drone's plans",
         "Bad files and options",
-        "Honest modules of other kinds",
         "The surveillance drone: stacks that must not be proved",
         "Changed modules that must not be proved",
         "A closed-loop adversary against proved modules",
