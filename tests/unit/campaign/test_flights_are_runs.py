@@ -6,6 +6,7 @@ Also of C that keeps something from call to call, of any number of flights and w
 from __future__ import annotations
 
 import os
+import platform
 import shutil
 from functools import cache
 from pathlib import Path
@@ -218,6 +219,9 @@ def test_what_one_flight_reads_of_standard_input_no_other_one_misses(tmp_path: P
     ]
 
 
+@pytest.mark.skipif(
+    platform.machine() not in ("x86_64", "AMD64"), reason="it sets a register of x86 processors"
+)
 def test_c_that_keeps_nothing_and_changes_the_processor_is_told(tmp_path: Path) -> None:
     said = "#include <xmmintrin.h>\n" + BODY + " _mm_setcsr(_mm_getcsr() | 0x8040);"
     program = changed(tmp_path, BODY, said, kind="nothing")
