@@ -5,6 +5,7 @@ Also of C that keeps something from call to call, of any number of flights and w
 
 from __future__ import annotations
 
+import ctypes
 import os
 import platform
 import shutil
@@ -183,6 +184,24 @@ def test_c_that_ends_or_changes_a_flight_is_told(
     assert told.code == code
     assert words in " ".join((told.message, *told.notes))
     assert "flight 0, seed 3" in told.message
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="who ends is asked of the C library")
+def test_c_that_calls_exit_does_not_wait_for_what_this_process_does_at_its_end(
+    tmp_path: Path,
+) -> None:
+    program = changed(tmp_path, BODY, f"{BODY} if (gust > 0.9) {{ exit(7); }}")
+
+    def flown() -> list[str]:
+        libc = ctypes.CDLL(None)
+        libc.__cxa_atexit(ctypes.cast(libc.pause, ctypes.c_void_p), None, None)
+        try:
+            program.campaign(flights=2, workers=1, seed=3, output=tmp_path / "c")
+        except SoterError as error:
+            return list(error.diagnostics[0].notes)
+        return []
+
+    assert "exit status 7" in " ".join(alone(flown))
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 /* soter_apart.c: see soter_apart.h. The copy has one thread, which never goes back to Python. */
 #define _POSIX_C_SOURCE 200809L
+#define _DEFAULT_SOURCE /* on_exit */
 #include "soter_apart.h"
 
 #include <dlfcn.h>
@@ -8,6 +9,7 @@
 #include <float.h>
 #include <signal.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <sys/wait.h>
 #include <unistd.h>
 #if defined(__linux__)
@@ -27,6 +29,16 @@ static void soter_die_with(pid_t parent) {
     _exit(1);
   }
 }
+
+#if defined(__GLIBC__)
+/* C that calls `exit` ends the copy here: what the first process has to do at its end, with threads
+ * that the copy has not, may wait for ever. */
+static void soter_end(int status, void* nothing) {
+  (void)nothing;
+  (void)fflush(NULL);
+  _exit(status);
+}
+#endif
 
 /* Doubles are rounded to the nearest one, and small ones are kept (floating_point_mode.py). */
 static bool soter_rounds_as_meant(void) {
@@ -76,6 +88,9 @@ int soter_batch_apart(const soter_library* library, soter_flight* flights, uint3
   if (child == 0) {
     soter_die_with(parent);
     soter_read_nothing();
+#if defined(__GLIBC__)
+    (void)on_exit(soter_end, NULL);
+#endif
     const int64_t flown = soter_flown(library, flights, count, order);
     *done = soter_rounds_as_meant() ? flown : SOTER_APART_CHANGED;
     (void)fflush(NULL);
