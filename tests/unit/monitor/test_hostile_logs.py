@@ -305,3 +305,12 @@ def is_refused(log: Path) -> bool:
         codes = {d.code for d in error.diagnostics}
     assert codes <= {"D016", "D017"}
     return bool(codes)
+
+
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag", "a.db3", "a.csv", "a.csv.gz"])
+def test_a_link_in_a_circle_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).symlink_to("b")
+    (tmp_path / "b").symlink_to(name)
+    with pytest.raises(SoterError) as caught:
+        judge(tmp_path / name)
+    assert {d.code for d in caught.value.diagnostics} <= {"D007", "D016"}

@@ -7,6 +7,7 @@ Non-goals: the files (`bounded_rosbag_reader.py`, `mcap_messages.py`).
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -58,8 +59,8 @@ def is_bag(path: Path) -> bool:
 
 
 def _places(path: Path) -> Iterator[Path]:
-    """A file as it is called, and where it is if that is a link."""
-    yield from dict.fromkeys((path, path.resolve()))
+    """A file as it is called, and where it is if that is a link; of a circle a place within."""
+    yield from dict.fromkeys((path, Path(os.path.realpath(path))))
 
 
 def _says_mark(path: Path) -> bool:
