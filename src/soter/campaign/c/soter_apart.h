@@ -17,8 +17,7 @@ extern "C" {
 
 #define SOTER_APART_GONE (-1)     /* the process ended before it was through */
 #define SOTER_APART_CHANGED (-2)  /* C of externs changed how the processor rounds */
-#define SOTER_APART_UNLOADED (-3) /* the library cannot be loaded, or has not all that is needed \
-                                   */
+#define SOTER_APART_UNLOADED (-3) /* the library cannot be loaded, or lacks what is needed */
 
 /* A compiled program with its batch driver: the file, and what its tables are called there. */
 typedef struct {
