@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.batches.array_programs import LIBRARY
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
 from soter.certificate.inclusions.group_claims import (
     FREE_PIECES,
+    PIECES,
     ChainCheck,
     FreeCheck,
     GroupTables,
@@ -162,7 +162,7 @@ class CaseCheck:
         """Of a group; what is compiled is compiled before processes are forked."""
         if index not in self.checks:
             self.checks[index] = ChainCheck(self.model, self.groups[index])
-            self.checks[index].prepare()
+            self.checks[index].chain(PIECES[0])
         return self.checks[index]
 
     def _add(
@@ -171,16 +171,13 @@ class CaseCheck:
         grid: Grid,
         show: Callable[[Block], Iterator[Block]],
         holds: NDArray[Any] | None = None,
-        *,
-        many: bool = False,
     ) -> None:
-        """A claim about the cells of a grid, in blocks; in few where `many` are looked at at once.
+        """A claim about the cells of a grid, in blocks.
 
         `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
         """
         cells = int(np.prod(grid.shape))
-        count = min(self.workers, BLOCKS) if many else BLOCKS
-        for block in parts(grid.whole, count if cells > SMALL else 1):
+        for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
             work = CELL * volume(block)
             if holds is not None:
@@ -214,7 +211,7 @@ class CaseCheck:
             check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core)
             what = "SC does not certainly lead back to K from"
-            self._add(what, group.grid, show, group.core, many=check.many)
+            self._add(what, group.grid, show, group.core)
 
     def _published(self, allowed: list[Cells]) -> list[Cells]:
         """The cells, of those given, of whose states all that is published lies in declared sets.
@@ -282,7 +279,7 @@ class CaseCheck:
                     continue
                 show: Any = partial(admitted, AdmitCheck(self.model, group, expr, admits=admits))
                 what = f"`{name}` may leave AC in control outside R(H) in"
-                self._add(what, group.grid, show, many=True)
+                self._add(what, group.grid, show)
 
     def _return(self) -> None:
         """P2b: Q is kept within `safer`, and W leads there from all of K."""
@@ -303,9 +300,9 @@ class CaseCheck:
             check = self._chains(k)
             kept = partial(witnessed, check, group.home, within, home)
             what = "SC does not certainly stay where `safer` holds from"
-            self._add(what, group.grid, kept, group.home, many=check.many)
+            self._add(what, group.grid, kept, group.home)
             show, what = partial(ranked, check, home), "SC does not certainly come nearer to Q from"
-            self._add(what, group.grid, show, group.rank_holds, many=check.many)
+            self._add(what, group.grid, show, group.rank_holds)
 
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""
@@ -435,7 +432,6 @@ class CaseCheck:
         self.tasks, self.work = self.tasks[::-1], self.work[::-1]
         workers = min(self.workers, len(self.tasks))
         if workers > 1 and can_fork():
-            LIBRARY.function()  # loaded before processes are forked
             self.running = TaskProcesses(len(self.tasks), self._answer, workers)
             return
         for k in range(len(self.tasks)):

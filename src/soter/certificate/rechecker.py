@@ -19,7 +19,6 @@ import numpy as np
 
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
-from soter.certificate.batches.array_programs import LIBRARY
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.errors import RejectedError
@@ -116,8 +115,6 @@ def recheck(
         report.reason = f"not rechecked: the system ended a part of it: {error}"
     except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
         report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
-    finally:
-        LIBRARY.end()
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -136,8 +133,6 @@ def _check(
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
-    if not all("induction" in m for m in modules if isinstance(m, dict)):
-        LIBRARY.begin()  # early: children have it only where it was loaded before they were forked
     checked, overrides = program_of(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256

@@ -9,14 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.batches.cell_arrays import cells_of, contained
-from soter.certificate.batches.chain_walks import ArrayStep, Walk, unkept, unled
-from soter.certificate.batches.part_walks import Try, unled_in_parts
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     Grid,
@@ -26,11 +22,9 @@ from soter.certificate.inclusions.cell_sets import (
     unshown,
     volume,
 )
-from soter.certificate.inclusions.inward_flow import ClippedStep
 from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
 from soter.certificate.terms.arb_balls import HALF, above, below
 from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
-from soter.certificate.terms.python_source import WrittenFunction
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -38,15 +32,12 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.batches.ball_arrays import Floats
     from soter.certificate.inclusions.cell_sets import Block
     from soter.certificate.inclusions.sc_chains import Chain, FreeChain
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 
 CELLS_AT_ONCE = 256
-RECORDED = 4_000
-"""Cells of a grid from which on steps are recorded before anybody asks for them."""
 PIECES = (1, 4)
 """Into how many pieces a tube is cut, first and where that was not enough."""
 FREE_PIECES = (4, 16)
@@ -58,12 +49,6 @@ MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
-LED_IN_MANY = (LED_IN[1], LED_IN[3], LED_IN[2])
-"""The same of many cells at once."""
-WHOLE = 8
-"""So many cells are looked at with Arb before arrays look at parts of cells."""
-TOGETHER, ALONE = 256, 4
-"""Cells of which parts are looked at together, at most, and so few that they are left to Arb."""
 WINDOWS = 4
 """Into how many parts runs are told apart by how late their first command acted."""
 UNRANKED = 1 << 20
@@ -123,90 +108,11 @@ class ChainCheck:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
 
-    def prepare(self) -> None:
-        """What all processes need is compiled and recorded once, before they are forked."""
-        chain = self.chain(PIECES[0])
-        if self.group.core.size < RECORDED:
-            return
-        for step in (chain.first, chain.later, chain.last, *chain.bare):
-            if isinstance(step, (ClippedStep, WrittenFunction)):
-                step.prepare()
-
-    @property
-    def many(self) -> bool:
-        """Whether steps of many forms at once are known."""
-        return self.chain(PIECES[0]).arrays is not None
-
-    def walk(
-        self,
-        within: Cells,
-        holds: NDArray[np.uint8],
-        order: NDArray[np.int64],
-        highest: Callable[[Sequence[Floats]], NDArray[np.int64]],
-    ) -> Walk | None:
-        """What is asked of arrays of balls, of tables of the grid's shape; None without arrays."""
-        arrays = self.chain(PIECES[0]).arrays
-        return None if arrays is None else Walk(arrays, within, holds, order, highest)
-
-    def left_of(
-        self, walk: Walk | None, todo: NDArray[np.bool_], block: Block
-    ) -> tuple[NDArray[np.bool_], int]:
-        """What arrays leave of a block, in the grid's shape, and how large blocks are to try on."""
-        if walk is None:
-            return todo, CELLS_AT_ONCE
-        asked = int(np.count_nonzero(todo[block_index(block)]))
-        left, largest = unled(walk, todo, block, CELLS_AT_ONCE)
-        if 2 * int(np.count_nonzero(left)) > asked:  # Arb shows blocks where arrays show no cell
-            return left, CELLS_AT_ONCE
-        if largest == 1 and not self._whole_by_arb(walk, left):
-            left = unled_in_parts(walk, left, islice(self._tries(), 1))  # Arb first, for the rest
-        return left, largest
-
     def failed(
-        self,
-        walk: Walk | None,
-        unshown_cells: Iterator[Block],
-        leads: Callable[[Block, Sequence[tuple[int, int]]], bool],
+        self, unshown_cells: Iterator[Block], leads: Callable[[Block], bool]
     ) -> Iterator[Block]:
-        """Of cells not shown as they are those not shown in parts; `leads` asks Arb, in such ways.
-
-        Finer tubes are Arb's, as most often they are enough; parts are those of arrays first.
-        """
-        coarse = (at for at in unshown_cells if not leads(at, LED_IN[:1]))
-        while some := list(islice(coarse, TOGETHER)):
-            left = np.zeros(self.group.grid.shape, dtype=np.bool_)
-            left[tuple(np.array(some)[:, :, 0].T)] = True
-            if walk is not None and len(some) > ALONE:
-                left = unled_in_parts(walk, left, self._tries())
-            yield from (at for at in some if left[block_index(at)].any() and not leads(at, LED_IN))
-
-    def _whole_by_arb(self, walk: Walk, left: NDArray[np.bool_]) -> bool:
-        """Whether Arb leads most of some cells that are left where they should be, as they are.
-
-        It likely leads others as well. That is a guess: it only says who looks next. Nothing is
-        confirmed here: all cells that are left stay so.
-        """
-        cells = np.argwhere(left)
-        if not cells.size:
-            return True
-        seen = np.zeros(left.shape, dtype=np.uint16)
-        some, led = cells[:: -(-len(cells) // WHOLE)], 0
-        for cell in some:
-            at = tuple((int(i), int(i) + 1) for i in cell)
-            order, holds = walk.order[tuple(cell)], int(walk.holds[tuple(cell)])
-            ends = [end for _, e in self.reached(at, [holds], walk.within, seen) for end in e]
-            tops = (walk.highest([np.array([x]) for x in end])[0] for end in ends)
-            led += bool(ends) and all(top < order for top in tops)
-        return 2 * led > len(some)
-
-    def _tries(self) -> Iterator[Try]:
-        """What `leads_in_parts` does, of many cells."""
-        for some in self._tried():
-            chains = [self.chain(PIECES[1], w).arrays for w in some]
-            known = tuple(c for c in chains if c is not None)
-            if len(known) == len(chains):
-                for splits, cuts in LED_IN_MANY:
-                    yield Try(known, splits, cuts)
+        """Of cells not shown as they are those not shown in parts."""
+        return (at for at in unshown_cells if not leads(at))
 
     def _tried(self) -> list[tuple[Window, ...]]:
         """Windows of which all together are all runs: one first, then several."""
@@ -304,33 +210,23 @@ class ChainCheck:
         holds: int,
         within: Cells,
         target: Callable[[Sequence[float]], bool],
-        ways: Sequence[tuple[int, int]] = LED_IN,
     ) -> bool:
         """The same with finer tubes, in parts of the box, and in parts on the way.
 
         Then once more for runs whose commands act nearly as late as each other.
         """
-        tried = self._tried() if len(ways) > 1 else [(EVERY,)]
-        return any(self._leads_in(box, holds, within, target, some, ways) for some in tried)
 
-    def _leads_in(
-        self,
-        box: list[tuple[arb, arb]],
-        holds: int,
-        within: Cells,
-        target: Callable[[Sequence[float]], bool],
-        some: Sequence[Window],
-        ways: Sequence[tuple[int, int]],
-    ) -> bool:
-        """The same of the runs in all of these windows."""
-
-        def fine(part: list[tuple[arb, arb]], cuts: int) -> bool:
+        def fine(part: list[tuple[arb, arb]], some: Sequence[Window], cuts: int) -> bool:
             return all(
                 self.leads(part, holds, within, target, PIECES[1], cuts=cuts, window=w)
                 for w in some
             )
 
-        return any(finer(box, partial(fine, cuts=cuts), splits) for splits, cuts in ways)
+        return any(
+            finer(box, partial(fine, some=some, cuts=cuts), splits)
+            for some in self._tried()
+            for splits, cuts in LED_IN
+        )
 
     def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
@@ -361,13 +257,6 @@ def witnessed(
     `witnesses`: the number of holds, 0 for none, in the grid's shape.
     """
     grid = check.group.grid
-
-    def outside(boxes: Sequence[Floats]) -> NDArray[np.int64]:
-        return (~contained(target, boxes)).astype(np.int64)
-
-    every = np.ones(grid.shape, dtype=np.int64)
-    walk = check.walk(within, witnesses, every, outside)
-    todo, largest = check.left_of(walk, witnesses > 0, block)
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -378,11 +267,11 @@ def witnessed(
                 shown |= wanted & (own == holds)
         return shown
 
-    def leads(cell: Block, ways: Sequence[tuple[int, int]]) -> bool:
+    def leads(cell: Block) -> bool:
         holds = int(witnesses[block_index(cell)].flat[0])
-        return check.leads_in_parts(grid.box(cell), holds, within, target.contains, ways)
+        return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
 
-    return check.failed(walk, unshown(todo, block, attempt, largest), leads)
+    return check.failed(unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE), leads)
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -407,14 +296,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             return UNRANKED
         return int(order[block_index(cells)].max())
 
-    def highest_of_each(boxes: Sequence[Floats]) -> NDArray[np.int64]:
-        inside, ranges = cells_of(grid, boxes)
-        at = zip(*(ends for pair in ranges for ends in pair), strict=True)
-        tops = [order[tuple(map(slice, c[::2], c[1::2]))].max() for c in at]
-        return np.where(inside, np.array(tops, dtype=np.int64), UNRANKED)
-
-    walk = check.walk(everywhere, every_holds, order, highest_of_each)
-    todo, largest = check.left_of(walk, (group.rank > 0) & ~home.members, block)
+    todo = (group.rank > 0) & ~home.members
     seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -425,13 +307,13 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             shown |= wanted & (own == holds) & (ranks > top)
         return shown
 
-    def leads(cell: Block, ways: Sequence[tuple[int, int]]) -> bool:
+    def leads(cell: Block) -> bool:
         holds, rank = (int(x[block_index(cell)].flat[0]) for x in (every_holds, order))
         return holds > 0 and check.leads_in_parts(
-            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank, ways
+            grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
         )
 
-    return check.failed(walk, unshown(todo, block, attempt, largest), leads)
+    return check.failed(unshown(todo, block, attempt, CELLS_AT_ONCE), leads)
 
 
 # ---------------------------------------------------------------- free phases
@@ -480,9 +362,4 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
             return False
         return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
 
-    largest = 4 * CELLS_AT_ONCE
-    (step, *others) = check.phase(FREE_PIECES[0]).steps
-    if isinstance(step, ArrayStep):
-        left = unkept(step, 1 + len(others), claimed, within, block, largest)
-        claimed, largest = Cells(grid, left), 1
-    return uncovered(claimed, block, attempt, largest)
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

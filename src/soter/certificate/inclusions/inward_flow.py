@@ -22,16 +22,11 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from soter.certificate.batches.ball_arrays import BallArray
-from soter.certificate.batches.chain_walks import ArrayStep
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions.cell_sets import finer
 from soter.certificate.inclusions.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.python_source import WrittenFunction
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -39,8 +34,6 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.batches.chain_walks import Image
-    from soter.certificate.batches.form_arrays import Forms
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 
@@ -182,25 +175,3 @@ class ClippedStep:
             if after and high is not None:
                 after[2 * i + 1] = after[2 * i + 1].min(exact(high))
         return tuple(after), tuple(boxes)
-
-    def prepare(self) -> None:
-        """As `WrittenFunction.prepare`."""
-        if isinstance(self._step, WrittenFunction):
-            self._step.prepare()
-
-    def of_many(self, form: Forms) -> Image:
-        """Of many forms."""
-        assert isinstance(self._step, ArrayStep)
-        (after, boxes), sure = self._step.of_many(form)
-        new, ends = list(after), list(boxes)
-        for i, low, high in self._ends:
-            lows, highs = slice(2 * i, None, 2 * self._n), slice(2 * i + 1, None, 2 * self._n)
-            if low is not None:
-                ends[lows] = [np.maximum(x, low) for x in ends[lows]]
-            if high is not None:
-                ends[highs] = [np.minimum(x, high) for x in ends[highs]]
-            if new and low is not None:
-                new[2 * i] = BallArray(np.maximum(new[2 * i].lower(), low))
-            if new and high is not None:
-                new[2 * i + 1] = BallArray(np.minimum(new[2 * i + 1].upper(), high))
-        return (tuple(new), ends), sure

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.inclusions.nonlinear_flow import LocalLinearModel, LocalSolution
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.python_source import WrittenFunction
+    from soter.certificate.terms.straight_line import Function
 
     Form = tuple[arb, ...]
     Boxes = tuple[float, ...]
@@ -106,7 +106,7 @@ class LocalChain:
         self.law = self._read_law(model, members)
         self.pieces = self._least_pieces()
 
-    def _read_law(self, model: CaseModel, members: Sequence[int]) -> WrittenFunction:
+    def _read_law(self, model: CaseModel, members: Sequence[int]) -> Function:
         terms, states = model.new_terms()
         commands = model.commands(terms, states)
         boxes = {}

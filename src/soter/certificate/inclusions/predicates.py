@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from flint import arb
 
-from soter.certificate.batches.cell_arrays import contained
-from soter.certificate.batches.decided_cells import HOLDS, NEITHER, ArrayDecision, decided
 from soter.certificate.inclusions.cell_sets import (
     Cells,
     block_index,
@@ -29,7 +27,7 @@ from soter.certificate.inclusions.group_claims import CELLS_AT_ONCE, FREE_PIECES
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.python_source import content_of
+from soter.certificate.terms.straight_line import content_of
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,
@@ -47,24 +45,20 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.batches.decided_cells import Bits
     from soter.certificate.inclusions.cell_sets import Block, Grid
     from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model import typed
 
+HOLDS, NEITHER = 2, 3
+"""What is known of a proposition on a box, as bits: it may fail (1), it may hold (2)."""
 ENDLESS = arb("inf")
 """A bound for states whose axis has no ends: rounding is one of the size of what is rounded."""
 SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
 """The same where it is only asked which cells to use: a failure costs cells, no proof."""
-
-SPLITS_TO_DECIDE = 8
-"""The same of arrays, which also find a part on which the predicate certainly fails."""
-FEW = 64
-"""Cells, of fewer of which arrays are not asked."""
 CERTAIN_CELLS_MAX = 2**26
 """Cells of the sets that are remembered, a byte each."""
 
@@ -95,14 +89,14 @@ def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float
 def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
     grid = group.grid
-    cells = np.argwhere(level.members)
-    boxes = []
-    for k, (state, edges) in enumerate(zip(group.states, grid.edges, strict=True)):
-        pairs = pairwise(map(exact, edges))
-        ends = np.array([_estimates(model, state, low, high) for low, high in pairs])
-        boxes += [ends[cells[:, k], 0], ends[cells[:, k], 1]]
+    ends = [
+        [_estimates(model, state, low, high) for low, high in pairwise(map(exact, edges))]
+        for state, edges in zip(group.states, grid.edges, strict=True)
+    ]
     members = np.zeros(grid.shape, dtype=np.bool_)
-    members[tuple(cells.T)] = contained(level, boxes)
+    for cell in map(tuple, np.argwhere(level.members)):
+        box = [end for i, axis in zip(cell, ends, strict=True) for end in axis[i]]
+        members[cell] = level.contains(box)
     return Cells(grid, members)
 
 
@@ -244,16 +238,6 @@ class Decision:
         """The same of a block, with all that lies beyond."""
         return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
 
-    def decided(self, todo: Cells, block: Block, splits: int) -> Bits:
-        """What arrays know of a block, in the grid's shape (`batches/decided_cells.decided`).
-
-        Nothing where there are few: Arb has looked at them before code for arrays is made.
-        """
-        if todo.count(block) < FEW:
-            return np.full(todo.grid.shape, NEITHER, dtype=np.uint8)
-        arrays = ArrayDecision(self._written.of_many, self.ranges, self.reads)
-        return decided(arrays, todo, block, splits)
-
 
 def _certain_cells(
     model: CaseModel, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Proposition
@@ -275,21 +259,12 @@ _CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
 
 
 def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
-    """The same of one decision and grid.
-
-    Arb is asked of what arrays leave: a part that touches a bound is certain in Arb alone.
-    """
-    every = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
-    known = decision.decided(every, grid.whole, SPLITS_TO_DECIDE)
-    members: NDArray[np.bool_] = known == HOLDS
-    left = Cells(grid, known == NEITHER)
+    """The same of one decision and grid."""
+    members = np.zeros(grid.shape, dtype=np.bool_)
     waiting = [grid.whole]
     while waiting:
         block = waiting.pop()
-        wanted = left.count(block)
-        if not wanted:
-            continue
-        bits = decision.of_cell(grid, block) if wanted == volume(block) else NEITHER
+        bits = decision.of_cell(grid, block)
         if bits == NEITHER and volume(block) > 1:
             waiting.extend(halves(block))
         elif bits == HOLDS or (bits == NEITHER and decision.holds_in(grid, block, SPLITS_OF_SETS)):
@@ -337,6 +312,4 @@ def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
         return check.decision.holds_in(group.grid, at, splits)
 
     todo = Cells(group.grid, ~group.free)
-    known = check.decision.decided(todo, block, SPLITS_OF_PREDICATES)
-    left = Cells(group.grid, todo.members & (known != HOLDS))
-    return uncovered(left, block, attempt, volume(group.grid.whole))
+    return uncovered(todo, block, attempt, volume(group.grid.whole))

@@ -16,10 +16,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
-from soter.certificate.batches.chain_walks import ArrayChain, ArrayStep
-from soter.certificate.batches.local_chains import LocalChains
 from soter.certificate.inclusions.inward_flow import clipping, uncrossed_ends
 from soter.certificate.inclusions.nonlinear_chains import DEPTH_MAX, NANOSECOND, LocalChain
 from soter.certificate.reading.case_model import control_inputs
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.batches.form_arrays import Forms
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.linear_flows import Motion
     from soter.certificate.terms.compile_terms import Step
@@ -61,18 +59,6 @@ class Chain:
     later: Step
     last: Step | None
     bare: tuple[Step, Step]
-
-    @property
-    def arrays(self) -> ArrayChain | None:
-        """The same over many forms at once; None where they are made one by one."""
-        first, later, last, bare = self.first, self.later, self.last, self.bare
-        if not (isinstance(first, ArrayStep) and isinstance(later, ArrayStep)):
-            return None
-        if not (isinstance(bare[0], ArrayStep) and isinstance(bare[1], ArrayStep)):
-            return None
-        if last is not None and not isinstance(last, ArrayStep):
-            return None
-        return ArrayChain(self.dimension, first, later, last, (bare[0], bare[1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,29 +115,14 @@ def sc_chain(
     return Chain(chain.dimension, clip(chain.first), clip(chain.later), last, bare)
 
 
-class LocalStep:
-    """A step of a local chain, of one form and of many."""
-
-    def __init__(self, chain: LocalChain, name: str, *how: arb | int) -> None:
-        self._chain, self._name, self._how = chain, name, how
-
-    def __call__(self, form: tuple[arb, ...]) -> Any:  # noqa: ANN401  as the step has it
-        """Of one form."""
-        return getattr(self._chain, self._name)(*self._how, form)
-
-    def of_many(self, form: Forms) -> Any:  # noqa: ANN401
-        """Of many forms, and for which of them it is defined."""
-        return getattr(LocalChains(self._chain), self._name)(*self._how, form)
-
-
 def _local_chain(model: CaseModel, members: Sequence[int], pieces: int, window: Window) -> Chain:
     """The same where the flow is not linear: nothing is compiled for good but rows."""
     d, j = delays(model)
     early, late = window.ends(j * NANOSECOND)
     times = (model.facts.times["delta_ns"] * NANOSECOND, d * NANOSECOND, early, late)
     local = LocalChain(model, members, uncrossed_ends(model, members), times)
-    first, later = LocalStep(local, "first", pieces), LocalStep(local, "later", pieces)
-    last = LocalStep(local, "last", pieces) if local.late else None
+    first, later = partial(local.first, pieces), partial(local.later, pieces)
+    last = partial(local.last, pieces) if local.late else None
     return Chain(len(members), first, later, last, (first, later))
 
 
@@ -165,7 +136,7 @@ def free_phase(model: CaseModel, members: Sequence[int], time_ns: int, pieces: i
         times = (model.facts.times["delta_ns"] * NANOSECOND, none, none, none)
         local = LocalChain(model, members, kept, times)
         time = exact(time_ns * NANOSECOND)
-        return FreeChain(len(members), (LocalStep(local, "free", time, pieces),))
+        return FreeChain(len(members), (partial(local.free, time, pieces),))
     flow = linear_flow(model, members).free()
     terms, states = model.new_terms()
     own = [states[i] for i in members]

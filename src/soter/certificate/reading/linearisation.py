@@ -11,15 +11,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.affine_forms import AffineForms
-from soter.certificate.terms.atom_code import demand, write_atoms
-from soter.certificate.terms.python_source import tuple_of
+from soter.certificate.terms.atom_values import demand, make_atoms
+from soter.certificate.terms.straight_line import Function
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from flint import arb
 
-    from soter.certificate.terms.python_source import WrittenFunction
+    from soter.certificate.terms.straight_line import Value
     from soter.certificate.terms.terms import Linear, Proposition, Terms
 
 TAIL = 4
@@ -33,7 +33,7 @@ def compile_lines(
     outputs: Sequence[Linear],
     must: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
-) -> WrittenFunction:
+) -> Function:
     """`form -> rows`, one after the other; None where something in `must` is not certain.
 
     For every point of the form: output = sum coefficient * input + constant +- spread, and the
@@ -41,22 +41,21 @@ def compile_lines(
     their domains.
     """
     forms = AffineForms(terms, inputs, symbols, boxes)
-    write_atoms(forms, [*outputs, *must])
+    make_atoms(forms, [*outputs, *must])
     demand(forms, must)
-    entries: list[str] = []
+    zero, entries = forms.builder.zero, []
     for x in outputs:
         row, constant, spread = forms.row(x)
-        entries += [forms.text.code(row[a]) if a in row else "ZERO" for a in forms.place]
-        entries += [constant or "ZERO", spread or "ZERO", *_both_ranges(forms, x)]
-    forms.text.lines.append(f"return {tuple_of(entries)}")
-    return forms.text.function(forms.arguments())
+        entries += [forms.builder.coefficient(row[a]) if a in row else zero for a in forms.place]
+        entries += [constant or zero, spread or zero, *_both_ranges(forms, x)]
+    return Function(forms.builder, forms.length, entries)
 
 
-def _both_ranges(forms: AffineForms, x: Linear) -> tuple[str, str]:
+def _both_ranges(forms: AffineForms, x: Linear) -> tuple[Value, Value]:
     """The range by the row and that by the intervals of the atoms, whichever is tighter."""
     low, high = forms.range_of(x)
     natural = forms.natural(x, *forms.parts(x))
     return (
-        forms.text.new(f"larger({low}, {natural[0]})"),
-        forms.text.new(f"smaller({high}, {natural[1]})"),
+        forms.builder.apply("larger", low, natural[0]),
+        forms.builder.apply("smaller", high, natural[1]),
     )

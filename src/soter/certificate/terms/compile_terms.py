@@ -1,4 +1,4 @@
-"""Terms become straight Python code over Arb balls: one call encloses a step over a whole cell.
+"""Terms become straight-line programs over Arb balls: one call encloses a step over a whole cell.
 
 Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
 makes of it, with the ranges wanted and the propositions that must hold.
@@ -24,16 +24,16 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.terms.affine_forms import AffineForms
 from soter.certificate.terms.arb_balls import HALF, ZERO, larger, smaller
-from soter.certificate.terms.atom_code import demand, truth_of, write_atoms
-from soter.certificate.terms.python_source import tuple_of
-from soter.certificate.terms.runtime_calls import grown
+from soter.certificate.terms.atom_values import demand, make_atoms, truth_of
+from soter.certificate.terms.operations import grown
+from soter.certificate.terms.straight_line import Function
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flint import arb
 
-    from soter.certificate.terms.python_source import WrittenFunction
+    from soter.certificate.terms.straight_line import Value
     from soter.certificate.terms.terms import Linear, Proposition, Terms
 
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
@@ -92,7 +92,7 @@ def compile_truths(
     states: Sequence[int],
     truths: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
-) -> WrittenFunction:
+) -> Function:
     """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
     return _truths(AffineForms(terms, states, 0, boxes), truths)
 
@@ -146,11 +146,12 @@ def _step(
     must: Sequence[Proposition],
     memories: int,
 ) -> Step:
+    make = forms.builder
     linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
-    write_atoms(forms, [*outputs, *linear, *must])
+    make_atoms(forms, [*outputs, *linear, *must])
     demand(forms, must)
     made = [forms.form(x) for x in outputs]
-    radii = [forms.text.sum([*forms.betas(f[2]), f[3]]) or "ZERO" for f in made]
+    radii = [make.sum([*forms.betas(f[2]), f[3]]) or make.zero for f in made]
     output_ranges = [
         forms.range_of_form(x, f, b) for x, f, b in zip(outputs, made, radii, strict=True)
     ]
@@ -162,58 +163,60 @@ def _step(
     shared = [forms.in_common(f, made[:leading]) for f in made[leading:]]
     flat += [rest for rest, _ in shared]
     flat += [a for _, row in shared for a in row]
-    ends = [
-        _swept(forms, x)
-        if isinstance(x, Sweep)
-        else "below({}), above({})".format(*forms.range_of(x))
-        for x in ranges
-    ]
-    forms.text.lines.append(f"return ({tuple_of(flat)}, {tuple_of(ends)})")
-    found_step: Step = forms.text.function(forms.arguments())
-    return found_step
+    ends: list[Value] = []
+    for x in ranges:
+        ends += _swept(forms, x) if isinstance(x, Sweep) else _ends_of(forms, x)
+    return Function(make, forms.length, [*flat, *ends], after=len(flat))
 
 
-def _truths(forms: AffineForms, truths: Sequence[Proposition]) -> WrittenFunction:
-    write_atoms(forms, truths)
-    names = [truth_of(forms, x) for x in truths]
-    forms.text.lines.append(f"return {tuple_of(names)}")
-    return forms.text.function(forms.arguments())
+def _truths(forms: AffineForms, truths: Sequence[Proposition]) -> Function:
+    make_atoms(forms, truths)
+    return Function(forms.builder, forms.length, [truth_of(forms, x) for x in truths])
 
 
-def _swept(forms: AffineForms, x: Sweep) -> str:
+def _ends_of(forms: AffineForms, x: Linear) -> list[Value]:
+    """The range of a form, in doubles."""
+    low, high = forms.range_of(x)
+    return [forms.builder.apply("below", low), forms.builder.apply("above", high)]
+
+
+def _swept(forms: AffineForms, x: Sweep) -> list[Value]:
     """The ends of the box, one state after the other."""
+    make = forms.builder
     balls = [_ball(forms, y) for y in x.starts]
     arguments = [*balls, *(_ball(forms, y) for y in x.arguments)]
     between = []
     for ball, row, constant in zip(balls, x.drift, x.drift_constant, strict=True):
-        between.append(forms.text.sum([ball, _dot(forms, row, arguments, constant)]) or "ZERO")
+        between.append(make.sum([ball, _dot(forms, row, arguments, constant)]) or make.zero)
     acting = []
     for alternatives in x.commands:
-        first, *others = (_ball(forms, u) for u in alternatives)
-        acting.append(forms.text.new(first + "".join(f".union({v})" for v in others)))
-    ends = []
+        any_of_them, *others = (_ball(forms, u) for u in alternatives)
+        for other in others:
+            any_of_them = make.apply("union", any_of_them, other)
+        acting.append(any_of_them)
+    ends: list[Value] = []
     for i, (row, constant) in enumerate(zip(x.rate, x.rate_constant, strict=True)):
-        low, high = forms.range_of(x.starts[i])
         own = row[i]
-        other = [*row[:i], ZERO, *row[i + 1 :]]
-        rest = _dot(forms, other, [*between, *acting], constant)
+        other_rates = [*row[:i], ZERO, *row[i + 1 :]]
+        rest = _dot(forms, other_rates, [*between, *acting], constant)
         if rest is None and own.is_zero():
-            ends.append(f"below({low}), above({high})")
+            ends += _ends_of(forms, x.starts[i])
             continue
-        after = ", ".join(forms.range_of(x.ends[i]))
-        growth = forms.text.constant(grown(own, x.span))
-        law = f"{between[i]}, {rest or 'ZERO'}, {forms.text.constant(own)}, {growth}"
-        ends.append(f"*swept({low}, {high}, {after}, {law})")
-    return ", ".join(ends)
+        instants = *forms.range_of(x.starts[i]), *forms.range_of(x.ends[i])
+        law = make.constant(own), make.constant(grown(own, x.span))
+        ends += make.parts("swept", 2, *instants, between[i], rest or make.zero, *law)
+    return ends
 
 
-def _dot(forms: AffineForms, row: Sequence[arb], names: Sequence[str], constant: arb) -> str | None:
-    parts = [forms.text.times(c, name) for c, name in zip(row, names, strict=True)]
-    return forms.text.sum(parts, constant)
+def _dot(
+    forms: AffineForms, row: Sequence[arb], values: Sequence[Value], constant: arb
+) -> Value | None:
+    parts = [forms.builder.times(c, x) for c, x in zip(row, values, strict=True)]
+    return forms.builder.sum(parts, constant)
 
 
-def _ball(forms: AffineForms, x: Linear) -> str:
-    name: str = forms.cached(
-        "ball", x, lambda y: forms.text.new("{}.union({})".format(*forms.range_of(y)))
+def _ball(forms: AffineForms, x: Linear) -> Value:
+    ball: Value = forms.cached(
+        "ball", x, lambda y: forms.builder.apply("union", *forms.range_of(y))
     )
-    return name
+    return ball

@@ -1,21 +1,43 @@
-"""What the written code calls while it runs.
+"""The operations of straight-line programs, each an enclosure of what it names.
 
-Purpose: enclosures too long for one line: products, tables, states between two instants.
-Non-goals: those that the interpreter of terms shares (`arb_balls.py`).
+Purpose: `OPERATIONS`: by name, functions of balls; of truths as bits (0: may be false, 1: may be
+true); products of intervals, tables, states between two instants.
+Non-goals: lines over functions of one number (`arb_balls.py`); programs (`straight_line.py`).
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+import operator
+from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.terms.arb_balls import above, below, exact
+from soter.certificate.terms.arb_balls import (
+    UNIVARIATE,
+    above,
+    below,
+    exact,
+    larger,
+    line_noisy_max0,
+    line_or_range,
+    range_max0,
+    smaller,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
     from numpy.typing import NDArray
+
+CERTAIN = 2
+"""The bits of what is certainly true."""
+PART, DEMAND = "part", "demand"
+
+
+class NotCertainError(Exception):
+    """Something that is demanded may be false."""
 
 
 def corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:
@@ -83,3 +105,40 @@ def pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
         part.append(slice(first, last + 1) if first <= last else slice(None))
     there = values[tuple(part)]
     return exact(float(there.min())), exact(float(there.max()))
+
+
+def demanded(truth: int) -> None:
+    """`NotCertainError` where a proposition may be false."""
+    if truth != CERTAIN:
+        raise NotCertainError
+
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "neg": operator.neg,
+    "abs": abs,
+    "min": arb.min,
+    "max": arb.max,
+    "mid": arb.mid,
+    "union": arb.union,
+    "larger": larger,
+    "smaller": smaller,
+    "below": below,
+    "above": above,
+    "corners": corners,
+    "swept": swept,
+    "pick": pick,
+    "range_max0": range_max0,
+    "line_noisy_max0": line_noisy_max0,
+    "line_or_range": line_or_range,
+    **{f"line_{name}": line for name, line in UNIVARIATE.items()},
+    "negative": lambda low, high: bits(high < 0, low >= 0),
+    "not_positive": lambda low, high: bits(high <= 0, low > 0),
+    "not": (0, 2, 1, 3).__getitem__,
+    "and": lambda a, b: ((a | b) & 1) | (a & b & 2),
+    "or": lambda a, b: ((a | b) & 2) | (a & b & 1),
+    "by_truth": by_truth,
+    DEMAND: demanded,
+}
