@@ -249,8 +249,8 @@ def test_cells_on_which_ac_may_be_let_wrongly_are_told() -> None:
     check.decision = decision_of("edges")
     free = np.zeros(GRID.shape, dtype=np.bool_)
     free[12, 0] = True
-    check.group = SimpleNamespace(grid=GRID, free=free)  # type: ignore[assignment]
-    told = {tuple(low for low, _ in block) for block in admitted(check, GRID.whole)}
+    check.group = SimpleNamespace(grid=GRID)  # type: ignore[assignment]
+    told = {tuple(low for low, _ in block) for block in admitted(check, free, GRID.whole)}
     holds = {
         cell
         for cell in np.ndindex(GRID.shape)

@@ -14,6 +14,7 @@ from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid, unshown, volume
+from soter.certificate.inclusions.grid_group import GridGroup
 from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.inclusions.inward_flow import points_inwards
 from soter.certificate.reading.case_model import CaseModel
@@ -114,17 +115,13 @@ def test_a_group_that_flows_inwards_needs_no_chain(
         return chain(self, pieces)
 
     monkeypatch.setattr(ChainCheck, "chain", noted)
-    case = CaseCheck(model, [groups[1]], {"P2a"}, {}, lambda _: None, 1)
-    case.cores = [Cells(groups[1].grid, groups[1].core > 0)]
-    case.kept = [True]
-    case._kernel()
-    case._free()
-    assert case.tasks == []
+    check = GridGroup(groups[1]).check(model, None)
+    assert check.kept
+    assert list(check.core()) == list(check.free(10**6)) == []
     assert asked == []
-    case.kept = [False]
-    case._kernel()
+    check.kept = False
+    assert list(check.core())
     assert asked
-    assert case.tasks
 
 
 def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Path) -> None:
@@ -133,7 +130,8 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     grid = Grid(((-1.13, 0.0, 1.13),))
     half = np.array([1, 0], dtype=np.uint8)
     part = GroupTables((1,), grid, half, half > 0, half, np.ones(2, np.uint16), half)
-    case = CaseCheck(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
+    own = [GridGroup(tables) for tables in (groups[0], part)]
+    case = CaseCheck(model, own, {"P2a"}, {}, lambda _: None, 1)
     with pytest.raises(RejectedError, match="lead back"):
         case.check()
 
