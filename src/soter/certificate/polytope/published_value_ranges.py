@@ -45,8 +45,8 @@ INPUTS = ("state", "box")
 def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
     """Whether a topic's set surely holds what is published of all states that SC keeps.
 
-    `groups`: all polytopes, each with its K and a hold of SC that begins there. Only of leaves that
-    read states of the polytopes; other states are anywhere in their grids.
+    `groups`: all polytopes, each with its K and a hold of SC that begins there. Not of leaves
+    that read states of other groups alone; those are anywhere in their grids.
     `model.extents` of the polytopes are their boxes of C. False: it is not known.
     """
     terms, states = model.new_terms()
@@ -55,10 +55,11 @@ def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
         return False
     atoms = [next(iter(x.terms)) for x in states]
     own = {atoms[s] for tables, _, _ in groups for s in tables.states}
+    elsewhere = {*atoms} - own
     for value, low, high in limits:
         if any(terms.atoms[atom].kind not in INPUTS for atom in value.terms):
             return False
-        if own.isdisjoint(value.terms):
+        if own.isdisjoint(value.terms) and not elsewhere.isdisjoint(value.terms):
             continue
         for sign, limit in ((1, exact(high)), (-1, -exact(low))):
             if not _greatest(terms, value, sign, atoms, groups) <= limit:
