@@ -14,6 +14,9 @@ import pytest
 
 import soter
 from long_tests import some
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Cells, Grid
+from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.rechecker import Report, recheck
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
@@ -627,3 +630,12 @@ def test_a_shield_is_none_of_polytopes(still: Path, tmp_path: Path) -> None:
         at.program("  safe abs", "  shield 4;\n  safe abs")
 
     assert rejected(still, tmp_path, edit) == "not rechecked: a shield beside polytopes"
+
+
+def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:
+    nothing: Any = None
+    check = PolytopeCheck(nothing, nothing)
+    cells = Cells(Grid(((0.0, 1.0),)), np.zeros(1, dtype=np.bool_))
+    for asked, name in ((check.safe, "safe"), (check.home, "safer")):
+        with pytest.raises(RejectedError, match=f"`{name}` is not certain on the box"):
+            asked(cells)
