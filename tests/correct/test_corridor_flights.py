@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
-from soter.certificate.case_check import CaseCheck
+from soter.certificate.inclusions import grid_group
 from soter.certificate.inclusions.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
 from soter.language.elaborate.views import systems_by_view
@@ -24,6 +24,7 @@ from soter.verify.verify_module import verify_module
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.certificate.groups import Task
     from soter.certificate.inclusions.cell_sets import Block, Grid
     from soter.language.model.typed import TypedProgram
     from soter.verify.claims.results import VerifyReport
@@ -75,17 +76,14 @@ def test_the_re_checker_confirms_samples_of_every_view(
     draw = np.random.default_rng(2)
     asked = []
 
-    def some(
-        case: CaseCheck, what: str, grid: Grid, show: Show, *_rest: object, **__: object
-    ) -> None:
+    def some(what: str, grid: Grid, show: Show, *_rest: object) -> Iterator[Task]:
+        asked.append(what)
         for _ in range(BLOCKS):
             low = [int(draw.integers(n)) for n in grid.shape]
             at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
-            case.tasks.append((what, grid, show, at))
-            case.work.append(1.0)
-        asked.append(what)
+            yield partial(grid_group._answer, what, grid, show, at), 1.0
 
-    monkeypatch.setattr(CaseCheck, "_add", some)
+    monkeypatch.setattr(grid_group, "blocks", some)
     monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)
     report = recheck(proved[0])
     assert report.accepted, report.reason

@@ -1,8 +1,13 @@
 """Hand-overs: whether the state of a view jumps only into R(H).
 
 Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
-is confirmed: of the node that publishes it, and of R(H) (docs/proof.md, "Hand-over").
-Non-goals: rejecting: what is not confirmed is an assumption, and the report says why.
+is confirmed: of the node that publishes it, and of R(H) (docs/proof.md, "Hand-over");
+`not_entered`: that the state lies in R(H) wherever something holds of an estimate.
+Non-goals: rejecting: what is not confirmed is an assumption, and the report says why. That a node
+changes a view in no other step (`induction/handover_jumps.py`).
+
+`enters` is judged on what a step publishes, which is the state after the jump up to the declared
+errors. Nothing is known yet of that state: not that `safe` holds there, nor that it lies in a grid.
 """
 
 from __future__ import annotations
@@ -11,23 +16,46 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import Jump
-from soter.certificate.inclusions.handover_claim import not_entered
+from soter.certificate.inclusions.predicates import Decision, both_all
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.problem import driven_topics, followed
 from soter.certificate.reading.view_predicates import entered
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    TINIEST,
+    UNIT_ROUNDOFF,
+    above,
+    below,
+    exact,
+    magnitude,
+)
+from soter.certificate.terms.terms import (
+    NotRecheckedError,
+    both,
+    conjuncts,
+    influence,
+    inputs_of,
+    negation,
+)
 from soter.certificate.time.module_times import read_by
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.certificate.inclusions.group_claims import GroupTables
-    from soter.certificate.polytope.certificate_tables import PolytopeTables
+    from flint import arb
+
+    from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 
-    Groups = Sequence[tuple[Sequence[GroupTables], Sequence[PolytopeTables]]]
+    Box = list[tuple[arb, arb]]
+    Groups = Sequence[Sequence[Group]]
 
+TRIES_BEYOND = 2_000
+"""Boxes that a side of the grid is cut into at most, for each part of a predicate."""
 FREE = {"P3", "ttf", "safer"}
 """Claims with which R(H) is shown to be what it says."""
 
@@ -76,8 +104,6 @@ def _of_sets(
     """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
-    if any(polytopes for _, polytopes in groups):
-        return "half-spaces are not looked at"
     try:
         assert facts.whole is not None
         expr = entered(facts.whole, facts.symbol.verify)
@@ -86,8 +112,8 @@ def _of_sets(
         known = {i for of in read_by(facts) for i in of}
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
-        for values, (grids, _) in zip(facts.cases(), groups, strict=True):
-            why = not_entered(CaseModel(facts, values, extents), grids, expr)
+        for values, of_case in zip(facts.cases(), groups, strict=True):
+            why = not_entered(CaseModel(facts, values, extents), of_case, expr)
             if why:
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
@@ -99,3 +125,141 @@ def _said(error: Exception) -> str:
     if isinstance(error, NotRecheckedError):
         return f"not rechecked: {error}"
     return f"the re-checker itself failed ({type(error).__name__}: {error})"
+
+
+# ---------------------------------------------------------------- where `enters` holds
+
+
+def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
+    """Why it is not shown of one combination of parameter values; "" where it is.
+
+    `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
+    nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
+    """
+    states = [s for g in groups for s in g.states]
+    if sorted(states) != list(range(len(model.facts.states))):
+        return "not every state is in a group"
+    unentered = next((g.unentered for g in groups if g.unentered), "")
+    if unentered:
+        return unentered
+    reach = _reach(model.facts, expr)
+    for k, ends in enumerate(reach):
+        if ends is None:
+            return f"nothing that it reads bounds {model.facts.states[k].name}"
+        if ends[0] > ends[1]:
+            return f"no value of {model.facts.states[k].name} is shown by all that it reads"
+    where = _beyond(model, groups, expr, [r for r in reach if r is not None])
+    if where:
+        return f"it may hold where {where}, outside the grid"
+    return next((why for g in groups if (why := g.entered(model, expr))), "")
+
+
+# ---------------------------------------------------------------- outside the grid
+
+
+def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
+    """What each state can be where `expr` is judged; None where nothing that it reads says so.
+
+    What is published lies in its declared set, and shows the state up to its error and rounding.
+    """
+    ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
+    driven = driven_topics(facts)
+    scope = facts.module.scope.topics
+    read = [scope[t] for t in topic_reads(expr)]
+    # below another module whatever is published anywhere lies in its set: else the plant stops
+    for index in read if facts.above is None else driven:
+        c, value = driven[index]
+        topic = facts.system.topics[index]
+        for leaf, ((path, _), bound) in enumerate(
+            zip(leaves(topic.type), topic.bounds, strict=True)
+        ):
+            state = followed(facts, c, value, path)
+            if state is None or bound is None:
+                continue
+            error = exact(0.0)
+            for e in facts.errors:
+                if (e.owner, e.leaf) == (index, leaf):
+                    error += magnitude(exact(e.low)).max(magnitude(exact(e.high)))
+            low, high = exact(bound.low), exact(bound.high)
+            size = magnitude(low).max(magnitude(high)) + error
+            error += size * (4 * UNIT_ROUNDOFF) + 4 * TINIEST
+            ends = below(low - error), above(high + error)
+            old = ranges[state] or ends
+            ranges[state] = max(old[0], ends[0]), min(old[1], ends[1])
+    return ranges
+
+
+def _beyond(
+    model: CaseModel,
+    groups: Sequence[Group],
+    expr: typed.TypedExpr,
+    reach: Sequence[tuple[float, float]],
+) -> str:
+    """Where it may hold outside the grid, in words; "" where it cannot."""
+    parts = _parts(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
+    for axes in (g.part(errors=False) for g in groups):
+        for state, edges in zip(axes.states, axes.grid.edges, strict=True):
+            low, high = reach[state]
+            first, last = edges[0], edges[-1]
+            sides = [(f"below {first!r}", low, min(first, high))] if low <= first else []
+            sides += [(f"above {last!r}", max(last, low), high)] if high >= last else []
+            for side, a, b in sides:
+                if not any(part.never(state, a, b) for part in parts):
+                    return f"{model.facts.states[state].name} is {side}"
+    return ""
+
+
+def _parts(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Part]:
+    """What must hold beside each other for `expr` to hold, and be judged without a fault."""
+    terms, states = anywhere.new_terms()
+    told = anywhere.predicate(terms, states, expr, errors=True)
+    sound = both_all(terms.obligations)
+    atoms = [next(iter(x.terms)) for x in states]
+    return [_Part(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+
+
+class _Part:
+    """One of the parts of a predicate, over states that may lie outside the grid."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        terms: Terms,
+        atoms: Sequence[int],
+        part: Proposition,
+        sound: Proposition,
+    ) -> None:
+        fails = both(negation(part), sound)
+        self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
+        own = ((exact(a), exact(b)) for a, b in model.extents)
+        self._box: Box = [*own, *self._decision.ranges]
+        free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
+        self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
+
+    def never(self, state: int, low: float, high: float) -> bool:
+        """Whether it certainly fails where a state is in a range: the box of all is halved.
+
+        What moves most of what is compared is halved first.
+        """
+        if not self._weights[state]:
+            return False
+        box = list(self._box)
+        box[state] = exact(low), exact(high)
+        widths = [b - a for a, b in box]
+        waiting, tries = [box], 0
+        while waiting:
+            box, tries = waiting.pop(), tries + 1
+            truth_bits = self._decision.of(box)
+            if truth_bits == 2:
+                continue
+            if truth_bits != 3 or tries > TRIES_BEYOND:
+                return False
+            shares = [
+                w * float((b - a) / full) if full > 0 else 0.0
+                for w, (a, b), full in zip(self._weights, box, widths, strict=True)
+            ]
+            axis = shares.index(max(shares))
+            middle = ((box[axis][0] + box[axis][1]) * HALF).mid()
+            halves = (box[axis][0], middle), (middle, box[axis][1])
+            waiting += [[*box[:axis], half, *box[axis + 1 :]] for half in halves]
+        return True

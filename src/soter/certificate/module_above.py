@@ -2,7 +2,7 @@
 
 Purpose: `read_above`: the parts of that one's `safer` which speak of the plants of this proof, and
 what a hand-back asks of H; assumptions that follow.
-Non-goals: that the state lies in R(H) there (`inclusions/handover_claim.py`); sharing code with
+Non-goals: that the state lies in R(H) there (`handover.py`); sharing code with
 `verify/problem/module_above.py`.
 """
 

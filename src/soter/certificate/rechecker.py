@@ -15,23 +15,16 @@ from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
-from soter.certificate.case_check import CaseCheck
+from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
-from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.dm_tables import compare_tables
-from soter.certificate.inclusions.group_claims import GroupTables
-from soter.certificate.induction.check_claims import recheck_induction
+from soter.certificate.inclusions.cell_sets import Axes, Grid
 from soter.certificate.module_above import read_above
-from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
-from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
-from soter.certificate.polytope.predicates_on_boxes import narrowed
+from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
@@ -39,7 +32,6 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report, of_those_above
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.task_processes import UnderWay
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 from soter.certificate.vacuous_proofs import vacuous
@@ -53,8 +45,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.certificate.induction.induction_problem import InductionFacts
+    from soter.certificate.groups import Extents, Group
+    from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
+    from soter.language.model.system import System
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that stand in the program, and in the manifest as they are there."""
@@ -136,26 +130,27 @@ def _check(
     checked, overrides = program_of(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256
-    covered: list[Facts | InductionFacts] = []
-    with UnderWay() as under_way:
-        for k, entry in enumerate(modules):
-            share = partial(_share, progress, k, len(modules))
-            phase(f"checking module {k + 1} of {len(modules)}")
-            facts: Facts | InductionFacts
-            if isinstance(entry, dict) and "induction" in entry:
-                facts, module_report = _by_induction(checked, overrides, entry)
-            else:
-                facts = _facts(checked, overrides, entry)
-            if any(_key(f) == _key(facts) for f in covered):
-                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-            covered.append(facts)
-            if isinstance(facts, Facts):
-                module_report = _module(certificate, facts, entry, share, workers, under_way)
-            module_report.parameters = parameters_of(facts.flying)
-            module_report.otherwise, module_report.contradicted = otherwise_in_program(
-                checked, facts.flying
-            )
-            under_way.afterwards(partial(report.modules.append, module_report))
+    covered: list[Covered] = []
+    for k, entry in enumerate(modules):
+        share = partial(_share, progress, k, len(modules))
+        phase(f"checking module {k + 1} of {len(modules)}")
+        facts: Covered
+        whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
+        if whole:
+            with _understood("a module"):
+                facts, module_report = whole[0](_system(checked, overrides, entry), entry)
+        else:
+            facts = _facts(checked, overrides, entry)
+        if any(_key(f) == _key(facts) for f in covered):
+            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+        covered.append(facts)
+        if isinstance(facts, Facts):
+            module_report = _module(certificate, facts, entry, share, workers)
+        module_report.parameters = parameters_of(facts.flying)
+        module_report.otherwise, module_report.contradicted = otherwise_in_program(
+            checked, facts.flying
+        )
+        report.modules.append(module_report)
     of_those_above(report.modules)
     for facts in covered:
         _in_all_views(facts, covered)
@@ -165,12 +160,12 @@ def _check(
         raise RejectedError(f"no claim rests on `{name}`")
 
 
-def _key(facts: Facts | InductionFacts) -> tuple[str, str, str]:
+def _key(facts: Covered) -> tuple[str, str, str]:
     view = facts.view if isinstance(facts, Facts) else ""
     return facts.flying.name, facts.flying_module.name, view
 
 
-def _in_all_views(facts: Facts | InductionFacts, covered: list[Facts | InductionFacts]) -> None:
+def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
     """A module that is proved in views is proved in all of them, or not at all."""
     if not isinstance(facts, Facts) or not facts.view:
         return
@@ -209,9 +204,7 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
     given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
     _keys(entry, (*MODULE_KEYS, *given), "a module")
     with _understood("a module"):
-        if entry["system"] not in checked.systems:
-            raise RejectedError(f"the program has no system `{entry['system']}`")
-        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
+        flat = _system(checked, overrides, entry)
         facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     read_above(facts)
     check_supported(facts)
@@ -221,15 +214,10 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
     return facts
 
 
-def _by_induction(
-    checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]
-) -> tuple[InductionFacts, RecheckedModule]:
-    """A module that is proved by induction."""
-    with _understood("a module"):
-        if entry["system"] not in checked.systems:
-            raise RejectedError(f"the program has no system `{entry['system']}`")
-        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
-        return recheck_induction(flat, entry)
+def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
+    if entry["system"] not in checked.systems:
+        raise RejectedError(f"the program has no system `{entry['system']}`")
+    return system_to_prove(checked, entry["system"], overrides, exact=False)
 
 
 def _module(
@@ -238,7 +226,6 @@ def _module(
     entry: dict[str, Any],
     progress: Callable[[float], None],
     workers: int,
-    under_way: UnderWay,
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
@@ -254,143 +241,103 @@ def _module(
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    tables, polytopes = [], []
+    groups = []
     for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
-            grids, others = _groups(certificate, facts, extents, case["groups"])
-        tables.append(grids)
-        polytopes.append(others)
+            groups.append(_groups(certificate, facts, extents, case["groups"]))
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
-            count = len(tables[0])
-            compare_tables(certificate, facts, tables, entry["tables"][:count])
-            compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
-    groups = list(zip(tables, polytopes, strict=True))
+            _compare_tables(certificate, facts, groups, entry["tables"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
     asked = partial(partial(_cases, facts, groups, extents, entry), claims, progress, workers, law)
-    _with_reads_as_old(facts, asked, under_way, name, apart=len(cases) > 1 or law is not None)
-    under_way.afterwards(partial(_complete, report, facts, groups, extents, claims))
-    report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
-    report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
-    report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
-    return report
-
-
-def _complete(
-    report: RecheckedModule,
-    facts: Facts,
-    groups: list[tuple[list[GroupTables], list[PolytopeTables]]],
-    extents: tuple[tuple[float, float], ...],
-    claims: set[str],
-) -> None:
-    """What is said of a module whose claims are shown."""
+    try:  # where there is a choice, with reads that are older than any
+        asked()
+    except (RejectedError, NotRecheckedError):
+        if facts.times["d_ns"] == facts.own.delay:
+            raise
+        facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
+        phase(f"{name}: again, with reads as old as there are", anew=True)
+        asked()
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
     report.vacuous, report.unseen = vacuous(facts, groups, extents)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
-
-
-def _with_reads_as_old(
-    facts: Facts,
-    cases: Callable[[UnderWay, Callable[[], None] | None], None],
-    under_way: UnderWay,
-    name: str,
-    *,
-    apart: bool,
-) -> None:
-    """All cases; where there is a choice, with reads that are older than any, else with those.
-
-    Older ones may be too much for our bounds. `apart`: they are several, which fail together.
-    """
-
-    def again() -> None:
-        facts.times["d_ns"] = facts.own.delay
-        phase(f"{name}: again, with reads as old as there are", anew=True)
-        with UnderWay() as alone:
-            cases(alone, None)
-
-    if facts.times["d_ns"] == facts.own.delay:
-        cases(under_way, None)
-    elif not apart:
-        cases(under_way, again)
-    else:
-        under_way.finish()
-        try:
-            with UnderWay() as alone:
-                cases(alone, None)
-        except (RejectedError, NotRecheckedError):
-            again()
+    for g in (g for of_case in groups for g in of_case):
+        g.tell(report)
+    report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
+    return report
 
 
 def _cases(
     facts: Facts,
-    tables: list[tuple[list[GroupTables], list[PolytopeTables]]],
-    extents: tuple[tuple[float, float], ...],
+    groups: list[list[Group]],
+    extents: Extents,
     entry: dict[str, Any],
     claims: set[str],
     progress: Callable[[float], None],
     workers: int,
     law: Law | None,
-    under_way: UnderWay,
-    otherwise: Callable[[], None] | None,
 ) -> None:
-    """Every claim, for every combination of parameter values; of the law that it keeps K_fs.
-
-    What begins here may be under way still when this ends. `otherwise`: see `UnderWay.begin`.
-    """
+    """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
-    for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
-        model = CaseModel(facts, values, narrowed(extents, others))
+    for k, (values, own) in enumerate(zip(cases, groups, strict=True)):
+        ranges = narrowed(extents, [g.part(errors=False) for g in own])
         share = partial(_share, progress, k, len(cases))
-        case = CaseCheck(model, groups, claims, entry, share, workers, others)
+        case = CaseCheck(CaseModel(facts, values, ranges), own, claims, entry, share, workers)
         if law is not None:
             of_law, kept = law[0], law[1][k]
-            ruled = CaseModel(of_law, values, narrowed(extents, others))
+            ruled = CaseModel(of_law, values, ranges)
             CaseCheck(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
-            case.lawful = [_of_law(g, kept) for g in groups]
-        under_way.begin(case, otherwise)
+            case.lawful = [g.kept_by(kept) for g in own]
+        case.check()
 
 
-Law = tuple[Facts, list[list[GroupTables]]]
+Law = tuple[Facts, list[list["Group"]]]
 """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
 
 
 def _law(
     certificate: Certificate,
     facts: Facts,
-    extents: tuple[tuple[float, float], ...],
+    extents: Extents,
     entry: dict[str, Any],
 ) -> Law:
     """What a certificate says of the fail-safe law."""
     with _understood("a law"):
         if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
             raise RejectedError("the cases of the law are not those of the module")
-        tables = []
+        groups = []
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
-            grids, others = _groups(certificate, facts, extents, case["groups"])
-            if others:
-                raise NotRecheckedError("a fail-safe law on polytopes is not rechecked")
-            tables.append(grids)
-    return law_of(facts), tables
+            groups.append(_groups(certificate, facts, extents, case["groups"]))
+            for g in groups[-1]:
+                g.kept_by(groups[-1])
+    return law_of(facts), groups
 
 
-def _of_law(group: GroupTables, law: list[GroupTables]) -> Cells:
-    """K_fs on the cells of a group."""
-    for other in law:
-        if other.states == group.states and other.grid.edges == group.grid.edges:
-            return Cells(group.grid, other.core > 0)
-    raise RejectedError("the law is looked at on other cells than SC")
+def _compare_tables(
+    certificate: Certificate,
+    facts: Facts,
+    cases: list[list[Group]],
+    entries: list[dict[str, Any]],
+) -> None:
+    """What the DM holds of each group against the sets of all cases."""
+    if len(entries) != len(cases[0]):
+        raise RejectedError("the tables of the DM are not one for each group")
+    if any([g.kind for g in case] != [g.kind for g in cases[0]] for case in cases):
+        raise RejectedError("the cases have other groups, and the DM has one table for all")
+    for same, entry in zip(zip(*cases, strict=True), entries, strict=True):
+        same[0].compare(certificate, facts, same, entry)
 
 
-def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+def _compare(facts: Facts, entry: dict[str, Any]) -> Extents:
     """Every figure of the manifest against the program; gives back the extents of the grid."""
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -440,56 +387,30 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
 def _groups(
     certificate: Certificate,
     facts: Facts,
-    extents: tuple[tuple[float, float], ...],
+    extents: Extents,
     entries: list[dict[str, Any]],
-) -> tuple[list[GroupTables], list[PolytopeTables]]:
+) -> list[Group]:
+    """In the order of the methods."""
     names = {s.name: i for i, s in enumerate(facts.states)}
-    tables, polytopes, seen = [], [], []
-    inputs = [facts.controls, facts.disturbances, facts.errors, facts.others]
+    groups: list[Group] = []
     for entry in entries:
-        if entry.get("kind") not in ("grid", "polytope"):
+        if entry.get("kind") not in list(GROUPS):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        if grid := entry["kind"] == "grid":
-            _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
+        method = GROUPS[entry["kind"]]
+        given = [k for k in method.optional if k in entry]
+        _keys(entry, (*method.required, *given), "a group")
         states, edges = [], []
         for axis in entry["axes"]:
             _keys(axis, ("state", "edges"), "an axis")
             if axis["state"] not in names:
                 raise RejectedError(f"there is no state `{axis['state']}`")
-            state = names[axis["state"]]
-            states.append(state)
+            states.append(names[axis["state"]])
             edges.append(certificate.edges(axis["edges"]))
-            if (edges[-1][0], edges[-1][-1]) != extents[state]:
+            if (edges[-1][0], edges[-1][-1]) != extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
-        seen += states
-        if grid:
-            certificate.count(tuple(len(e) - 1 for e in edges))
-            unbounded = tuple(s in facts.unbounded for s in states)
-            cells = Grid(tuple(edges), unbounded if any(unbounded) else ())
-            tables.append(_tables(certificate, entry, tuple(states), cells))
-            continue
-        own, count = [extents[s] for s in states], len(extents) + sum(len(x) for x in inputs)
-        polytopes.append(read_polytope(certificate, entry, tuple(states), own, count))
-    if sorted(seen) != list(range(len(facts.states))):
+        unbounded = tuple(s in facts.unbounded for s in states)
+        grid = Grid(tuple(edges), unbounded if any(unbounded) else ())
+        groups.append(method.read(certificate, facts, entry, Axes(tuple(states), grid)))
+    if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")
-    return tables, polytopes
-
-
-REQUIRED = ("kind", "axes", "K")
-OPTIONAL = ("R", "Q", "W", "W_N", "S")
-
-
-def _tables(
-    certificate: Certificate, entry: dict[str, Any], states: tuple[int, ...], grid: Grid
-) -> GroupTables:
-    shape = grid.shape
-    tables = GroupTables(states, grid, certificate.numbers(entry["K"], shape, "<u1"))
-    if "R" in entry:
-        tables.free = certificate.bits(entry["R"], shape)
-    if "Q" in entry:
-        tables.home = certificate.numbers(entry["Q"], shape, "<u1")
-    if "W" in entry:
-        tables.rank = certificate.numbers(entry["W"], shape, "<u2")
-        tables.rank_holds = certificate.numbers(entry.get("W_N"), shape, "<u1")
-    tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
-    return tables
+    return sorted(groups, key=lambda g: list(GROUPS).index(g.kind))

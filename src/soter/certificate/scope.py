@@ -7,7 +7,7 @@ Non-goals: assumptions (`assumptions.py`), which are about what is covered.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.reading.module_facts import Facts
@@ -20,13 +20,22 @@ from soter.language.model.types import DurationType
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.front_end import CheckResult
-    from soter.language.model.system import System
-    from soter.language.model.typed import TypedProgram
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import ModuleSymbol, TypedProgram
     from soter.language.model.types import Value
 
-    Covered = Facts | InductionFacts
+
+class Covered(Protocol):
+    """What is read of a module by whatever method it is proved."""
+
+    flying: System
+    flying_module: Module
+    sc: Component
+
+    @property
+    def symbol(self) -> ModuleSymbol:
+        """Its declaration."""
 
 
 def parameters_of(system: System) -> dict[str, str]:

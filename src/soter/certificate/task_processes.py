@@ -1,8 +1,7 @@
 """Tasks that forked processes do while this one goes on.
 
 Purpose: `TaskProcesses`: some processes that take tasks one after the other and tell what came of
-each. They see what there was when they were forked; only answers come back. `UnderWay`: one piece
-of work is with them while the next one is prepared.
+each. They see what there was when they were forked; only answers come back.
 Non-goals: what a task is (`case_check.py`). There is no thread: this process may fork again.
 """
 
@@ -15,20 +14,15 @@ import struct
 from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Generator
     from multiprocessing.connection import Connection
 
-    from typing_extensions import Self
-
 NUMBER = struct.Struct("<i")
-FAILURES = (RejectedError, NotRecheckedError)
 
 
 def can_fork() -> bool:
@@ -57,7 +51,7 @@ class TaskProcesses:
             self._processes.append(process)
             self._answers.append(ours)
 
-    def answers(self) -> Iterator[tuple[int, str]]:
+    def answers(self) -> Generator[tuple[int, str]]:
         """Tasks that are done, with their answers, as they come; what one raised is raised here.
 
         BrokenExecutor where a process ended before its time. Then, and when all is said, they end.
@@ -102,85 +96,3 @@ def _work(numbers: int, answer: Callable[[int], str], to: Connection, parent: in
         except Exception as error:  # noqa: BLE001  whoever asked is told
             to.send((k, error))
             return
-
-
-class Work(Protocol):
-    """What is done in two parts, the second by other processes."""
-
-    def begin(self) -> None:
-        """What this process does; then others are at work."""
-
-    def finish(self) -> None:
-        """Wait for them."""
-
-    def end(self) -> None:
-        """Have them end."""
-
-
-class UnderWay:
-    """The work that other processes do while this one prepares the next."""
-
-    def __init__(self) -> None:
-        self._work: Work | None = None
-        self._otherwise: Callable[[], None] | None = None
-        self._afterwards: list[Callable[[], None]] = []
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, raised: object, *_: object) -> None:
-        try:
-            if raised is None:
-                self.finish()
-        finally:
-            self.end()
-
-    def begin(self, work: Work, otherwise: Callable[[], None] | None = None) -> None:
-        """Begin some work, and then finish what was under way.
-
-        `otherwise` is what is done where a claim of this work fails; None: that is raised,
-        RejectedError or NotRecheckedError, here or when it is finished.
-        """
-        try:
-            work.begin()
-        except FAILURES:
-            if otherwise is None:
-                raise
-            self.finish()
-            otherwise()
-            return
-        try:
-            self.finish()
-        except BaseException:
-            work.end()
-            raise
-        self._work, self._otherwise = work, otherwise
-
-    def finish(self) -> None:
-        """Wait for what is under way, and do what is to be done then.
-
-        RejectedError, NotRecheckedError where a claim fails and nothing else is to be tried.
-        """
-        work, otherwise, afterwards = self._work, self._otherwise, self._afterwards
-        self._work, self._otherwise, self._afterwards = None, None, []
-        if work is not None:
-            try:
-                work.finish()
-            except FAILURES:
-                if otherwise is None:
-                    raise
-                otherwise()
-        for then in afterwards:
-            then()
-
-    def afterwards(self, then: Callable[[], None]) -> None:
-        """What is done when what is under way is finished; at once where nothing is."""
-        self._afterwards.append(then)
-        if self._work is None:
-            self.finish()
-
-    def end(self) -> None:
-        """What still works is not waited for, and shows nothing."""
-        if self._work is not None:
-            self._work.end()
-        self._work, self._otherwise, self._afterwards = None, None, []

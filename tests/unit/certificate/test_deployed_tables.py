@@ -16,7 +16,7 @@ from bench.recheck.models import Cart
 import soter
 from soter.api import recheck
 from soter.certificate.inclusions.cell_sets import Grid
-from soter.certificate.inclusions.dm_tables import levels_of, packed
+from soter.certificate.inclusions.grid_group import levels_of, packed
 from soter.certificate.inclusions.group_claims import GroupTables
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete

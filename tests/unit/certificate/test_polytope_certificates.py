@@ -14,6 +14,9 @@ import pytest
 
 import soter
 from long_tests import some
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Cells, Grid
+from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.rechecker import Report, recheck
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
@@ -557,3 +560,82 @@ def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
     monkeypatch.setitem(sys.modules, "highspy", None)
     assert not shown_with(2.5, "without_hints")
     assert shown_with(8.0, "by_the_box")
+
+
+# ---------------------------------------------------------------- what only cells would show
+
+STILL = (
+    ("type Motion = { x: float, v: float };", "type Motion = { x: float };"),
+    ("{ x: x, v: v }", "{ x: x }"),
+    ("  state v: float = 0.0;\n", ""),
+    ("  der x = v;\n", ""),
+    ("der v = accel + wind;", "der x = accel - x + wind;"),
+    ("measured motion.x within 0.02, motion.v within 0.05;", "measured motion.x within 0.02;"),
+    ("(goal - motion.x) - motion.v, -A, A)", "(goal - motion.x), -A, A)"),
+    ("-2.0 * motion.x - 2.5 * motion.v", "-2.0 * motion.x"),
+    ("motion.x in [-2.0, 2.0], motion.v in [-6.0, 6.0];", "motion.x in [-2.0, 2.0];"),
+    ("safe abs(motion.x) < WALL;", "safe abs(motion.x) < WALL;\n  failsafe accel = 0.0;"),
+)
+GUST = (
+    ("topic accel:", "topic gust: float in [-9.0, 9.0] max_age 10ms;\ntopic accel:"),
+    ("drives motion = { x: x };", "drives motion = { x: x };\n  drives gust = SENT;"),
+    ("state x: float = 0.0;", "state x: float = 0.0;\n  state k: int in [1, 2] = 1;"),
+)
+
+
+@pytest.mark.parametrize(
+    ("sent", "whole"),
+    [("2.0", False), ("k == 1 ? 0.0 : WALL", False), ("0.3 - 0.3 * WALL", True)],
+)
+def test_what_is_published_and_reads_no_state_lies_in_its_set_too(
+    sent: str, whole: bool, tmp_path: Path
+) -> None:
+    """It is asked of the start as well: so nothing is claimed of that."""
+    folder, _ = written(tmp_path, program(*STILL, *GUST, ("SENT", sent)))
+    at = Opened(folder)
+    at.entry["claims"]["start"] = "undecided"
+    at.program("[-9.0, 9.0]", "[-0.5, 0.5]")
+    report = checked(at.seal())
+    assert report.accepted == whole, report.reason
+    assert whole or "`gust` lies in its declared set" in report.reason
+
+
+@pytest.fixture(scope="module")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder, report = written(tmp_path_factory.mktemp("still"), program(*STILL))
+    assert report.modules[0].findings["failsafe"].verdict == "undecided"
+    return folder
+
+
+def test_a_law_on_cells_is_none_for_polytopes(still: Path, tmp_path: Path) -> None:
+    """K_fs is a core of the law, and K of the polytope is larger: nothing compares them."""
+
+    def edit(at: Opened) -> None:
+        edges = np.linspace(-2.0, 2.0, 41)
+        inside = (edges[:-1] >= -0.55) & (edges[1:] <= 0.55)
+        for name, data in (("edges", edges.astype("<f8")), ("K", inside.astype(np.uint8))):
+            (at.folder / "sets" / f"law_{name}.bin").write_bytes(data.tobytes())
+            at.manifest["files"][f"sets/law_{name}.bin"] = ""
+        axis = {"state": at.entry["inputs"][0]["name"], "edges": "sets/law_edges.bin"}
+        group = {"kind": "grid", "axes": [axis], "K": "sets/law_K.bin"}
+        at.entry["law"] = [{"parameter": [], "groups": [group]}]
+        at.entry["claims"]["failsafe"] = "proved"
+
+    reason = "not rechecked: a fail-safe law on polytopes is not rechecked"
+    assert rejected(still, tmp_path, edit) == reason
+
+
+def test_a_shield_is_none_of_polytopes(still: Path, tmp_path: Path) -> None:
+    def edit(at: Opened) -> None:
+        at.program("  safe abs", "  shield 4;\n  safe abs")
+
+    assert rejected(still, tmp_path, edit) == "not rechecked: a shield beside polytopes"
+
+
+def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:
+    nothing: Any = None
+    check = PolytopeCheck(nothing, nothing)
+    cells = Cells(Grid(((0.0, 1.0),)), np.zeros(1, dtype=np.bool_))
+    for asked, name in ((check.safe, "safe"), (check.home, "safer")):
+        with pytest.raises(RejectedError, match=f"`{name}` is not certain on the box"):
+            asked(cells)

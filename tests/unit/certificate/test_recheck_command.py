@@ -12,6 +12,7 @@ from json_documents import problems_of
 from soter.api.program import load
 from soter.certificate.allowed_claims import CLAIMS, SAFETY
 from soter.certificate.polytope.certificate_tables import HalfSpaces
+from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import RecheckedModule, Report
 from soter.certificate.report import of_those_above
 from soter.certificate.terms.arb_balls import exact
@@ -175,7 +176,7 @@ def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tup
     tables: Any = SimpleNamespace(
         states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
     )
-    return _of_tables(facts, [], [tables], ((-1.0, 1.0), (-1.0, 1.0)))
+    return _of_tables(facts, [PolytopeGroup(tables)], ((-1.0, 1.0), (-1.0, 1.0)))
 
 
 def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:

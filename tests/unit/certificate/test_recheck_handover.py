@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,6 +15,7 @@ from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.handover import jumps_of
 from soter.certificate.inclusions.cell_sets import Cells
+from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.certificate.terms.terms import NotRecheckedError
@@ -293,14 +295,14 @@ def test_of_where_the_state_jumps_to_nobody_knows_that_it_is_safe(
     """Unlike of `ttf` and `safer`: cells on which `safe` fails count, too."""
     text = of_walls().replace("safe left.room >= 0.0", "safe left.room >= 1.0")
     facts = facts_of(tmp_path, text)[0]
-    other, ((grids, _),), extents, claims = proved[2][0]
+    other, ((grid,),), extents, claims = proved[2][0]
     facts.times = other.times
-    (group,) = grids
+    group = grid.tables
     whole = group.free
     try:
         group.free = whole.copy()
         group.free[: sum(e < 1.0 for e in group.grid.edges[0]) - 1] = False
-        (jumps,) = jumps_of(facts, [(grids, ())], extents, claims).values()
+        (jumps,) = jumps_of(facts, [[grid]], extents, claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole
@@ -345,20 +347,20 @@ def test_a_jump_that_is_not_shown_whole_is_not_told(tmp_path: Path, proved: Prov
 
 
 def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
-    other, ((grids, _),), extents, claims = proved[2][0]
+    other, ((grid,),), extents, claims = proved[2][0]
     facts = facts_of(tmp_path, of_walls())[0]
     facts.times = other.times
-    some: list[Any] = [object()]
-    (jumps,) = jumps_of(facts, [(grids, some)], extents, claims).values()
+    tables: Any = SimpleNamespace(states=grid.states)
+    (jumps,) = jumps_of(facts, [[PolytopeGroup(tables)]], extents, claims).values()
     assert jumps[0].why == "half-spaces are not looked at"
 
 
 def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path) -> None:
     """Where a guard may hold, and nowhere else, R(H) has to hold the cell."""
     facts = facts_of(tmp_path, of_walls())[0]
-    other, ((grids, _),), extents, claims = proved[2][0]
+    other, ((grid,),), extents, claims = proved[2][0]
     facts.times = other.times
-    (group,) = grids
+    group = grid.tables
     whole = group.free.copy()
     at = group.grid.cells((2.0, 2.0, 0.0, 0.0))
     assert at is not None
@@ -366,7 +368,7 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
     try:
         group.free = whole.copy()
         group.free[tuple(low for low, _ in at)] = False
-        (jumps,) = jumps_of(facts, [(grids, ())], extents, claims).values()
+        (jumps,) = jumps_of(facts, [[grid]], extents, claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.certificate.case_check import BLOCKS, CELL, SMALL, CaseCheck
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.groups import LOOK
 from soter.certificate.inclusions.cell_sets import Grid
+from soter.certificate.inclusions.grid_group import BLOCKS, SMALL, blocks
 
 SIDE = 70
 
@@ -21,8 +23,8 @@ def told(*holds: np.ndarray | None) -> list[float]:
     case = CaseCheck(None, [], set(), {}, shares.append, 1)  # type: ignore[arg-type]
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
-        case._add("nothing", Grid((edges, edges)), lambda _: iter(()), each)
-    case._start_tasks()
+        case.tasks += blocks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
+    case._show()
     return shares
 
 
@@ -35,7 +37,7 @@ def test_a_claim_counts_by_the_holds_its_cells_are_followed_for(one: int, other:
     assert all(a < b for a, b in pairwise(shares))
     assert shares[-1] == pytest.approx(1.0)
     # the claims are shown in the other order: the last one first
-    weight = (other + CELL) / (one + other + 2 * CELL)
+    weight = (other + LOOK) / (one + other + 2 * LOOK)
     assert shares[len(shares) // 2 - 1] == pytest.approx(weight)
 
 

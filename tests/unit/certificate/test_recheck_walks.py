@@ -14,6 +14,7 @@ from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid, unshown, volume
+from soter.certificate.inclusions.grid_group import GridGroup
 from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.inclusions.inward_flow import points_inwards
 from soter.certificate.reading.case_model import CaseModel
@@ -114,17 +115,13 @@ def test_a_group_that_flows_inwards_needs_no_chain(
         return chain(self, pieces)
 
     monkeypatch.setattr(ChainCheck, "chain", noted)
-    case = CaseCheck(model, [groups[1]], {"P2a"}, {}, lambda _: None, 1)
-    case.cores = [Cells(groups[1].grid, groups[1].core > 0)]
-    case.kept = [True]
-    case._kernel()
-    case._free()
-    assert case.tasks == []
+    check = GridGroup(groups[1]).check(model, None)
+    assert check.kept
+    assert list(check.core()) == list(check.free(10**6)) == []
     assert asked == []
-    case.kept = [False]
-    case._kernel()
+    check.kept = False
+    assert list(check.core())
     assert asked
-    assert case.tasks
 
 
 def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Path) -> None:
@@ -133,9 +130,55 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     grid = Grid(((-1.13, 0.0, 1.13),))
     half = np.array([1, 0], dtype=np.uint8)
     part = GroupTables((1,), grid, half, half > 0, half, np.ones(2, np.uint16), half)
-    case = CaseCheck(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
+    own = [GridGroup(tables) for tables in (groups[0], part)]
+    case = CaseCheck(model, own, {"P2a"}, {}, lambda _: None, 1)
     with pytest.raises(RejectedError, match="lead back"):
         case.check()
+
+
+def some_cells(*members: int) -> NDArray[np.uint8]:
+    table = np.zeros(40, dtype=np.uint8)
+    table[list(members)] = 1
+    return table
+
+
+REFUSED: dict[str, tuple[str, dict[str, Any], int | None]] = {
+    "K is empty": ("P1a", {"core": some_cells()}, None),
+    "a claim needs R, which is not there": ("ttf", {"free": None}, None),
+    "an initial state may leave K before SC acts": ("start", {"core": some_cells(3)}, None),
+    "a claim needs Q and W, which are not there": ("P2b", {"home": None}, None),
+    "Q holds cells on which `safer` is not certain": ("P2b", {}, None),
+    "W does not hold all of K": (
+        "P2b",
+        {"home": some_cells(20), "rank": np.zeros(40, dtype=np.uint16)},
+        None,
+    ),
+    "the program declares no time to return": ("P2b", {}, 10**9),
+}
+
+
+@pytest.mark.parametrize("why", REFUSED)
+def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    claim, tables, recover_ns = REFUSED[why]
+    own = [GridGroup(replace(groups[0], **tables)), GridGroup(groups[1])]
+    with pytest.raises(RejectedError, match=why):
+        CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+
+
+def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    sets = [some_cells(*cells) > 0 for cells in ((20, 21), (20, 22), (20,))]
+    for levels, why in (
+        (sets[:1], "not as many as the levels ask for"),
+        (sets, "not as many as the levels ask for"),
+        (sets[:2], "S_1 is no part of S_0"),
+    ):
+        check = GridGroup(replace(groups[0], levels=levels)).check(model, None)
+        with pytest.raises(RejectedError, match=why):
+            list(check.levels(10**6))
+    check = GridGroup(replace(groups[0], levels=[sets[0], sets[2]])).check(model, None)
+    assert len(list(check.levels(10**6))) == 2
 
 
 @pytest.mark.parametrize(

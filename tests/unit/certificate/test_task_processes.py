@@ -9,7 +9,7 @@ from concurrent.futures import BrokenExecutor
 import pytest
 
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.task_processes import TaskProcesses, UnderWay, can_fork
+from soter.certificate.task_processes import TaskProcesses, can_fork
 from soter.certificate.terms.terms import NotRecheckedError
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="this system does not fork processes")
@@ -85,107 +85,3 @@ def test_processes_end_when_nobody_waits() -> None:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     running.end()
-
-
-# ---------------------------------------------------------------- one after the other
-
-
-class Noted:
-    """Work that notes what is done of it, and fails where it is told to."""
-
-    def __init__(self, name: str, notes: list[str], *, fails: str = "") -> None:
-        self.name, self.notes, self.fails = name, notes, fails
-
-    def _do(self, what: str) -> None:
-        self.notes.append(f"{self.name} {what}")
-        if self.fails == what:
-            raise RejectedError(self.name)
-
-    def begin(self) -> None:
-        self._do("begins")
-
-    def finish(self) -> None:
-        self._do("is finished")
-
-    def end(self) -> None:
-        self.notes.append(f"{self.name} ends")
-
-
-def test_the_next_work_begins_before_the_last_is_finished() -> None:
-    notes: list[str] = []
-    with UnderWay() as under_way:
-        under_way.afterwards(lambda: notes.append("at once"))
-        for name in "ab":
-            under_way.begin(Noted(name, notes))
-            under_way.afterwards(lambda name=name: notes.append(f"after {name}"))  # type: ignore[misc]
-    assert notes == [
-        *("at once", "a begins", "b begins", "a is finished", "after a"),
-        *("b is finished", "after b"),
-    ]
-
-
-@pytest.mark.parametrize(
-    ("last", "what"), [("a", "is finished"), ("b", "begins"), ("b", "is finished")]
-)
-def test_what_fails_is_raised_and_nothing_of_it_is_done_afterwards(last: str, what: str) -> None:
-    notes: list[str] = []
-
-    def all_three() -> None:
-        with UnderWay() as under_way:
-            for name in "abc":
-                under_way.begin(Noted(name, notes, fails=what if name == last else ""))
-                under_way.afterwards(lambda name=name: notes.append(f"after {name}"))  # type: ignore[misc]
-
-    with pytest.raises(RejectedError, match=last):
-        all_three()
-    assert f"after {last}" not in notes
-    assert "c begins" not in notes or last == "b"
-    assert "after c" not in notes
-
-
-@pytest.mark.parametrize("what", ["begins", "is finished"])
-def test_work_that_fails_has_another_way_of_its_own(what: str) -> None:
-    """Not that of the one before."""
-    notes: list[str] = []
-    with UnderWay() as under_way:
-        under_way.begin(Noted("a", notes), lambda: notes.append("a otherwise"))
-        under_way.begin(Noted("b", notes, fails=what), lambda: notes.append("b otherwise"))
-        under_way.afterwards(lambda: notes.append("after b"))
-    assert notes.index("a is finished") < notes.index("b otherwise") < notes.index("after b")
-    assert "a otherwise" not in notes
-
-
-def test_another_way_that_fails_too_is_raised() -> None:
-    def otherwise() -> None:
-        raise NotRecheckedError("neither")
-
-    with pytest.raises(NotRecheckedError, match="neither"), UnderWay() as under_way:
-        under_way.begin(Noted("a", [], fails="is finished"), otherwise)
-
-
-def test_the_work_before_fails_for_itself() -> None:
-    """What the next one has as another way is not tried for it."""
-    notes: list[str] = []
-
-    def both() -> None:
-        with UnderWay() as under_way:
-            under_way.begin(Noted("a", notes, fails="is finished"))
-            under_way.begin(Noted("b", notes), lambda: notes.append("b otherwise"))
-
-    with pytest.raises(RejectedError, match="a"):
-        both()
-    assert "b ends" in notes
-    assert "b otherwise" not in notes
-
-
-def test_an_error_elsewhere_ends_what_is_under_way() -> None:
-    notes: list[str] = []
-
-    def interrupted() -> None:
-        with UnderWay() as under_way:
-            under_way.begin(Noted("a", notes))
-            raise KeyError
-
-    with pytest.raises(KeyError):
-        interrupted()
-    assert notes == ["a begins", "a ends"]

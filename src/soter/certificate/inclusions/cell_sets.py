@@ -132,6 +132,14 @@ class Grid:
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
 
 
+@dataclass(eq=False)
+class Axes:
+    """Some states, and the grid over them."""
+
+    states: tuple[int, ...]
+    grid: Grid
+
+
 def _width(edges: Sequence[float], cell: int) -> arb:
     """Of one cell of an axis; the last one is -2."""
     return exact(edges[cell + 1]) - exact(edges[cell])

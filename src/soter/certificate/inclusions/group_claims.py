@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.certificate.inclusions.cell_sets import (
+    Axes,
     Cells,
-    Grid,
     block_index,
     finer,
     uncovered,
@@ -55,11 +55,9 @@ UNRANKED = 1 << 20
 
 
 @dataclass(eq=False)
-class GroupTables:
+class GroupTables(Axes):
     """The sets of one group as the certificate has them."""
 
-    states: tuple[int, ...]
-    grid: Grid
     core: NDArray[np.uint8]
     free: NDArray[np.bool_] | None = None
     home: NDArray[np.uint8] | None = None

@@ -18,19 +18,16 @@ holds of the whole grid, with no condition.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions.cell_sets import finer
 from soter.certificate.inclusions.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from flint import arb
 
@@ -52,31 +49,20 @@ def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
     return all(low and high for low, high in uncrossed_ends(model, states))
 
 
-def led_out_by_scheme(model: CaseModel, states: Sequence[int]) -> bool:
-    """Whether a group that no command moves is kept by its linear flow, and not by its scheme."""
+def scheme_at_fault(model: CaseModel, states: Sequence[int]) -> str:
+    """What is said of a group that its linear flow keeps, and its scheme perhaps not; or ""."""
     if model.facts.kind != "flow" or not is_linear(model, states):
-        return False
+        return ""
     if LocalFlow(model, states).moves:
-        return False
-    ends = [_ends(model, states, as_stepped=of) for of in (True, False)]
-    return not all(low and high for low, high in ends[0]) and all(a and b for a, b in ends[1])
-
-
-@contextmanager
-def scheme_named(model: CaseModel, groups: Sequence[Sequence[int]]) -> Iterator[None]:
-    """RejectedError that names the scheme where a claim fails and it may lead out of a grid."""
-    try:
-        yield
-    except (RejectedError, NotRecheckedError) as error:
-        for states in groups:
-            if led_out_by_scheme(model, states):
-                names = ", ".join(model.facts.states[i].name for i in states)
-                why = (
-                    f"no command moves {names}; its differential equation keeps it in its "
-                    "grid, and that the scheme which integrates it does was not shown"
-                )
-                raise RejectedError(f"{why} ({error})") from None
-        raise
+        return ""
+    stepped, flows = (_ends(model, states, as_stepped=of) for of in (True, False))
+    if all(a and b for a, b in stepped) or not all(a and b for a, b in flows):
+        return ""
+    names = ", ".join(model.facts.states[i].name for i in states)
+    return (
+        f"no command moves {names}; its differential equation keeps it in its "
+        "grid, and that the scheme which integrates it does was not shown"
+    )
 
 
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:

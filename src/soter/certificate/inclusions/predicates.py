@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Block, Grid
+    from soter.certificate.inclusions.cell_sets import Axes, Block, Grid
     from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
@@ -135,7 +135,7 @@ def _grid_boxes(model: CaseModel) -> list[tuple[arb, arb]]:
 
 
 def certain(
-    model: CaseModel, groups: Sequence[GroupTables], expr: typed.TypedExpr, *, errors: bool
+    model: CaseModel, groups: Sequence[Axes], expr: typed.TypedExpr, *, errors: bool
 ) -> list[Cells]:
     """For each group the cells on which its share of a predicate certainly holds.
 
@@ -149,7 +149,7 @@ def certain(
     return _shared_out(model, groups, terms, states, truth)
 
 
-def published(model: CaseModel, groups: Sequence[GroupTables], topic: int) -> list[Cells]:
+def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
     """The same of what a plant publishes on a topic: on every estimate it is in its declared set.
 
     Outside of it the plant stops. NotRecheckedError as `certain`.
@@ -160,7 +160,7 @@ def published(model: CaseModel, groups: Sequence[GroupTables], topic: int) -> li
 
 def _shared_out(
     model: CaseModel,
-    groups: Sequence[GroupTables],
+    groups: Sequence[Axes],
     terms: Terms,
     states: Sequence[Linear],
     truth: Proposition,
@@ -240,7 +240,7 @@ class Decision:
 
 
 def _certain_cells(
-    model: CaseModel, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Proposition
+    model: CaseModel, group: Axes, terms: Terms, atoms: Sequence[int], truth: Proposition
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
     decision = Decision(model, group.states, terms, atoms, truth)
@@ -281,7 +281,7 @@ class AdmitCheck:
     def __init__(
         self,
         model: CaseModel,
-        group: GroupTables,
+        group: Axes,
         expr: typed.TypedExpr,
         *,
         admits: bool,
@@ -302,14 +302,12 @@ class AdmitCheck:
         self.decision = Decision(model, group.states, terms, atoms, fine)
 
 
-def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
+def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterator[Block]:
     """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
-    group = check.group
-    assert group.free is not None
+    grid = check.group.grid
 
     def attempt(at: Block) -> bool:
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return check.decision.holds_in(group.grid, at, splits)
+        return check.decision.holds_in(grid, at, splits)
 
-    todo = Cells(group.grid, ~group.free)
-    return uncovered(todo, block, attempt, volume(group.grid.whole))
+    return uncovered(Cells(grid, ~free), block, attempt, volume(grid.whole))

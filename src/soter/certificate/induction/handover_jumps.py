@@ -4,7 +4,7 @@ Purpose: `why_not`: the node part of a hand-over (docs/proof.md), for one topic 
 Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
 published as it was published last, or `enters` holds of what the later step reads and publishes,
 and that step publishes all by which the decision module and SC know of the view.
-Non-goals: that the state lies in R(H) wherever `enters` holds (`inclusions/handover_claim.py`).
+Non-goals: that the state lies in R(H) wherever `enters` holds (`handover.py`).
 
 Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
 reads. A step that faults publishes nothing, and its node is latched: it is the last one.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import z3
 
@@ -227,8 +227,8 @@ class SolverReading:
             return sight.in_control
         if isinstance(e, (typed.TimeRead, typed.PeriodRead)):
             return unknown(e.type, "time", sight.facts)
-        if isinstance(e, (typed.TypedLength, typed.Index)):
-            return self._counted(e, where)
+        if type(e) in self._READ_BY:
+            return self._READ_BY[type(e)](self, e, where)
         if isinstance(e, typed.Conditional):
             c = self.value(e.condition, where)
             then = self.value(e.then, z3.And(where, c))
@@ -245,16 +245,6 @@ class SolverReading:
             low, high = extent(e.type)
             self._faulty(where, z3.Or(value < low, value > high))
             return value
-        if isinstance(e, typed.TypedChoose):
-            return self._chosen(e, where)
-        if isinstance(e, typed.TypedCall):
-            return self._call(e, where)
-        if isinstance(e, typed.Builtin):
-            return self._builtin(e, where)
-        if isinstance(e, typed.TypedUnary):
-            return self._unary(e, where)
-        if isinstance(e, typed.TypedBinary):
-            return self._binary(e, where)
         if isinstance(e, typed.Vector) and e.op in "+-*" and isinstance(e.type, RecordType):
             return by_component(e.op, self.value(e.left, where), self.value(e.right, where))
         raise NotRecheckedError(
@@ -390,6 +380,16 @@ class SolverReading:
         faults = applied(f"{name} faults{nan}", values, _BOOL, self.sight.facts)
         self.doubt = z3.Or(self.doubt, z3.And(where, faults))
         return applied(name, values, fun.result, self.sight.facts)
+
+    _READ_BY: ClassVar[dict[type, Callable[[Any, Any, Term], Term]]] = {
+        typed.TypedLength: _counted,
+        typed.Index: _counted,
+        typed.TypedChoose: _chosen,
+        typed.TypedCall: _call,
+        typed.Builtin: _builtin,
+        typed.TypedUnary: _unary,
+        typed.TypedBinary: _binary,
+    }
 
 
 _BOOL = BoolType()

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Grid
-from soter.certificate.inclusions.group_claims import GroupTables
+from soter.certificate.inclusions.cell_sets import Axes, Grid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -118,11 +117,9 @@ class PolytopeTables:
     leaves: list[tuple[tuple[float, ...], arb]] | None = None
     """The same of what makes it leave AC in control."""
 
-    def as_cell(self, box: HalfSpaces) -> GroupTables:
-        """A box as a group with a grid of one cell."""
-        edges = tuple((a, b) for a, b in zip(box.low, box.high, strict=True))
-        one = np.ones((1,) * len(edges), dtype=np.uint8)
-        return GroupTables(self.states, Grid(edges), one)
+    def as_cell(self, box: HalfSpaces) -> Axes:
+        """A box as a grid of one cell."""
+        return Axes(self.states, Grid(tuple(zip(box.low, box.high, strict=True))))
 
 
 # ---------------------------------------------------------------- reading
@@ -139,10 +136,6 @@ def read_polytope(
 
     `RejectedError`, or an error of Python's where the manifest is not as it should be.
     """
-    missing = set(REQUIRED) - entry.keys()
-    unknown = entry.keys() - {*REQUIRED, *OPTIONAL, *HINTS}
-    for name in sorted(missing | unknown):
-        raise RejectedError(f"a polytope group has {'no' if name in missing else 'a'} `{name}`")
     n = len(states)
     reader = _MatrixReader(certificate, n)
     low, high = reader.box(entry["C"])

@@ -1,7 +1,7 @@
 """The claims about one polytope group, each shown again from its half-spaces and multipliers.
 
-Purpose: `PolytopeCheck`: K, R(H), the levels of computed predicates, the start, Q, the way to it.
-Non-goals: predicates of the user (`predicates_on_boxes.py`), the DM (`dm_half_spaces.py`).
+Purpose: `PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it.
+Non-goals: what is published (`published_value_ranges.py`), what the DM holds (`polytope_group.py`).
 
 K is a core (docs/proof.md, "Polytopes"): from every state of K at a nominal time C holds for a
 period and K when it ends, whatever is outstanding from the period before and whatever of the next
@@ -13,11 +13,16 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.groups import GroupCheck, whole
+from soter.certificate.inclusions.predicates import AdmitCheck
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
 from soter.certificate.polytope.linear_with_noise import enclosed_flow
+from soter.certificate.polytope.published_value_ranges import all_published, starts_in_sets
 from soter.certificate.polytope.sc_linear_law import linear_law
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.problem import error_of
@@ -25,12 +30,19 @@ from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exac
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from flint import arb
+    from numpy.typing import NDArray
 
+    from soter.certificate.groups import Task
+    from soter.certificate.inclusions.cell_sets import Cells
     from soter.certificate.polytope.certificate_tables import PolytopeTables, Triples
+    from soter.certificate.polytope.sc_linear_law import CommandLaw
     from soter.certificate.reading.case_model import CaseModel
+    from soter.language.model import typed
+
+    Floats = NDArray[np.float64]
 
 
 def errors_of(model: CaseModel, tables: PolytopeTables) -> list[arb]:
@@ -47,6 +59,11 @@ def errors_of(model: CaseModel, tables: PolytopeTables) -> list[arb]:
 
 WORK_MAX = 1_000_000
 """Of all claims about a group, in half-spaces times pieces of time times states: a minute or so."""
+BOXES_MAX = 200_000
+SMALLEST = 2.0**-16
+"""Of the group's box: a box that small is not halved any more."""
+ROUNDING = 1e-12
+"""Far above the rounding of a sum of a dozen products of doubles, relative to their sizes."""
 
 
 def affordable(tables: PolytopeTables) -> None:
@@ -73,19 +90,23 @@ def affordable(tables: PolytopeTables) -> None:
         )
 
 
-class PolytopeCheck:
-    """One group in one case; `model.extents` of its states are the box of C.
+class PolytopeCheck(GroupCheck):
+    """One group in one case; `model.extents` of its states are the box of C."""
 
-    `delays_ns`: d and j, as `sc_chains.py` has them for grids.
-    """
+    law: CommandLaw
+    flow: BallFlow
 
-    def __init__(
-        self, model: CaseModel, tables: PolytopeTables, delays_ns: tuple[int, int]
-    ) -> None:
+    def __init__(self, model: CaseModel, tables: PolytopeTables) -> None:
+        self.model, self.tables = model, tables
+
+    def safe(self, cells: Cells) -> None:
+        """On all of C. Then what the claims are about is read."""
+        model, tables = self.model, self.tables
+        if not cells.members.all():
+            raise RejectedError("`safe` is not certain on the box of a polytope group")
         if model.facts.kind != "flow":
             raise NotRecheckedError("a polytope group of a map")
         affordable(tables)
-        self.model, self.tables, self.delays_ns = model, tables, delays_ns
         box = list(zip(tables.constraint.low, tables.constraint.high, strict=True))
         if box != [model.extents[s] for s in tables.states]:
             raise RejectedError("a polytope group ranges over another box than its C")
@@ -97,7 +118,7 @@ class PolytopeCheck:
         self.flow = BallFlow(flow, box, self.law.controls)
 
     @cached_property
-    def core(self) -> BoundedPolytope:
+    def kernel(self) -> BoundedPolytope:
         """K in balls."""
         return BoundedPolytope(self.tables.core)
 
@@ -125,9 +146,10 @@ class PolytopeCheck:
         rate = self.tables.rates[which]
         if rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
-        period = self.model.facts.times["delta_ns"]
-        instants = self._instants("hold", period)
-        return HoldImage(self.flow, self.law, rate.tolist(), instants, self.delays_ns)
+        facts = self.model.facts
+        instants = self._instants("hold", facts.times["delta_ns"])
+        late = facts.delay_ns, facts.jitter_ns
+        return HoldImage(self.flow, self.law, rate.tolist(), instants, late)
 
     def _boxed_in(self, what: str, inner: HalfSpaces, outer: HalfSpaces) -> None:
         if not inner.boxed_in(outer):
@@ -164,16 +186,46 @@ class PolytopeCheck:
         """A hold of SC that begins in K."""
         return self._hold("K")
 
-    def show_core(self) -> None:
-        """K."""
+    def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+        """On all of C; else in K, and in what SC does from there. Of an abstraction it is assumed.
+
+        RejectedError where neither is shown.
+        """
+        certain = bool(cells.members.all()) or all_published(
+            self.model,
+            [(c.tables, c.kernel, c.hold_of_core) for c in checks if isinstance(c, PolytopeCheck)],
+            topic,
+        )
+        if not certain and not self.model.facts.symbol.verify.abstracts:
+            name = self.model.facts.system.topics[topic].name
+            raise RejectedError(
+                f"not rechecked: it was not shown over the half-spaces of K that what a plant "
+                f"publishes on `{name}` lies in its declared set: elsewhere it stops"
+            )
+        return certain
+
+    @whole
+    def core(self) -> None:
+        """SC keeps K and, on the way, C."""
         own = self.tables.constraint
         self._kept("K", self.hold_of_core, self.tables.core, own, self._given("K"))
 
-    def show_home(self) -> None:
-        """Q is kept inside the target, whose tube the estimates follow, and K leads there.
+    @property
+    def holds(self) -> int:
+        """As many from all of K."""
+        return self.tables.periods
 
-        RejectedError where that does not hold, or Q or its target is not there.
-        """
+    def home(self, calm: Cells | None) -> list[Task]:
+        """On all of the target's box, or where the DM's half-spaces give control back."""
+        if calm is None:
+            return [*self._show_home(), *self._show_given_back()]
+        if not calm.members.all():
+            raise RejectedError("`safer` is not certain on the box of a polytope group")
+        return self._show_home()
+
+    @whole
+    def _show_home(self) -> None:
+        """Q is kept inside the target, whose tube the estimates follow, and K leads there."""
         tables = self.tables
         home, target = tables.home, tables.target
         if home is None or target is None:
@@ -189,7 +241,23 @@ class PolytopeCheck:
         for _ in range(tables.periods):
             row, more = hold.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
-        self.core.require("K returns to Q", row, within(ends, loss), next(given))
+        self.kernel.require("K returns to Q", row, within(ends, loss), next(given))
+
+    @whole
+    def _show_given_back(self) -> None:
+        """Every estimate of a state in the target lies where the DM surely gives control back."""
+        tables, errors = self.tables, self.errors
+        assert tables.target is not None
+        if tables.gives_back is None:
+            raise RejectedError("a claim needs the half-spaces of the DM, which are not there")
+        faces, limits = tables.target.faces
+        known = least(zip(faces, (exact(x) for x in limits), strict=True))
+        for row, limit in tables.gives_back:
+            off = sum((abs(exact(a)) * e for a, e in zip(row, errors, strict=True)), ZERO)
+            if row not in known or not known[row] + off <= limit:
+                raise RejectedError(
+                    "the DM is not certain to give control back where P2b returns to"
+                )
 
     # ------------------------------------------------------------ any command
 
@@ -222,29 +290,62 @@ class PolytopeCheck:
         ]
         return faces, within(ends, losses)
 
-    def show_free(self, horizon_ns: int) -> None:
-        """R(H)."""
+    @whole
+    def free(self, horizon_ns: int) -> None:
+        """From all of R."""
         instants = self._instants("R", horizon_ns)
         tables = self.tables
         self._free("R(H)", tables.free, self._plain(tables.core), instants, self._given("R"))
 
-    def show_start(self, low: Sequence[float], high: Sequence[float], until_ns: int) -> None:
-        """A box of initial states stays in K until SC acts."""
-        box = HalfSpaces(tuple(low), tuple(high), (), ())
+    @whole
+    def start(self, until_ns: int) -> None:
+        """From the box of initial states; what is published of it is in its set."""
+        starts_in_sets(self.model)
+        own = [self.model.facts.states[i] for i in self.tables.states]
+        box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
         instants = self._instants("start", until_ns)
         self._free("an initial state", box, self._plain(self.tables.core), instants, None)
 
-    def show_levels(self, window_ns: int) -> None:
-        """S_0, S_1, ... of computed predicates.
+    @whole
+    def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
+        """On boxes that are halved: in R lies one of which the worst corners do."""
+        tables = self.tables
+        check = AdmitCheck(self.model, tables.as_cell(tables.constraint), expr, admits=admits)
+        faces, limits = (np.array(x) for x in tables.free.faces)
+        first = np.array([tables.constraint.low, tables.constraint.high])
+        width = first[1] - first[0]
+        todo, looked = [(first, 0)], 0
+        while todo:
+            box, depth = todo.pop()
+            looked += 1
+            excess = _excess(faces, limits, box)
+            if (excess <= 0).all():
+                continue
+            ends = [(exact(a), exact(b)) for a, b in box.T.tolist()]
+            if check.decision.holds(ends, 0):
+                continue
+            shares = (box[1] - box[0]) / width
+            if looked > BOXES_MAX or shares.max() < SMALLEST:
+                text = ", ".join(f"[{a:.6g}, {b:.6g}]" for a, b in box.T)
+                raise RejectedError(f"`{name}` may leave AC in control outside R(H) in {text}")
+            weight = np.abs(faces[int(np.argmax(excess))]) * (box[1] - box[0])
+            weight = np.where(shares >= SMALLEST, weight if depth % 2 else shares, -1.0)
+            k = int(np.argmax(weight))
+            middle = box[0, k] / 2 + box[1, k] / 2
+            for end in (1, 0):
+                half = box.copy()
+                half[end, k] = middle
+                todo.append((half, depth + 1))
 
-        RejectedError where they do not hold, or are not as many as the levels ask for.
-        """
+    @whole
+    def levels(self, between_ns: int) -> None:
+        """S_0, S_1, ... of computed predicates."""
         tables, given = self.tables, self._given("S")
         count = self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:
             raise RejectedError("the sets S are not as many as the levels ask for")
         self._estimates("S_0", tables.levels[0], tables.free, next(given))
-        instants = self._instants("window", window_ns)
+        instants = self._instants("window", between_ns)
         for k, carried in enumerate(tables.carried):
             before, after = tables.levels[k], tables.levels[k + 1]
             self._free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
@@ -261,3 +362,22 @@ class PolytopeCheck:
         """Every state behind an estimate of the one set lies in the other."""
         faces, limits = self._eroded(states)
         BoundedPolytope(estimates).require(what, in_balls(faces), limits, weights)
+
+
+def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
+    """By how much the worst corners of a box exceed half-spaces; up to 0 they surely do not."""
+    reach = np.abs(faces) @ np.abs(box).max(axis=0) + np.abs(limits)
+    corners = np.where(faces > 0, box[1], box[0])
+    values = (faces * corners).sum(axis=1)
+    excess: Floats = values - limits + ROUNDING * reach
+    return excess
+
+
+def least(parts: Iterable[tuple[tuple[float, ...], arb]]) -> dict[tuple[float, ...], arb]:
+    """Per row the smallest limit."""
+    limit_by_row: dict[tuple[float, ...], arb] = {}
+    for row, limit in parts:
+        known = limit_by_row.get(row)
+        if known is None or limit < known:
+            limit_by_row[row] = limit
+    return limit_by_row

@@ -1,7 +1,7 @@
 """What plants publish of states that SC keeps on polytopes.
 
 Purpose: that a topic's declared set holds all of it: in K, where AC has control and where SC begins
-a hold, and at all times of such a hold (`docs/verification.md`, section 10).
+a hold, and at all times of such a hold (`docs/verification.md`, section 10); and of initial states.
 Non-goals: states on grids (`inclusions/predicates.py`); what is not affine in the states.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
@@ -18,6 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.inclusions.cell_sets import Axes, Grid
+from soter.certificate.inclusions.predicates import published
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.workers.quiet_highs import new_highs
 
@@ -26,19 +31,22 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.polytope.certificate_tables import HalfSpaces
-    from soter.certificate.polytope.polytope_check import PolytopeCheck
-    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
+    from soter.certificate.polytope.dual_bounds import BoundedPolytope
+    from soter.certificate.polytope.half_space_images import HoldImage
     from soter.certificate.terms.terms import Linear, Terms
+
+    Kept = tuple[PolytopeTables, BoundedPolytope, HoldImage]
 
 INPUTS = ("state", "box")
 """Kinds of atoms that are affine in the states, and whose ranges are theirs."""
 
 
-def all_published(model: CaseModel, checks: Sequence[PolytopeCheck], topic: int) -> bool:
+def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
     """Whether a topic's set surely holds what is published of all states that SC keeps.
 
-    Only of leaves that read states of the polytopes; other states are anywhere in their grids.
+    `groups`: all polytopes, each with its K and a hold of SC that begins there. Not of leaves
+    that read states of other groups alone; those are anywhere in their grids.
     `model.extents` of the polytopes are their boxes of C. False: it is not known.
     """
     terms, states = model.new_terms()
@@ -46,41 +54,42 @@ def all_published(model: CaseModel, checks: Sequence[PolytopeCheck], topic: int)
     if terms.obligations:
         return False
     atoms = [next(iter(x.terms)) for x in states]
-    own = {atoms[s] for check in checks for s in check.tables.states}
+    own = {atoms[s] for tables, _, _ in groups for s in tables.states}
+    elsewhere = {*atoms} - own
     for value, low, high in limits:
         if any(terms.atoms[atom].kind not in INPUTS for atom in value.terms):
             return False
-        if own.isdisjoint(value.terms):
+        if own.isdisjoint(value.terms) and not elsewhere.isdisjoint(value.terms):
             continue
         for sign, limit in ((1, exact(high)), (-1, -exact(low))):
-            if not _greatest(terms, value, sign, atoms, checks) <= limit:
+            if not _greatest(terms, value, sign, atoms, groups) <= limit:
                 return False
     return True
 
 
 def _greatest(
-    terms: Terms, value: Linear, sign: int, atoms: Sequence[int], checks: Sequence[PolytopeCheck]
+    terms: Terms, value: Linear, sign: int, atoms: Sequence[int], groups: Sequence[Kept]
 ) -> arb:
     """A number that sign * value does not exceed."""
     total = sign * value.const + value.radius
     left = {atom: sign * factor for atom, factor in value.terms.items()}
-    for check in checks:
-        row = [left.pop(atoms[s], ZERO) for s in check.tables.states]
+    for tables, kernel, hold in groups:
+        row = [left.pop(atoms[s], ZERO) for s in tables.states]
         if not all(x.is_zero() for x in row):
-            total += _on_the_way(check, row)
+            total += _on_the_way(_Multipliers(tables.core), kernel, hold, row)
     for atom, factor in left.items():
         ends = terms.atoms[atom].low, terms.atoms[atom].high
         total += (factor * ends[0]).max(factor * ends[1])
     return total
 
 
-def _on_the_way(check: PolytopeCheck, row: list[arb]) -> arb:
+def _on_the_way(
+    hints: _Multipliers, kernel: BoundedPolytope, hold: HoldImage, row: list[arb]
+) -> arb:
     """No row x(t) is greater: in K, and while SC holds what it commanded there."""
-    hints = _Multipliers(check.tables.core)
-    bound = check.core.bound(row, hints.of(row))
-    moved = check.hold_of_core.everywhere([row])
-    for own, loss in chain.from_iterable(zip(*pair, strict=True) for pair in moved):
-        bound = bound.max(check.core.bound(own, hints.of(own)) + loss)
+    bound = kernel.bound(row, hints.of(row))
+    for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.everywhere([row])):
+        bound = bound.max(kernel.bound(own, hints.of(own)) + loss)
     return bound
 
 
@@ -111,3 +120,20 @@ class _Multipliers:
             return []
         duals = list(self.solver.getSolution().row_dual)[: self.faces]
         return [(k, -d) for k, d in enumerate(duals) if isfinite(d) and d < 0.0]
+
+
+def starts_in_sets(model: CaseModel) -> None:
+    """RejectedError where what is published of an initial state may lie outside of its set.
+
+    K says so only of grids.
+    """
+    facts = model.facts
+    ends = tuple((s.low, s.high) for s in facts.states)
+    at_start, box = (
+        CaseModel(facts, model.parameter, ends),
+        Axes(tuple(range(len(ends))), Grid(ends)),
+    )
+    for topic in bounded_topics(facts):
+        if not published(at_start, [box], topic)[0].members.all():
+            name = facts.system.topics[topic].name
+            raise RejectedError(f"an initial state may be none of those that `{name}` holds")

@@ -2,7 +2,7 @@
 
 Purpose: `handed_back`: of a module below another one, from the state on which that one gives
 control back to the instant from which all that acts is SC's, on states that are no older.
-Non-goals: where that state is (`inclusions/handover_claim.py`).
+Non-goals: where that state is (`handover.py`).
 
 The module above said "SC" before: what SC publishes is dropped until the verdict is in force. It is
 released at r, on a state of r - A or later, and in force `slow` later at most; in one instant SC

@@ -1,0 +1,410 @@
+"""Groups on grids: their tables, and their claims as inclusions cell by cell.
+
+Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
+cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
+Non-goals: the inclusions themselves (`group_claims.py`, `predicates.py`, `shield.py`).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.groups import LOOK, Group, GroupCheck
+from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
+from soter.certificate.inclusions.group_claims import (
+    FREE_PIECES,
+    PIECES,
+    ChainCheck,
+    FreeCheck,
+    GroupTables,
+    free,
+    ranked,
+    witnessed,
+)
+from soter.certificate.inclusions.inward_flow import points_inwards, scheme_at_fault
+from soter.certificate.inclusions.predicates import (
+    AdmitCheck,
+    admitted,
+    drifts,
+    eroded,
+    levels_hold,
+)
+from soter.certificate.inclusions.shield import cells_of, to_show, tops_of
+from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.vacuous_proofs import GETS, KEEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.format.folder import Certificate
+    from soter.certificate.groups import Entry, Task
+    from soter.certificate.inclusions.cell_sets import Axes, Block
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import RecheckedModule
+    from soter.language.model import typed
+
+BLOCKS = 24
+"""Into how many blocks a grid is dealt out to the processors."""
+SMALL = 4_000
+"""Cells; a smaller grid is not worth it."""
+BITS = 2
+"""A level: 0: ttf, 1: an estimate in S_0, 2: in S_(m-2); in every case."""
+FULL = 2
+CELLS_IN_A_BYTE = 4
+
+
+class GridGroup(Group):
+    """One group of which a certificate has tables of cells."""
+
+    kind = "grid"
+    required, optional = ("kind", "axes", "K"), ("R", "Q", "W", "W_N", "S")
+
+    def __init__(self, tables: GroupTables) -> None:
+        self.tables, self.states = tables, tables.states
+
+    @classmethod
+    def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
+        """RejectedError where a table is not of the size of the grid."""
+        del facts
+        shape = axes.grid.shape
+        certificate.count(shape)
+        core = certificate.numbers(entry["K"], shape, "<u1")
+        tables = GroupTables(axes.states, axes.grid, core)
+        if "R" in entry:
+            tables.free = certificate.bits(entry["R"], shape)
+        if "Q" in entry:
+            tables.home = certificate.numbers(entry["Q"], shape, "<u1")
+        if "W" in entry:
+            tables.rank = certificate.numbers(entry["W"], shape, "<u2")
+            tables.rank_holds = certificate.numbers(entry.get("W_N"), shape, "<u1")
+        tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
+        return cls(tables)
+
+    def part(self, *, errors: bool) -> Axes:
+        """The grid."""
+        del errors
+        return self.tables
+
+    def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
+        """Its claims, cell by cell. RejectedError where K is empty."""
+        return GridCheck(model, self.tables, lawful)
+
+    def compare(
+        self, certificate: Certificate, facts: Facts, same: Sequence[GridGroup], entry: Entry
+    ) -> None:
+        """RejectedError where the DM's table is not that of the sets S."""
+        group, tables = self.tables, [g.tables for g in same]
+        shield = {"command", "commands"} if facts.symbol.shield is not None else set()
+        if entry.keys() != {"axes", "levels", *shield}:
+            raise RejectedError("a table of the DM is not as it should be")
+        if any(g.states != group.states or g.grid.edges != group.grid.edges for g in tables):
+            raise RejectedError("the cases have other grids, and the DM has one table for all")
+        names = [facts.states[i].name for i in group.states]
+        looked_at = _looked_at(facts, group)
+        if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
+            raise RejectedError("a table of the DM has other axes than its group")
+        for axis, place in zip(entry["axes"], looked_at, strict=True):
+            edges = group.grid.edges[place]
+            if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
+                raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
+        total = levels_of(tables)
+        if certificate.plain(entry["levels"]) != packed(total):
+            raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
+        for g in tables:
+            g.given_back = total == FULL
+            if shield:
+                _shield(certificate, facts, g, entry)
+
+    def kept_by(self, law: Sequence[Group]) -> Cells:
+        """RejectedError where the law is looked at on other cells."""
+        own = self.tables
+        for other in (g.tables for g in law if isinstance(g, GridGroup)):
+            if other.states == own.states and other.grid.edges == own.grid.edges:
+                return Cells(own.grid, other.core > 0)
+        raise RejectedError("the law is looked at on other cells than SC")
+
+    def misled(self, model: CaseModel) -> str:
+        """Whether its scheme may lead out of the grid where its flow does not."""
+        return scheme_at_fault(model, self.states)
+
+    def tell(self, report: RecheckedModule) -> None:
+        """In cells."""
+        report.cells += int(np.prod(self.tables.grid.shape))
+
+    @property
+    def unentered(self) -> str:
+        """Nothing is known where R(H) is not."""
+        return "there is no R(H)" if self.tables.free is None else ""
+
+    def entered(self, model: CaseModel, expr: typed.TypedExpr) -> str:
+        """Nothing of the state is known where it is judged: neither that it is safe."""
+        grid = self.tables.grid
+        assert self.tables.free is not None
+        check = AdmitCheck(model, self.tables, expr, admits=True, anywhere=True)
+        failed = next(admitted(check, self.tables.free, grid.whole), None)
+        if failed is None:
+            return ""
+        names = ", ".join(model.facts.states[s].name for s in self.states)
+        return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
+
+    def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
+        """By the table."""
+        del drawn
+        given, levels = self.tables.given_back, self.tables.levels
+        if given is not None and not given.any():
+            return f"{GETS} (the table gives it back on no estimate)", ""
+        if levels and not levels[0].any():
+            return f"{KEEPS} (the table leaves it in control on no estimate)", ""
+        return "", ""
+
+    def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[list[float]]:
+        """Anywhere in a cell of K, each as often."""
+        del facts
+        inside = np.argwhere(self.tables.core > 0)
+        while True:
+            cell = inside[chance.integers(len(inside))]
+            ends = [(e[i], e[i + 1]) for e, i in zip(self.tables.grid.edges, cell, strict=True)]
+            yield [chance.uniform(*pair) for pair in ends]
+
+
+class GridCheck(GroupCheck):
+    """Its claims under one combination of parameter values."""
+
+    def __init__(self, model: CaseModel, tables: GroupTables, lawful: Cells | None) -> None:
+        self.model, self.tables, self.grid = model, tables, tables.grid
+        self.lawful = lawful
+        self.kernel = Cells(tables.grid, tables.core > 0)
+        self.allowed = np.ones(tables.grid.shape, dtype=np.bool_)
+        """Cells on which `safe` is certain, and all that is published in its set."""
+        self.kept = points_inwards(model, tables.states)
+        """Whether no run leaves the grid, whatever is commanded."""
+        if self.kernel.size == 0:
+            raise RejectedError("K is empty")
+
+    @property
+    def sees_rates(self) -> bool:
+        """Chains of a flow that is not linear do, where there are any."""
+        return not self.kept and not is_linear(self.model, self.tables.states)
+
+    @cached_property
+    def chains(self) -> ChainCheck:
+        """What is compiled is compiled before processes are forked."""
+        check = ChainCheck(self.model, self.tables)
+        check.chain(PIECES[0])
+        return check
+
+    def _never_left(self, *sets: Cells) -> bool:
+        """Whether the sets are the whole grid of a group that no run leaves."""
+        return self.kept and all(s.members.all() for s in sets)
+
+    def safe(self, cells: Cells) -> None:
+        """On these."""
+        self.allowed &= cells.members
+
+    def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+        """SC has to keep the state among them, as a plant that publishes anything else stops."""
+        del checks
+        if (self.kernel.members & ~cells.members).any():
+            name = self.model.facts.system.topics[topic].name
+            raise RejectedError(
+                f"K holds states of which it was not shown that what a plant publishes on "
+                f"`{name}` lies in its declared set: elsewhere it stops"
+            )
+        self.allowed &= cells.members
+        return True
+
+    def core(self) -> Iterable[Task]:
+        """From each cell after as many holds as it says, within what is allowed."""
+        what = "`safe`"
+        if self.lawful is not None:
+            what = f"{what}, or what the law keeps,"
+            self.allowed &= self.lawful.members
+        if (self.kernel.members & ~self.allowed).any():
+            raise RejectedError(f"K holds cells on which {what} is not certain")
+        if self._never_left(self.kernel):
+            return ()
+        within = Cells(self.grid, self.allowed)
+        show = partial(witnessed, self.chains, self.tables.core, within, self.kernel)
+        what = "SC does not certainly lead back to K from"
+        return blocks(what, self.grid, show, self.tables.core)
+
+    def free(self, horizon_ns: int) -> Iterable[Task]:
+        """From each cell of R."""
+        if self.tables.free is None:
+            raise RejectedError("a claim needs R, which is not there")
+        if self._never_left(self.kernel):
+            return ()
+        check = FreeCheck(self.model, self.tables, horizon_ns)
+        check.phase(FREE_PIECES[0])
+        show = partial(free, check, Cells(self.grid, self.tables.free), self.kernel)
+        return blocks("some command leads out of K within H from", self.grid, show)
+
+    def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
+        """On each cell outside R."""
+        assert self.tables.free is not None
+        if self.tables.free.all():
+            return ()
+        check = AdmitCheck(self.model, self.tables, expr, admits=admits)
+        show = partial(admitted, check, self.tables.free)
+        return blocks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
+
+    def levels(self, between_ns: int) -> Iterator[Task]:
+        """Each S_k from S_(k-1), and S_0 from R; and what a shield permits."""
+        tables, facts = self.tables, self.model.facts
+        assert tables.free is not None
+        if len(tables.levels) != facts.levels - 1:
+            raise RejectedError("the tables S are not as many as the levels ask for")
+        levels = [Cells(self.grid, s) for s in tables.levels]
+        inside = Cells(self.grid, tables.free)
+        show: Any = partial(levels_hold, self.model, tables, levels[0], inside)
+        yield from blocks("an estimate in S_0 may be of a state outside R(H), in", self.grid, show)
+        if facts.symbol.shield is not None:
+            for what, of_commands in to_show(self.model, tables, self.kernel):
+                yield from blocks(what, self.grid, of_commands)
+        check = FreeCheck(self.model, tables, between_ns)
+        for k in range(1, len(levels)):
+            if (levels[k].members & ~levels[k - 1].members).any():
+                raise RejectedError(f"S_{k} is no part of S_{k - 1}")
+            calm = eroded(self.model, tables, levels[k - 1])
+            if not self._never_left(calm):
+                show = partial(drifts, check, levels[k], calm)
+                what = f"S_{k} may be left for outside S_{k - 1} at once, from"
+                yield from blocks(what, self.grid, show)
+
+    @property
+    def holds(self) -> int:
+        """The longest of every rank together."""
+        rank, holds = self.tables.rank, self.tables.rank_holds
+        if rank is None or holds is None:
+            raise RejectedError("a claim needs Q and W, which are not there")
+        of_rank = np.zeros(int(rank.max()) + 1, dtype=np.int64)
+        np.maximum.at(of_rank, rank.reshape(-1), holds.reshape(-1))
+        return int(of_rank[1:].sum())
+
+    def home(self, calm: Cells | None) -> Iterator[Task]:
+        """From each cell of Q, and from each of K to lower ranks."""
+        tables = self.tables
+        if calm is None:
+            if tables.given_back is None:
+                raise RejectedError("a claim needs the table of the DM, which is not there")
+            calm = eroded(self.model, tables, Cells(self.grid, tables.given_back))
+        if tables.home is None or tables.rank is None or tables.rank_holds is None:
+            raise RejectedError("a claim needs Q and W, which are not there")
+        home = Cells(self.grid, tables.home > 0)
+        if (home.members & ~calm.members).any():
+            raise RejectedError("Q holds cells on which `safer` is not certain")
+        if (self.kernel.members & ~home.members & (tables.rank == 0)).any():
+            raise RejectedError("W does not hold all of K")
+        if self._never_left(home):
+            return
+        kept = partial(witnessed, self.chains, tables.home, calm, home)
+        what = "SC does not certainly stay where `safer` holds from"
+        yield from blocks(what, self.grid, kept, tables.home)
+        nearer = partial(ranked, self.chains, home)
+        what = "SC does not certainly come nearer to Q from"
+        yield from blocks(what, self.grid, nearer, tables.rank_holds)
+
+    def start(self, until_ns: int) -> Iterable[Task]:
+        """At once: it is one box."""
+        box = Grid(tuple(self._starts()))
+        inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
+        if not (inside and self._never_left(self.kernel)):
+            check = FreeCheck(self.model, self.tables, until_ns)
+            if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[1]):
+                raise RejectedError("an initial state may leave K before SC acts")
+        return ()
+
+    def _starts(self) -> Iterator[tuple[float, float]]:
+        """The declared initial range of each state; what lies beyond an axis without ends moved in.
+
+        What is shown of runs from its outer cells holds of those from beyond (`cell_sets.py`).
+        """
+        for k, i in enumerate(self.tables.states):
+            ends = self.model.facts.states[i].low, self.model.facts.states[i].high
+            edges = self.grid.edges[k]
+            if self.grid.has_no_ends(k):
+                low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
+                ends = low, high
+            yield ends
+
+
+def blocks(
+    what: str,
+    grid: Grid,
+    show: Callable[[Block], Iterator[Block]],
+    holds: NDArray[Any] | None = None,
+) -> Iterator[Task]:
+    """A claim about the cells of a grid, in blocks; `show`: the cells for which it fails.
+
+    `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
+    """
+    cells = int(np.prod(grid.shape))
+    for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
+        work = LOOK * volume(block)
+        if holds is not None:
+            work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))
+        yield partial(_answer, what, grid, show, block), work
+
+
+def _answer(what: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
+    failed = next(show(block), None)
+    return "" if failed is None else f"{what} {grid.text(failed)}"
+
+
+# ---------------------------------------------------------------- tables of the DM
+
+
+def _shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
+    """What the DM holds of commands."""
+    names = [c.name for c in facts.controls]
+    if entry["command"] is not None and entry["command"] not in names:
+        raise RejectedError("a table of the DM is about a command that there is not")
+    group.command = None if entry["command"] is None else names.index(entry["command"])
+    group.tops = tops_of(certificate.plain(entry["commands"]), group, cells_of(facts))
+
+
+def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
+    """The axes of a group that the DM can see.
+
+    A state that no topic of the DM shows may be anywhere on its axis (`predicates.around`),
+    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
+    """
+    axes = []
+    for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):
+        if state in facts.leaves:
+            axes.append(k)
+        elif cells != 1:
+            name = facts.states[state].name
+            raise NotRecheckedError(f"no topic shows `{name}` to the DM, and its axis has cells")
+    return axes
+
+
+def levels_of(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
+    """The level of each cell of one group, in the grid's shape: the least of all cases.
+
+    RejectedError where a case has no tables S.
+    """
+    total = np.full(cases[0].grid.shape, FULL, dtype=np.uint8)
+    for group in cases:
+        if not group.levels:
+            raise RejectedError("the tables S are not there")
+        outer, inner = group.levels[0], group.levels[-1]
+        total = np.minimum(total, np.where(outer, np.where(inner, FULL, 1), 0).astype(np.uint8))
+    return total
+
+
+def packed(levels: NDArray[np.uint8]) -> bytes:
+    """Two bits a cell, the first cell in the lowest. `levels`: in the grid's shape."""
+    cells = levels.reshape(-1).tolist()
+    data = bytearray(-(-len(cells) // CELLS_IN_A_BYTE))
+    for k, level in enumerate(cells):
+        data[k // CELLS_IN_A_BYTE] |= level << (BITS * (k % CELLS_IN_A_BYTE))
+    return bytes(data)
