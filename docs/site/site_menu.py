@@ -48,6 +48,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         (
             ("proof.md", "What is proved"),
             ("verification.md", "How it is proved"),
+            ("recheck.md", "Reading the re-checker"),
             ("testing.md", "What is explored"),
             ("gallery.md", "Four protocols"),
             ("drone.md", "The drone"),
