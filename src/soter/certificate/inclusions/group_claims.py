@@ -2,7 +2,7 @@
 
 Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
 Non-goals: predicates (`predicates.py`), certificates (`folder.py`), which claims there are
-(`case.py`).
+(`grid_group.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is;
 computed predicates: estimates and the states behind them.
-Non-goals: chains and free phases (`group_claims.py`), which claims there are (`case.py`).
+Non-goals: chains and free phases (`group_claims.py`), which claims there are (`case_check.py`).
 """
 
 from __future__ import annotations

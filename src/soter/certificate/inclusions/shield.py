@@ -2,7 +2,7 @@
 
 Purpose: that from no state behind an estimate commands of the cells that are permitted there lead
 out of K before SC's first output acts (docs/proof.md, A gate that looks at commands).
-Non-goals: that the DM reads the table as it should; the table's bytes (`dm_tables.py`).
+Non-goals: that the DM reads the table as it should; the table's bytes (`grid_group.py`).
 
 A command lies in its set, which is cut at low + (high - low) (k / n), k = 1, ..., n - 1. Where
 commands of the cells i to j may act, those of some of these may: of every cell of estimates and

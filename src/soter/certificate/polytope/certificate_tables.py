@@ -2,7 +2,7 @@
 
 Purpose: `HalfSpaces` and `PolytopeTables`, read off a manifest with every shape and number checked,
 and the box of C as a grid of one cell for whoever looks at predicates.
-Non-goals: believing any of it (`case.py`).
+Non-goals: believing any of it (`polytope_check.py`).
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class PolytopeTables:
     instants: dict[str, tuple[int, ...]]
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
-    """Half-spaces that make the DM give control back, of real numbers (`dm_half_spaces.py`)."""
+    """Half-spaces that make the DM give control back, of real numbers (`polytope_group.py`)."""
     leaves: list[tuple[tuple[float, ...], arb]] | None = None
     """The same of what makes it leave AC in control."""
 
