@@ -1,43 +1,103 @@
-"""Cells on which a predicate certainly holds: what Arb is asked about, and what is remembered."""
+"""Cells on which a predicate certainly holds: at every point of them, and what is remembered."""
 
 from __future__ import annotations
 
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pytest
 
 from soter.certificate.inclusions import predicates
 from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.predicates import Decision
+from soter.certificate.inclusions.predicates import HOLDS, Decision
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import Terms, both, either
+from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges
-from unit.certificate.test_decided_cells import (
-    EXTENTS,
-    GRID,
-    OPEN,
-    PROPOSITIONS,
-    decision_of,
-)
 
-if TYPE_CHECKING:
-    import pytest
+EXTENTS = ((-2.0, 2.0), (-3.0, 3.0))
+GRID = Grid((even_edges(-2.0, 2.0, 16), even_edges(-3.0, 3.0, 12)))
+OPEN = Grid(GRID.edges, (True, False))
+ERROR = 0.05
 
 
-def test_certain_cells_are_those_of_arb_alone_and_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With arrays and without; where arrays are asked Arb is asked about what they leave."""
-    for name in PROPOSITIONS:
-        members = []
-        for few in (predicates.FEW, GRID.shape[0] * GRID.shape[1] + 1):
-            monkeypatch.setattr(predicates, "FEW", few)
-            members.append(predicates._decided_cells(decision_of(name), GRID))
-        assert not (members[1] & ~members[0]).any(), name
-        assert members[0].sum() - members[1].sum() <= 0.1 * members[0].size, name
+def _stops(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """|x| + v^2/6 + e < 1.5 and |v| <= 2."""
+    far = terms.function("abs", x)
+    square = terms.multiply(v, v)
+    room = terms.combine(
+        [(exact(1.0), far), (exact(1.0) / 6, square), (exact(1.0), e)], exact(-1.5)
+    )
+    slow = terms.combine([(exact(1.0), terms.function("abs", v))], exact(-2.0))
+    return both(terms.below(room), terms.below(slow, strict=False))
 
 
-def test_cells_that_touch_a_bound_are_those_of_arb(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Their ends are no short binary numbers: doubles that round outwards leave them open."""
+def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """x + e > 1, or not v < x v, or min(x, v) <= -1.25."""
+    gap = terms.combine([(exact(-1.0), x), (exact(-1.0), e)], exact(1.0))
+    product = terms.subtract(v, terms.multiply(x, v))
+    least = terms.combine([(exact(1.0), terms.minimum(x, v))], exact(1.25))
+    return either(
+        terms.below(gap), either(negation(terms.below(product)), terms.below(least, strict=False))
+    )
+
+
+def _edges(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """x <= 0.5, which is an edge, or v >= -1.5, another one."""
+    del e
+    right = terms.combine([(exact(1.0), x)], exact(-0.5))
+    low = terms.combine([(exact(-1.0), v)], exact(-1.5))
+    return either(terms.below(right, strict=False), terms.below(low, strict=False))
+
+
+def _root(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """sqrt(x + 3) sin(v) < 1 + e."""
+    root = terms.function("sqrt", terms.combine([(exact(1.0), x)], exact(3.0)))
+    wave = terms.multiply(root, terms.function("sin", v))
+    return terms.below(terms.combine([(exact(1.0), wave), (exact(-1.0), e)], exact(-1.0)))
+
+
+def _near(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
+    """|x| + |v| + e < 4: so it is on outer cells, and not beyond them."""
+    sizes = [(exact(1.0), terms.function("abs", z)) for z in (x, v)]
+    return terms.below(terms.combine([*sizes, (exact(1.0), e)], exact(-4.0)))
+
+
+PROPOSITIONS = {"near": _near, "stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
+
+
+def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
+    """A proposition over x, v and an error e."""
+    terms = Terms()
+    x, v = (terms.input("state", n, *map(exact, e)) for n, e in zip("xv", ends, strict=True))
+    e = terms.input("box", "e", exact(-ERROR), exact(ERROR))
+    truth = PROPOSITIONS[name](terms, x, v, e)
+    model: Any = SimpleNamespace(extents=EXTENTS)
+    return Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, v)], truth)
+
+
+@pytest.mark.parametrize("name", sorted(PROPOSITIONS))
+def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
+    """And not of all cells, nor of none; a point that certainly fails is in no such cell."""
+    decision, draw = decision_of(name), np.random.default_rng(1)
+    members = predicates._decided_cells(decision, GRID)
+    assert 0 < members.sum() < members.size
+    for cell in np.ndindex(GRID.shape):
+        low, high = (
+            np.array([e[i + k] for e, i in zip(GRID.edges, cell, strict=True)]) for k in (0, 1)
+        )
+        states = draw.uniform(low, high, (20, 2)).tolist()
+        states += [[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]
+        errors = draw.choice([-ERROR, 0.0, ERROR], len(states))
+        bits = {
+            decision.of([(exact(z), exact(z)) for z in (*s, e)[: 2 + len(decision.ranges)]])
+            for s, e in zip(states, errors, strict=True)
+        }
+        assert bits == {HOLDS} or not members[cell], cell
+
+
+def test_cells_that_touch_a_bound_belong_to_it() -> None:
+    """Their ends are no short binary numbers."""
     terms, edges = Terms(), even_edges(-2.0, 2.0, 40)
     x, y = (terms.input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
     near = terms.combine([(exact(1.0), terms.function("abs", x))], exact(-1.0))
@@ -47,8 +107,6 @@ def test_cells_that_touch_a_bound_are_those_of_arb(monkeypatch: pytest.MonkeyPat
     decision = Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, y)], truth)
     grid = Grid((edges, edges))
     members = predicates._decided_cells(decision, grid)
-    monkeypatch.setattr(predicates, "FEW", members.size + 1)
-    assert np.array_equal(members, predicates._decided_cells(decision, grid))
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
 
 

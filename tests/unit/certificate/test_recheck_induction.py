@@ -12,7 +12,6 @@ from generators.opaque_planner import OPAQUE as SLOW
 from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
-from soter.certificate.batches.array_programs import LIBRARY
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
@@ -65,15 +64,6 @@ def sealed_again(folder: Path, change: Callable[[dict[str, Any]], None]) -> None
     raw = (json.dumps(manifest, sort_keys=True, separators=(",", ":")) + "\n").encode()
     (folder / "manifest.json").write_bytes(raw)
     (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
-
-
-def test_no_code_for_sets_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = certificate(tmp_path)
-    begun: list[None] = []
-    monkeypatch.setattr(LIBRARY, "begin", lambda: begun.append(None))
-    report = recheck(folder)
-    assert report.accepted, report.reason
-    assert not begun
 
 
 def test_what_was_proved_is_accepted(tmp_path: Path) -> None:

@@ -95,7 +95,6 @@ def test_every_way_to_start_a_process_is_known() -> None:
         "simulate/real_time.py",  # the program that was compiled
         "native/compiler.py",  # Python, for the version of ziglang
         "native/compiler_process.py",  # compilers, make, nm
-        "certificate/batches/array_programs.py",  # a compiler
         "playground/pyodide_download.py",  # npm
     }
 

@@ -2,8 +2,7 @@
 
 Purpose: the functions of `chains.Chain` and `chains.FreePhase` for a group whose flow is enclosed
 step by step (`nonlinear_flow.py`); forms are those of `certificate/terms/compile_terms.py`.
-Non-goals: many forms at once (`batches/local_chains.py`), linear flows
-(`sc_chains.py`), sets (`group_claims.py`).
+Non-goals: linear flows (`sc_chains.py`), sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
 before, one unknown in [-1, 1] times `rho` for each new command, and 1. `Start.z` has the generators
