@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
 from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
+from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.bounded_read import read_bytes
@@ -79,8 +80,8 @@ def deployed(
     """What a freshly flattened system inherits; nothing where it deploys no other.
 
     `SoterError` D019 where something from outside is not covered, D020 where the certificate is
-    rejected or of something else, D009 and D007 as of `recheck`, U001 for a certificate of a system
-    that deploys none.
+    rejected, was not re-checked or is of something else, D009 and D007 as of `recheck`, U001 for a
+    certificate of a system that deploys none.
     """
     there = here.proved
     if there is None:
@@ -302,7 +303,8 @@ def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
 def _fits(folder: Path, report: Report, there: System) -> str:
     """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
-        raise _other(folder, f"it is rejected: {report.reason}")
+        said = "is rejected" if report.verdict == REJECTED else "was not re-checked"
+        raise _other(folder, f"it {said}: {report.reason}")
     raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
         raise _other(folder, "it was changed while it was checked")

@@ -237,8 +237,8 @@ class CaseCheck:
             certain = certain or all_published(self.model, self.half_spaces, topic)
             if not certain and not facts.symbol.verify.abstracts:
                 name = facts.system.topics[topic].name
-                raise RejectedError(
-                    f"not rechecked: it was not shown over the half-spaces of K that what a plant "
+                raise NotRecheckedError(
+                    f"it was not shown over the half-spaces of K that what a plant "
                     f"publishes on `{name}` lies in its declared set: elsewhere it stops"
                 )
             facts.in_sets[topic] = certain and facts.in_sets.get(topic, True)

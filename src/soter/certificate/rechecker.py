@@ -1,7 +1,8 @@
 """Check a certificate: hashes, then the problem, then every claim.
 
 Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
-why not. Whatever this room does not know how to confirm is rejected, never accepted.
+why not. What is false is rejected; whatever this room does not know how to confirm is not
+re-checked, and never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -21,7 +21,7 @@ from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, sta
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.certificate_program import hexadecimal, program_of
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
 from soter.certificate.inclusions.cell_sets import Cells, Grid
@@ -37,15 +37,20 @@ from soter.certificate.reading.failsafe_law import law_of
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report, of_those_above
+from soter.certificate.report import (
+    GIVING_UP,
+    RecheckedModule,
+    Report,
+    gave_up,
+    in_words,
+    of_those_above,
+)
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.task_processes import UnderWay
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
@@ -92,29 +97,20 @@ def recheck(
     `progress` is called with the share that is done; `workers`: processes, else one a processor.
     """
     started = time.perf_counter()
-    report = Report(accepted=False)
+    report = Report()
     try:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
-        report.accepted = True
+        report.conclude()
     except (RejectedError, DiffersError) as error:
-        report.reason = str(error)
-    except NotRecheckedError as error:
-        report.reason = f"not rechecked: {error}"
-    except (TypeError, AttributeError, LookupError, AssertionError) as error:
-        what = f"{type(error).__name__}: {error}"
-        report.reason = f"not rechecked: the re-checker itself failed ({what})"
+        report.verdict, report.reason = REJECTED, str(error)
     except SoterError as error:
         if any(d.code == "D007" for d in error.diagnostics):
             raise  # nothing is known of the certificate
-        report.reason = f"the program of the certificate: {error}"
-    except StepFault as error:
-        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
-    except (BrokenExecutor, OSError) as error:
-        report.reason = f"not rechecked: the system ended a part of it: {error}"
-    except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
-        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+        report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
+    except GIVING_UP as error:
+        report.reason = in_words(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -141,25 +137,32 @@ def _check(
         for k, entry in enumerate(modules):
             share = partial(_share, progress, k, len(modules))
             phase(f"checking module {k + 1} of {len(modules)}")
+            under_way.gave_up = partial(gave_up, report, entry)
             facts: Facts | InductionFacts
-            if isinstance(entry, dict) and "induction" in entry:
-                facts, module_report = _by_induction(checked, overrides, entry)
-            else:
-                facts = _facts(checked, overrides, entry)
-            if any(_key(f) == _key(facts) for f in covered):
-                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-            covered.append(facts)
-            if isinstance(facts, Facts):
-                module_report = _module(certificate, facts, entry, share, workers, under_way)
+            try:
+                if isinstance(entry, dict) and "induction" in entry:
+                    facts, module_report = _by_induction(checked, overrides, entry)
+                else:
+                    facts = _facts(checked, overrides, entry)
+                if any(_key(f) == _key(facts) for f in covered):
+                    raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+                covered.append(facts)
+                if isinstance(facts, Facts):
+                    module_report = _module(certificate, facts, entry, share, workers, under_way)
+            except GIVING_UP as error:
+                gave_up(report, entry, error)
+                continue
             module_report.parameters = parameters_of(facts.flying)
             module_report.otherwise, module_report.contradicted = otherwise_in_program(
                 checked, facts.flying
             )
-            under_way.afterwards(partial(report.modules.append, module_report))
+            under_way.afterwards(partial(report.enter, module_report))
     of_those_above(report.modules)
+    report.not_covered = uncovered(checked, overrides, covered)
+    if any(m.not_rechecked for m in report.modules):
+        return  # some tables were not read, and some views not looked at
     for facts in covered:
         _in_all_views(facts, covered)
-    report.not_covered = uncovered(checked, overrides, covered)
     unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
     for name in sorted(unused):
         raise RejectedError(f"no claim rests on `{name}`")
@@ -433,7 +436,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value < own or (fixed and value != own):
             raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
         if value > BEYOND * own + BEYOND_NS:
-            raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
+            raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
 
 
