@@ -21,6 +21,7 @@ from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, sta
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.certificate_program import hexadecimal, program_of
+from soter.certificate.format.claimed_parts import refuse_cells, refuse_unclaimed
 from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
@@ -163,8 +164,7 @@ def _check(
         return  # some tables were not read, and some views not looked at
     for facts in covered:
         _in_all_views(facts, covered)
-    unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
-    for name in sorted(unused):
+    for name in certificate.unused:
         raise RejectedError(f"no claim rests on `{name}`")
 
 
@@ -254,13 +254,13 @@ def _module(
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    cases = list(facts.cases())
-    if given != [list(c) for c in cases]:
+    if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
     tables, polytopes = [], []
     for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
+            refuse_unclaimed(case["groups"], claims, computed=facts.computed)
             grids, others = _groups(certificate, facts, extents, case["groups"])
         tables.append(grids)
         polytopes.append(others)
@@ -268,17 +268,18 @@ def _module(
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
-            count = len(tables[0])
-            compare_tables(certificate, facts, tables, entry["tables"][:count])
-            compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
-    groups = list(zip(tables, polytopes, strict=True))
+            of_grids, rest = entry["tables"][: len(tables[0])], entry["tables"][len(tables[0]) :]
+            compare_tables(certificate, facts, tables, of_grids)
+            compare_half_spaces(certificate, facts, polytopes, rest)
+    refuse_cells([g.core for grids in tables for g in grids], claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
+    groups = list(zip(tables, polytopes, strict=True))
     asked = partial(partial(_cases, facts, groups, extents, entry), claims, progress, workers, law)
-    _with_reads_as_old(facts, asked, under_way, name, apart=len(cases) > 1 or law is not None)
+    _with_reads_as_old(facts, asked, under_way, name, apart=len(tables) > 1 or law is not None)
     under_way.afterwards(partial(_complete, report, facts, groups, extents, claims))
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
     report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
@@ -378,6 +379,7 @@ def _law(
         tables = []
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
+            refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
             grids, others = _groups(certificate, facts, extents, case["groups"])
             if others:
                 raise NotRecheckedError("a fail-safe law on polytopes is not rechecked")

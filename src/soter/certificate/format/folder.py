@@ -60,6 +60,11 @@ class Certificate:
         """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
         return hashlib.sha256(canonical(self.manifest)).hexdigest()
 
+    @property
+    def unused(self) -> list[str]:
+        """The tables on which no claim rests."""
+        return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
+
     # ------------------------------------------------------------ tables
 
     def edges(self, path: object) -> tuple[float, ...]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     """Per row the half-spaces with their multipliers, where that is not zero."""
 
 INSTANTS = ("hold", "R", "window", "start")
-PARTS = ("K", "R", "S", "Q", "start")
+PARTS = ("K", "R", "S", "Q")
 REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", "instants")
 OPTIONAL = ("Q", "target")
 HINTS = ("flow", "multipliers")
