@@ -55,6 +55,11 @@ class Group(ABC):
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> Self:
         """The group of an entry; `axes` span the ranges of its states."""
 
+    @property
+    def cells(self) -> list[NDArray[np.uint8]]:
+        """Tables of K, where it is a set of cells."""
+        return []
+
     @abstractmethod
     def part(self, *, errors: bool) -> Axes:
         """The cells on which `safe` is asked; with `errors` those for `safer`, of all estimates."""

@@ -1,7 +1,8 @@
 """Check a certificate: hashes, then the problem, then every claim.
 
 Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
-why not. Whatever this room does not know how to confirm is rejected, never accepted.
+why not. What is false is rejected; whatever this room does not know how to confirm is not
+re-checked, and never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,8 @@ from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, sta
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.format.certificate_program import hexadecimal, program_of
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.claimed_parts import refuse_cells, refuse_unclaimed
+from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
 from soter.certificate.inclusions.cell_sets import Axes, Grid
@@ -30,14 +31,19 @@ from soter.certificate.reading.failsafe_law import law_of
 from soter.certificate.reading.problem import DiffersError, Facts, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report, of_those_above
+from soter.certificate.report import (
+    GIVING_UP,
+    RecheckedModule,
+    Report,
+    gave_up,
+    in_words,
+    of_those_above,
+)
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
@@ -86,29 +92,20 @@ def recheck(
     `progress` is called with the share that is done; `workers`: processes, else one a processor.
     """
     started = time.perf_counter()
-    report = Report(accepted=False)
+    report = Report()
     try:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
-        report.accepted = True
+        report.conclude()
     except (RejectedError, DiffersError) as error:
-        report.reason = str(error)
-    except NotRecheckedError as error:
-        report.reason = f"not rechecked: {error}"
-    except (TypeError, AttributeError, LookupError, AssertionError) as error:
-        what = f"{type(error).__name__}: {error}"
-        report.reason = f"not rechecked: the re-checker itself failed ({what})"
+        report.verdict, report.reason = REJECTED, str(error)
     except SoterError as error:
         if any(d.code == "D007" for d in error.diagnostics):
             raise  # nothing is known of the certificate
-        report.reason = f"the program of the certificate: {error}"
-    except StepFault as error:
-        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
-    except (BrokenExecutor, OSError) as error:
-        report.reason = f"not rechecked: the system ended a part of it: {error}"
-    except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
-        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+        report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
+    except GIVING_UP as error:
+        report.reason = in_words(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -136,27 +133,32 @@ def _check(
         phase(f"checking module {k + 1} of {len(modules)}")
         facts: Covered
         whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
-        if whole:
-            with _understood("a module"):
-                facts, module_report = whole[0](_system(checked, overrides, entry), entry)
-        else:
-            facts = _facts(checked, overrides, entry)
-        if any(_key(f) == _key(facts) for f in covered):
-            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-        covered.append(facts)
-        if isinstance(facts, Facts):
-            module_report = _module(certificate, facts, entry, share, workers)
+        try:
+            if whole:
+                with _understood("a module"):
+                    facts, module_report = whole[0](_system(checked, overrides, entry), entry)
+            else:
+                facts = _facts(checked, overrides, entry)
+            if any(_key(f) == _key(facts) for f in covered):
+                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+            covered.append(facts)
+            if isinstance(facts, Facts):
+                module_report = _module(certificate, facts, entry, share, workers)
+        except GIVING_UP as error:
+            gave_up(report, entry, error)
+            continue
         module_report.parameters = parameters_of(facts.flying)
         module_report.otherwise, module_report.contradicted = otherwise_in_program(
             checked, facts.flying
         )
-        report.modules.append(module_report)
+        report.enter(module_report)
     of_those_above(report.modules)
+    report.not_covered = uncovered(checked, overrides, covered)
+    if any(m.not_rechecked for m in report.modules):
+        return  # some tables were not read, and some views not looked at
     for facts in covered:
         _in_all_views(facts, covered)
-    report.not_covered = uncovered(checked, overrides, covered)
-    unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
-    for name in sorted(unused):
+    for name in certificate.unused:
         raise RejectedError(f"no claim rests on `{name}`")
 
 
@@ -238,19 +240,21 @@ def _module(
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    cases = list(facts.cases())
-    if given != [list(c) for c in cases]:
+    if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
     groups = []
     for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
+            refuse_unclaimed(case["groups"], claims, computed=facts.computed)
             groups.append(_groups(certificate, facts, extents, case["groups"]))
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
             _compare_tables(certificate, facts, groups, entry["tables"])
+    cells = [core for of_case in groups for g in of_case for core in g.cells]
+    refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
@@ -316,6 +320,7 @@ def _law(
         groups = []
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
+            refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
             groups.append(_groups(certificate, facts, extents, case["groups"]))
             for g in groups[-1]:
                 g.kept_by(groups[-1])
@@ -380,7 +385,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value < own or (fixed and value != own):
             raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
         if value > BEYOND * own + BEYOND_NS:
-            raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
+            raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
 
 

@@ -547,7 +547,7 @@ def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
         at.program(f"[-{now}, {now}]", f"[-{bound!r}, {bound!r}]")
         report = checked(at.seal())
         if not report.accepted:
-            assert "not rechecked" in report.reason
+            assert report.verdict == "not re-checked"
             assert f"`{topic}`" in report.reason
             return False
         assert f"set {topic}" in {s.key for s in report.modules[0].shown}
@@ -621,7 +621,7 @@ def test_a_law_on_cells_is_none_for_polytopes(still: Path, tmp_path: Path) -> No
         at.entry["law"] = [{"parameter": [], "groups": [group]}]
         at.entry["claims"]["failsafe"] = "proved"
 
-    reason = "not rechecked: a fail-safe law on polytopes is not rechecked"
+    reason = "SafeCart: a fail-safe law on polytopes is not rechecked"
     assert rejected(still, tmp_path, edit) == reason
 
 
@@ -629,7 +629,7 @@ def test_a_shield_is_none_of_polytopes(still: Path, tmp_path: Path) -> None:
     def edit(at: Opened) -> None:
         at.program("  safe abs", "  shield 4;\n  safe abs")
 
-    assert rejected(still, tmp_path, edit) == "not rechecked: a shield beside polytopes"
+    assert rejected(still, tmp_path, edit) == "SafeCart: a shield beside polytopes"
 
 
 def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:

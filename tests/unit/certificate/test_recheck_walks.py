@@ -143,7 +143,7 @@ def some_cells(*members: int) -> NDArray[np.uint8]:
 
 
 REFUSED: dict[str, tuple[str, dict[str, Any], int | None]] = {
-    "K is empty": ("P1a", {"core": some_cells()}, None),
+    "K is empty": ("P2a", {"core": some_cells()}, None),
     "a claim needs R, which is not there": ("ttf", {"free": None}, None),
     "an initial state may leave K before SC acts": ("start", {"core": some_cells(3)}, None),
     "a claim needs Q and W, which are not there": ("P2b", {"home": None}, None),

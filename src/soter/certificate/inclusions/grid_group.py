@@ -88,13 +88,18 @@ class GridGroup(Group):
         tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
         return cls(tables)
 
+    @property
+    def cells(self) -> list[NDArray[np.uint8]]:
+        """One of them."""
+        return [self.tables.core]
+
     def part(self, *, errors: bool) -> Axes:
         """The grid."""
         del errors
         return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
-        """Its claims, cell by cell. RejectedError where K is empty."""
+        """Its claims, cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
     def compare(
@@ -186,8 +191,6 @@ class GridCheck(GroupCheck):
         """Cells on which `safe` is certain, and all that is published in its set."""
         self.kept = points_inwards(model, tables.states)
         """Whether no run leaves the grid, whatever is commanded."""
-        if self.kernel.size == 0:
-            raise RejectedError("K is empty")
 
     @property
     def sees_rates(self) -> bool:
@@ -207,6 +210,8 @@ class GridCheck(GroupCheck):
 
     def safe(self, cells: Cells) -> None:
         """On these."""
+        if self.kernel.size == 0:
+            raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
@@ -303,6 +308,10 @@ class GridCheck(GroupCheck):
             raise RejectedError("Q holds cells on which `safer` is not certain")
         if (self.kernel.members & ~home.members & (tables.rank == 0)).any():
             raise RejectedError("W does not hold all of K")
+        if (home.members & (tables.rank != 1)).any():
+            raise RejectedError("W does not begin with Q")
+        if ((tables.rank <= 1) & (tables.rank_holds > 0)).any():
+            raise RejectedError("W says how long it takes where there is nowhere to go")
         if self._never_left(home):
             return
         kept = partial(witnessed, self.chains, tables.home, calm, home)
