@@ -62,7 +62,8 @@ DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""More than so many times what there is, and so much: no claim, but a way to keep this busy."""
+"""More than so many times what there is, and so much, and all times of the module together: no
+claim, but a way to keep this busy."""
 BEGINS = ("P1c", "P2a", "P3", "start")
 """What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
 CASES_MAX = 4096
@@ -377,6 +378,8 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
     about more schedules: it implies ours.
     """
     _keys(given, TIME_KEYS, "`times`")
+    reads = (*facts.setting.by_dm, *facts.setting.by_sc)
+    together = sum(facts.times[k] for k in TIME_KEYS) + sum(r.max_age for r in reads)
     for key in TIME_KEYS:
         value, own = given[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
@@ -384,7 +387,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
         if value < own or (fixed and value != own):
             raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
-        if value > BEYOND * own + BEYOND_NS:
+        if value > BEYOND * own + together + BEYOND_NS:
             raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
 

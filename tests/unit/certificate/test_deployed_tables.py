@@ -215,11 +215,12 @@ def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:
     nothing: Any = None
     tables: Any = SimpleNamespace(states=(0,))
     cells, half_spaces = GridGroup(tables), PolytopeGroup(tables)
-    for cases, entries, why in (
+    asked: Any = (
         ([[cells]], [], "not one for each group"),
         ([[cells]], [{}, {}], "not one for each group"),
         ([[cells], [half_spaces]], [{}], "the cases have other groups"),
         ([[cells], [cells, cells]], [{}], "the cases have other groups"),
-    ):
+    )
+    for cases, entries, why in asked:
         with pytest.raises(RejectedError, match=why):
             _compare_tables(nothing, nothing, cases, entries)

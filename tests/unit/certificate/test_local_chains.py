@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -197,11 +198,13 @@ class Runs:
         y_x, y_v = x + self.extreme(0.01), v + self.extreme(0.02)
         return np.clip(-2.0 * y_x, -0.5, 0.5) + np.clip(-1.5 * y_v, -0.5, 0.5)
 
-    def chain(self, holds: int, p: tuple[int, int] | None = None) -> tuple[list[Any], Any]:
+    def chain(
+        self, holds: int, p: tuple[int, int] | None = None, ages: tuple[int, int] | None = None
+    ) -> tuple[list[Any], Any]:
         """States (2, count) at every tick from a_0 on, and the ticks a_holds.
 
         `p`: between which ticks a_0 was after the beginning of its window, the same for all of a
-        run.
+        run. `ages`: how many ticks before a_0 the first sample was taken, at least and at most.
         """
         force, wind = self.thing.force, self.thing.wind
         past = [(self.x, self.v)]
@@ -225,6 +228,8 @@ class Runs:
                 due = acts[k] == tick
                 if due.any():
                     age = self.draw.choice([0, self.d, self.d // 2], self.count)
+                    if k == 0 and ages is not None:
+                        age = self.draw.choice(ages, self.count)
                     x = np.array([s[0] for s in states])[tick + self.d - age, every]
                     v = np.array([s[1] for s in states])[tick + self.d - age, every]
                     command = np.where(due, self.law(x, v), command)
@@ -316,9 +321,9 @@ def test_chains_of_a_window_enclose_its_runs(
     model = model_of(tmp_path, thing, *times)
     group = group_of(model)
     check = ChainCheck(model, group)
-    assert len(windows(model, count)) == count
+    assert len(windows(model, group.states, count)) == count
     sizes = []
-    for window in windows(model, count):
+    for window in windows(model, group.states, count):
         chain, whole = check.chain(1, window), check.chain(1, EVERY)
         early = window.ends(Fraction(model.facts.jitter_ns))[0] / 10**6
         cell = (14 + 3 * window.index, 24 - 3 * window.index)
@@ -341,6 +346,52 @@ def test_chains_of_a_window_enclose_its_runs(
             assert inside(last, tuple(s[run : run + 1] for s in states[tick])).all()
         sizes.append([max(b[1::2]) - min(b[0::2]) for b in (last, others)])
     assert all(own < whole for own, whole in sizes)
+
+
+@pytest.mark.parametrize("times", [(8, 20, 4), (52, 20, 4)])
+def test_chains_of_first_samples_of_an_age_enclose_their_runs(
+    tmp_path: Path, times: tuple[int, int, int]
+) -> None:
+    """Parts by how old the first sample was: all of them are all runs, none is wider than all."""
+    count = 4
+    model = model_of(tmp_path, THINGS["linear"], *times)
+    group = group_of(model)
+    check = ChainCheck(model, group)
+    parts = windows(model, group.states, count, by_age=True)
+    assert not any(t // 10**6 % count for t in delays(model))
+    delay, jitter = (Fraction(t, 10**6) for t in delays(model))
+    ends = sorted({w.taken(delay) for w in parts})
+    assert [ends[0][0], ends[-1][1]] == [-delay, 0]
+    assert all(a[1] == b[0] for a, b in pairwise(ends))
+    assert {(w.index, w.age) for w in parts} == {(k, a) for k in range(count) for a in range(count)}
+    sizes = []
+    block = tuple((i, i + 1) for i in (24, 18))
+    box = [float(x) for interval in group.grid.box(block) for x in interval]
+    for seed, window in enumerate(parts):
+        runs = Runs(THINGS["linear"], model, box, seed)
+        ages = tuple(int(-t) for t in window.taken(delay))
+        p = (int(jitter) * window.index // count, int(jitter) * (window.index + 1) // count)
+        states, acts = runs.chain(3, p, (ages[1], ages[0]))
+        images = []
+        for one in (window, EVERY):
+            chain = check.chain(1, one)
+            form = form_of_box(group.grid.box(block), symbols=True)
+            for k in range(3):
+                form = sure((chain.later if k else chain.first)(form))[0]
+            images.append(sure(chain.last(form))[1] if chain.last else [float(x) for x in form[:4]])
+        for run, tick in enumerate(acts[3]):
+            assert inside(images[0], tuple(s[run : run + 1] for s in states[tick])).all()
+        sizes.append([max(b[1::2]) - min(b[0::2]) for b in images])
+    assert all(own <= whole for own, whole in sizes)
+    assert any(own < whole for own, whole in sizes)
+
+
+def test_what_comes_several_ways_is_not_told_apart_by_age(tmp_path: Path) -> None:
+    """One topic may then show an older instant than another: no age is that of both."""
+    model = model_of(tmp_path, THINGS["linear"], 15, 20, 0)
+    (read,) = model.facts.setting.by_sc
+    model.facts.setting = replace(model.facts.setting, by_sc=(read, read))
+    assert windows(model, (0, 1), 4, by_age=True) == windows(model, (0, 1), 4)
 
 
 @pytest.mark.parametrize("times", TIMES)

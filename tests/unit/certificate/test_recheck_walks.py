@@ -166,6 +166,21 @@ def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_pa
         CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
 
 
+def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    every = np.ones(40, dtype=np.bool_)
+    for given_back, why in (
+        (None, "needs the table of the DM"),
+        (~(some_cells(3) > 0), "Q holds cells on which `safer` is not certain"),  # w is not shown
+        (every, "W does not begin with Q"),
+    ):
+        home = some_cells(20)
+        tables = replace(groups[0], home=home, given_back=given_back, rank=groups[0].rank + 1)
+        check = GridGroup(tables).check(model, None)
+        with pytest.raises(RejectedError, match=why):
+            list(check.home(None))
+
+
 def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path: Path) -> None:
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     sets = [some_cells(*cells) > 0 for cells in ((20, 21), (20, 22), (20,))]

@@ -50,7 +50,8 @@ MID_CUTS = (4, 7)
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
 """How often a cell is halved, and sets on the way: what is tried, one after the other."""
 WINDOWS = 4
-"""Into how many parts runs are told apart by how late their first command acted."""
+"""Into how many parts runs are told apart by how late their first command acted, and then by how
+old the sample was that it answers."""
 UNRANKED = 1 << 20
 
 
@@ -114,8 +115,9 @@ class ChainCheck:
 
     def _tried(self) -> list[tuple[Window, ...]]:
         """Windows of which all together are all runs: one first, then several."""
-        parts = windows(self.model, WINDOWS)
-        return [(EVERY,)] if len(parts) == 1 else [(EVERY,), parts]
+        parts = windows(self.model, self.group.states, WINDOWS)
+        aged = windows(self.model, self.group.states, WINDOWS, by_age=True)
+        return list(dict.fromkeys([(EVERY,), parts, aged]))
 
     def leads(
         self,

@@ -71,25 +71,45 @@ class FreeChain:
 
 @dataclass(frozen=True)
 class Window:
-    """Runs with p in the `index`th of `count` equal parts of [0, j]."""
+    """Runs with p in the `index`th of `count` equal parts of [0, j].
+
+    Of these the ones whose first sample was taken as long before a_0 as the `age`th of `ages`
+    equal parts of [0, d] says: how far any command may have led since is then known better.
+    """
 
     index: int = 0
     count: int = 1
+    age: int = 0
+    ages: int = 1
 
     def ends(self, jitter: Fraction) -> tuple[Fraction, Fraction]:
         """(e, l): a command acts from e before its nominal time until l after it."""
         first = jitter * self.index / self.count
         return first + jitter / self.count, jitter - first
 
+    def taken(self, delay: Fraction) -> tuple[Fraction, Fraction]:
+        """From when to when, relative to a_0, the first sample was taken."""
+        return -delay * (self.age + 1) / self.ages, -delay * self.age / self.ages
+
 
 EVERY = Window()
 
 
-def windows(model: CaseModel, count: int) -> tuple[Window, ...]:
-    """All runs in `count` parts, in one where no command acts late."""
-    if model.facts.kind == "map" or not model.facts.jitter_ns:
-        count = 1
-    return tuple(Window(k, count) for k in range(count))
+def windows(
+    model: CaseModel, members: Sequence[int], count: int, *, by_age: bool = False
+) -> tuple[Window, ...]:
+    """All runs in `count` parts, in one where no command acts late.
+
+    `by_age`: each of these in `count` parts, where a linear flow led from the first sample and all
+    that SC reads of it comes one way: what comes several ways may show several instants.
+    """
+    if model.facts.kind == "map":
+        return (EVERY,)
+    counts = count if model.facts.jitter_ns else 1
+    paths = [path for read in model.facts.setting.by_sc for path in read.paths]
+    by_age = by_age and len(paths) == 1 and is_linear(model, members)
+    ages = count if by_age and model.facts.delay_ns else 1
+    return tuple(Window(k, counts, age, ages) for k in range(counts) for age in range(ages))
 
 
 def delays(model: CaseModel) -> tuple[int, int]:
@@ -253,6 +273,7 @@ class _FlowChain:
         d, j = delays(model)
         self.d = d * NANOSECOND
         self.early, late = window.ends(j * NANOSECOND)
+        self.taken = window.taken(self.d)
         self.span = self.early + late
         """How long the old command or the new one may act."""
         if self.span > self.delta:
@@ -280,7 +301,7 @@ class _FlowChain:
         own = [states[i] for i in self.members]
         sampled = own
         if self.d:
-            sampled = self._in_window(terms, self.any, Fraction(0), own, [])
+            sampled = self._in_window(terms, self.any, self.taken, own, [])
         commands = self._commands(terms, states, sampled)
         tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.early, self.pieces)
         before = [control_inputs(self.model.facts, terms) for _ in range(1, self.depth)]
@@ -332,7 +353,7 @@ class _FlowChain:
         """
         if not self.depth:
             return list(own)
-        moved = self._in_window(terms, self.flow, self.span, own, old[0])
+        moved = self._in_window(terms, self.flow, (-self.d, self.span), own, old[0])
         lengths = [Fraction(0)] * (self.depth + 1)
         for i in range(1, self.depth):
             reach = self.d + self.span - i * self.delta
@@ -365,11 +386,11 @@ class _FlowChain:
         self,
         terms: Terms,
         flow: LinearFlow,
-        ahead: Fraction,
+        times: tuple[Fraction, Fraction],
         own: Sequence[Linear],
         commands: Sequence[Linear],
     ) -> list[Linear]:
-        """The states at any time from d before to `ahead` after, under one command.
+        """The states at any time between two, under one command.
 
         x(s) = x + (integral of e^{At} over [0, s]) (A x + B u + c) +- noise.
         """
@@ -377,8 +398,8 @@ class _FlowChain:
         for a, b, c in zip(flow.a, flow.b, flow.constant, strict=True):
             parts = [(f, x) for f, x in zip((*a, *b), (*own, *commands), strict=True)]
             rates.append(terms.combine([(f, x) for f, x in parts if not f.is_zero()], c))
-        window = integrals(flow.a, -self.d, ahead)
-        noise = flow.motion(-self.d, ahead).noise
+        window = integrals(flow.a, *times)
+        noise = flow.motion(*times).noise
         states = []
         for i, x in enumerate(own):
             parts = [(ONE, x), (ONE, terms.blurred(window[i], rates))]

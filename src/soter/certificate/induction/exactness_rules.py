@@ -9,6 +9,7 @@ from __future__ import annotations
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import (
+    ArrayType,
     BoolType,
     DurationType,
     EnumType,
@@ -16,10 +17,14 @@ from soter.language.model.types import (
     IntType,
     RecordType,
     Type,
+    has_list,
+    leaf_count,
 )
 
 SHORT = 60
 """Nodes of the tree of a function that is read although its values are opaque."""
+LEAVES_MAX = 64
+"""Numbers and truths of an array whose elements are told apart; of a larger one nothing is told."""
 
 
 def is_plain(t: Type) -> bool:
@@ -35,16 +40,32 @@ _SIMPLE = (
 )  # fmt: skip
 
 
+_EXACT = (*_SIMPLE, typed.Index, typed.TypedLength, typed.ForEach)
+
+
+def parts_of_value(t: Type) -> tuple[Type, ...] | None:
+    """The types of the parts of which a value is put together: of a record, or a small array.
+
+    None for everything that is one term, be it a number or an array of which nothing is told.
+    """
+    if isinstance(t, RecordType):
+        return tuple(f for _, f in t.fields)
+    if isinstance(t, ArrayType) and not has_list(t) and leaf_count(t) <= LEAVES_MAX:
+        return (t.element,) * t.size
+    return None
+
+
 def is_exact(t: Type) -> bool:
     """Whether all of a value is."""
-    return all(is_exact(f) for _, f in t.fields) if isinstance(t, RecordType) else is_plain(t)
+    parts = parts_of_value(t)
+    return is_plain(t) if parts is None else all(is_exact(p) for p in parts)
 
 
 def is_simple(fun: typed.FunSymbol) -> bool:
     """Whether its body is all of what is read here."""
     parts = list(parts_of(fun.body or ()))
     exact = all(is_exact(n.type) for n in parts if isinstance(n, typed.TypedExpr))
-    return exact and all(isinstance(n, _SIMPLE) for n in parts)
+    return exact and all(isinstance(n, _EXACT) for n in parts)
 
 
 def is_short(fun: typed.FunSymbol) -> bool:

@@ -19,8 +19,10 @@ from soter.certificate.induction.exactness_rules import (
     is_plain,
     is_short,
     is_simple,
+    parts_of_value,
     passes_on,
 )
+from soter.certificate.induction.known_values import folded
 from soter.certificate.induction.solver_values import (
     LARGEST,
     OPAQUE,
@@ -28,12 +30,15 @@ from soter.certificate.induction.solver_values import (
     Elapsed,
     Seconds,
     applied,
+    both,
     contents,
     either,
     element,
     extent,
     known,
     length,
+    negation,
+    one_of,
     opaque,
     true,
     unknown,
@@ -54,6 +59,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.language.model.system import Scope
+    from soter.language.model.types import Type
 
 Term = Any
 ROUNDS_MAX = 4_000
@@ -162,20 +168,21 @@ class SolverReading:
     # ------------------------------------------------------------ statements
 
     def run(self, statements: Sequence[typed.TypedStmt], where: Term) -> None:
-        """In order; after a return nothing is done. NotRecheckedError for what is not known."""
+        """In order; after a return, and where nobody gets, nothing is done.
+
+        NotRecheckedError for what is not known.
+        """
         for s in statements:
             self.rounds += 1
             if self.rounds > ROUNDS_MAX:
                 raise NotRecheckedError("a step of too many statements")
-            here = z3.And(where, z3.Not(self.returned))
+            here = both(where, negation(self.returned))
+            if z3.is_false(here):
+                continue
             if isinstance(s, typed.TypedDeclare):
                 self.env[s.variable] = self.value(s.value, here)
             elif isinstance(s, typed.TypedAssign):
-                if not all(isinstance(p, int) for p in s.place.path):
-                    raise NotRecheckedError("an assignment at an index")
-                old = self.env[s.place.variable]
-                new = _put(old, s.place.path, self.value(s.value, here))
-                self.env[s.place.variable] = either(here, new, old)
+                self._assign(s, here)
             elif isinstance(s, typed.TypedPublish):
                 value = self.value(s.value, here)
                 flag, old = self.said.get(s.topic, (z3.BoolVal(False), value))
@@ -183,7 +190,7 @@ class SolverReading:
             elif isinstance(s, typed.TypedReturn):
                 value = self.value(s.value, here)
                 self.result = value if self.result is None else either(here, value, self.result)
-                self.returned = z3.Or(self.returned, here)
+                self.returned = one_of(self.returned, here)
             elif isinstance(s, typed.Assert):
                 self._faulty(here, z3.Not(self.value(s.condition, here)))
             elif isinstance(s, typed.TypedIf):
@@ -191,6 +198,10 @@ class SolverReading:
             elif isinstance(s, typed.ForRange):
                 for k in range(s.low, s.high):
                     self.env[s.variable] = z3.IntVal(k)
+                    self.run(s.body, where)
+            elif isinstance(s, typed.ForEach) and parts_of_value(s.sequence.type) is not None:
+                for item in self.value(s.sequence, here):
+                    self.env[s.variable] = item
                     self.run(s.body, where)
             else:
                 raise NotRecheckedError(
@@ -201,15 +212,46 @@ class SolverReading:
         left = where
         for condition, body in s.arms:
             c = self.value(condition, left)
-            self.run(body, z3.And(left, c))
-            left = z3.And(left, z3.Not(c))
+            self.run(body, both(left, c))
+            left = both(left, negation(c))
         self.run(s.otherwise, left)
+
+    def _assign(self, s: typed.TypedAssign, where: Term) -> None:
+        """Of a variable or a part of it: its indices first, in order, then the value."""
+        path = [p if isinstance(p, int) else self.value(p, where) for p in s.place.path]
+        old = self.env[s.place.variable]
+        new = self.value(s.value, where)
+        self.env[s.place.variable] = either(
+            where, self._put(old, s.place.variable.type, path, new, where), old
+        )
+
+    def _put(self, old: Term, t: Type, path: Sequence[Any], new: Term, where: Term) -> Term:
+        """A value of a type with another part at a path; an index that it has not is a fault."""
+        if not path:
+            return new
+        at, rest = path[0], path[1:]
+        types = parts_of_value(t)
+        if types is None:
+            raise NotRecheckedError("an assignment at an index of what is not told apart")
+        if isinstance(t, RecordType):
+            part = self._put(old[at], types[at], rest, new, where)
+            return (*old[:at], part, *old[at + 1 :])
+        self._faulty(where, z3.Or(at < 0, at >= len(types)))
+        parts = []
+        for k, (part, of) in enumerate(zip(old, types, strict=True)):
+            here = z3.BoolVal(at.as_long() == k) if z3.is_int_value(at) else at == k
+            parts.append(either(here, self._put(part, of, rest, new, both(where, here)), part))
+        return tuple(parts)
 
     # ------------------------------------------------------------ expressions
 
     def value(self, e: typed.TypedExpr, where: Term) -> Term:
         """The value, where it is evaluated. NotRecheckedError for what is not known."""
         sight = self.sight
+        constant = folded(e, self.env, sight.scope.params, self.looked_at)
+        if constant is not None:
+            contents(e.type, constant, sight.facts)
+            return known(e.type, constant)
         if isinstance(e, typed.Literal):
             contents(e.type, e.value, sight.facts)
             return known(e.type, e.value)
@@ -231,25 +273,26 @@ class SolverReading:
             return self._READ_BY[type(e)](self, e, where)
         if isinstance(e, typed.Conditional):
             c = self.value(e.condition, where)
-            then = self.value(e.then, z3.And(where, c))
-            return either(c, then, self.value(e.otherwise, z3.And(where, z3.Not(c))))
+            then = self.value(e.then, both(where, c))
+            return either(c, then, self.value(e.otherwise, both(where, negation(c))))
         if isinstance(e, typed.TypedField):
             return self.value(e.target, where)[e.index]
-        if isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
+        if isinstance(e, typed.Aggregate) and parts_of_value(e.type) is not None:
             order = e.order or tuple(range(len(e.elements)))
             pairs = zip(order, e.elements, strict=True)
             value_by_position = {k: self.value(x, where) for k, x in pairs}
             return tuple(value_by_position[k] for k in range(len(value_by_position)))
-        if isinstance(e, typed.Narrow):
-            value = self.value(e.operand, where)
-            low, high = extent(e.type)
-            self._faulty(where, z3.Or(value < low, value > high))
-            return value
         if isinstance(e, typed.Vector) and e.op in "+-*" and isinstance(e.type, RecordType):
             return by_component(e.op, self.value(e.left, where), self.value(e.right, where))
         raise NotRecheckedError(
             f"`{type(e).__name__.removeprefix('Typed').lower()}` in what is proved by induction"
         )
+
+    def _narrowed(self, e: typed.Narrow, where: Term) -> Term:
+        value = self.value(e.operand, where)
+        low, high = extent(e.type)
+        self._faulty(where, z3.Or(value < low, value > high))
+        return value
 
     def _counted(self, e: typed.TypedLength | typed.Index, where: Term) -> Term:
         t = e.target.type
@@ -319,9 +362,7 @@ class SolverReading:
         """An operand, of comparisons one that is no NaN; whether it is hangs on its value alone."""
         value = self.value(e, where)
         if e in self.looked_at and not isinstance(value, Elapsed):
-            numbers = value if isinstance(value, tuple) else (value,)
-            is_nan = z3.Function("floats NaN", OPAQUE, z3.BoolSort())
-            doubts = [z3.And(where, is_nan(opaque(x))) for x in numbers]
+            doubts = [both(where, _is_nan(x)) for x in flat_values(value)]
             self.doubt = z3.Or(self.doubt, *doubts)
         return value
 
@@ -382,6 +423,7 @@ class SolverReading:
         return applied(name, values, fun.result, self.sight.facts)
 
     _READ_BY: ClassVar[dict[type, Callable[[Any, Any, Term], Term]]] = {
+        typed.Narrow: _narrowed,
         typed.TypedLength: _counted,
         typed.Index: _counted,
         typed.TypedChoose: _chosen,
@@ -395,10 +437,15 @@ class SolverReading:
 _BOOL = BoolType()
 
 
-def _put(old: Term, path: Sequence[Any], new: Term) -> Term:
-    if not path:
-        return new
-    return tuple(_put(v, path[1:], new) if k == path[0] else v for k, v in enumerate(old))
+def flat_values(value: Term) -> tuple[Term, ...]:
+    """A number, or the components of a vector."""
+    return value if isinstance(value, tuple) else (value,)
+
+
+def _is_nan(x: Term) -> Term:
+    if isinstance(x, Seconds):
+        return z3.BoolVal(x.value != x.value)
+    return z3.Function("floats NaN", OPAQUE, z3.BoolSort())(opaque(x))
 
 
 def of_floats(op: str, a: Term, b: Term, sort: Any = OPAQUE) -> Term:  # noqa: ANN401 - a sort

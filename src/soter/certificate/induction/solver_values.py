@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.exactness_rules import is_plain
+from soter.certificate.induction.exactness_rules import is_plain, parts_of_value
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -21,7 +21,6 @@ from soter.language.model.types import (
     FloatType,
     IntType,
     ListType,
-    RecordType,
     leaves,
 )
 
@@ -59,8 +58,9 @@ def true(x: bool | Term) -> Term:
 
 def unknown(t: Type, name: str, facts: list[Term]) -> Term:
     """Any value of a type; what the type says of it goes to `facts`."""
-    if isinstance(t, RecordType):
-        return tuple(unknown(f, f"{name}.{n}", facts) for n, f in t.fields)
+    parts = parts_of_value(t)
+    if parts is not None:
+        return tuple(unknown(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
     if isinstance(t, BoolType):
         return z3.FreshBool(name)
     if is_plain(t):
@@ -80,8 +80,9 @@ def extent(t: Type) -> tuple[int, int]:
 
 def known(t: Type, value: Value) -> Term:
     """A value of the program."""
-    if isinstance(t, RecordType):
-        return tuple(known(f, v) for (_, f), v in zip(t.fields, value, strict=True))
+    parts = parts_of_value(t)
+    if parts is not None:
+        return tuple(known(p, v) for p, v in zip(parts, value, strict=True))
     if isinstance(t, BoolType):
         return z3.BoolVal(bool(value))
     if is_plain(t):
@@ -89,6 +90,25 @@ def known(t: Type, value: Value) -> Term:
     if isinstance(t, FloatType):
         return Seconds(value)
     return z3.Const(f"{t!r}: {value!r}", OPAQUE)
+
+
+def both(a: Term, b: Term) -> Term:
+    """`a && b`, which is one of them where the other is known."""
+    if z3.is_true(a) or z3.is_false(b):
+        return b
+    return a if z3.is_true(b) or z3.is_false(a) else z3.And(a, b)
+
+
+def negation(a: Term) -> Term:
+    """`!a`."""
+    return z3.BoolVal(z3.is_false(a)) if z3.is_true(a) or z3.is_false(a) else z3.Not(a)
+
+
+def one_of(a: Term, b: Term) -> Term:
+    """`a || b`, likewise."""
+    if z3.is_false(a) or z3.is_true(b):
+        return b
+    return a if z3.is_false(b) or z3.is_true(a) else z3.Or(a, b)
 
 
 def opaque(value: Term) -> Term:
@@ -102,6 +122,8 @@ def opaque(value: Term) -> Term:
 
 def either(c: Term, a: Term, b: Term) -> Term:
     """`c ? a : b`."""
+    if z3.is_true(c) or z3.is_false(c):
+        return a if z3.is_true(c) else b
     if isinstance(a, tuple):
         return tuple(either(c, x, y) for x, y in zip(a, b, strict=True))
     if a is b:
@@ -120,11 +142,12 @@ def flat(value: Term) -> list[Term]:
 
 def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
     """Whether a topic with these bounds takes a value."""
-    if isinstance(t, RecordType):
+    parts = parts_of_value(t)
+    if parts is not None:
         conditions, at = [], 0
-        for v, (_, f) in zip(value, t.fields, strict=True):
-            count = sum(1 for _ in leaves(f))
-            conditions.append(inside(v, f, bounds[at : at + count]))
+        for v, p in zip(value, parts, strict=True):
+            count = sum(1 for _ in leaves(p))
+            conditions.append(inside(v, p, bounds[at : at + count]))
             at += count
         return z3.And(*conditions) if conditions else z3.BoolVal(True)
     if isinstance(t, (BoolType, EnumType)):
@@ -147,8 +170,9 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 def applied(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
     """What a function gives for these values: for the same ones the same; its type to `facts`."""
-    if isinstance(t, RecordType):
-        return tuple(applied(f"{name}.{n}", values, f, facts) for n, f in t.fields)
+    parts = parts_of_value(t)
+    if parts is not None:
+        return tuple(applied(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
     arguments = [x for v in values for x in flat(v)]
     sort = z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
     if not arguments:
@@ -172,14 +196,22 @@ def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
 
 def element(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
     """The element of a list or an array at an index that it has."""
+    if isinstance(sequence, tuple):
+        if z3.is_int_value(index):
+            return sequence[min(max(index.as_long(), 0), len(sequence) - 1)]
+        value = sequence[-1]
+        for k in range(len(sequence) - 2, -1, -1):
+            value = either(index == k, sequence[k], value)
+        return value
     return applied(f"element of {t!r}", [sequence, index], t.element, facts)
 
 
 def contents(t: Type, value: Value, facts: list[Term]) -> None:
     """What is known of the lists and arrays in a value of the program goes to `facts`."""
-    if isinstance(t, RecordType):
-        for (_, f), v in zip(t.fields, value, strict=True):
-            contents(f, v, facts)
+    parts = parts_of_value(t)
+    if parts is not None:
+        for p, v in zip(parts, value, strict=True):
+            contents(p, v, facts)
     elif isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
         whole = known(t, value)
         facts.append(length(whole, t, facts) == len(value))

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 PIECES = 16
 """Into how many pieces a span of time is cut where a kernel may change its sign."""
-TAYLOR = 24
+TAYLOR, TAYLOR_MAX = 24, 256
+"""Terms of the series of e^{At}: at least, and at most where a span is long for its rates."""
 ORDERS = {"euler": 1, "rk4": 4}
 """Schemes whose step `_scheme` knows, with their order p: those of p stages, for which the step is
 the series of the solution up to h^p and no other polynomial. Others are not rechecked."""
@@ -195,14 +196,23 @@ class _MatrixKey:
 
 @lru_cache(maxsize=256)
 def _around(matrix: _MatrixKey, width: Fraction) -> Matrix:
-    """e^{At} for all t in [-width, width]; of equal spans of one flow computed once."""
+    """e^{At} for all t in [-width, width]; of equal spans of one flow computed once.
+
+    As many terms as make the rest a series that is at least halved from term to term.
+    """
     a, half = matrix.a, exact(width)
     n = len(a)
     around = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
     power, absolute = a, [[magnitude(x) for x in row] for row in a]
+    size = max((float(sum(row, ZERO).upper()) for row in absolute), default=0.0)
+    last = TAYLOR
+    while not exact(size) * half / (last + 2) < HALF:
+        if last == TAYLOR_MAX:
+            raise NotRecheckedError("a span of time too long for these rates")
+        last += 1
     reached = absolute
     factor = ONE
-    for k in range(1, TAYLOR + 1):
+    for k in range(1, last + 1):
         factor = factor * half / k
         # t^k over [-half, half]: all of [-1, 1] for odd k, [0, 1] for even k
         span = arb(0, 1) if k % 2 else arb(0.5, 0.5)
@@ -211,11 +221,7 @@ def _around(matrix: _MatrixKey, width: Fraction) -> Matrix:
                 around[i][j] += power[i][j] * (factor * span)
         power = _times(power, a)
         reached = _times(reached, absolute)
-    size = max((float(sum(row, ZERO).upper()) for row in absolute), default=0.0)
-    ratio = exact(size) * half / (TAYLOR + 2)
-    if not ratio < HALF:
-        raise NotRecheckedError("a span of time too long for these rates")
-    tail = factor * half / (TAYLOR + 1) * 2
+    tail = factor * half / (last + 1) * 2
     for i in range(n):
         for j in range(n):
             # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums

@@ -198,17 +198,15 @@ class Terms:
     def rounded(self, x: Linear) -> Linear:
         """`x` as a machine rounds it to the nearest double.
 
-        NotRecheckedError where it is bounded, but may leave the range of doubles.
+        Where it may leave the range of doubles, that it does not becomes an obligation.
         """
         largest = magnitude(x.low).max(magnitude(x.high))
-        if not largest.is_finite():  # bounded where it is used, or not at all
+        if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
                 self.oblige(self.below(self.combine(((sign, x),), -LARGEST)))
             relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
             enclosure = self.combine(((ONE, x), (ONE, relative)))
             return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
-        if not largest < LARGEST:
-            raise NotRecheckedError("a number that may leave the range of doubles")
         error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
         return Linear(
             x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative
