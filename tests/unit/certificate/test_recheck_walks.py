@@ -62,10 +62,10 @@ system S default { l: Lag; module Module; until 10s; }
 
 
 def lag(
-    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED
+    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED, more: str = ""
 ) -> tuple[CaseModel, list[GroupTables]]:
     """The model, and a table for w and for q; `bound`: of the grid of q."""
-    text = LAG.replace(CLAMPED, law)
+    text = LAG.replace(CLAMPED, law).replace("verify {", f"verify {{ {more}")
     text = text.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
     (tmp_path / "lag.soter").write_text(text)
     facts = small_proofs.facts_of(tmp_path / "lag.soter", "S", "Module")
@@ -166,6 +166,27 @@ def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_pa
         CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
 
 
+def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13, more="recover within 1s;")
+    slow = replace(groups[0], rank_holds=np.full(40, 51, dtype=np.uint8))  # 51 times 20 ms
+    own = [GridGroup(slow), GridGroup(groups[1])]
+    for recover_ns, why in ((10**9, "SC may take longer"), (2 * 10**9, "is another one in the")):
+        with pytest.raises(RejectedError, match=why):
+            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+
+
+def test_what_a_law_keeps_is_told_on_the_cells_of_sc(tmp_path: Path) -> None:
+    own = lag(tmp_path, "4.0", "d", 1.13)[1][0]
+    law = replace(own, core=some_cells(3))
+    others = [replace(law, grid=Grid((tuple(2.0 * x for x in law.grid.edges[0]),)))]
+    others.append(replace(law, states=(1,)))
+    for other in others:
+        with pytest.raises(RejectedError, match="other cells than SC"):
+            GridGroup(own).kept_by([GridGroup(other)])
+    kept = GridGroup(own).kept_by([*map(GridGroup, others), GridGroup(law)])
+    assert kept.members.tolist() == (law.core > 0).tolist()
+
+
 def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path) -> None:
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     every = np.ones(40, dtype=np.bool_)
@@ -175,7 +196,9 @@ def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path)
         (every, "W does not begin with Q"),
     ):
         home = some_cells(20)
-        tables = replace(groups[0], home=home, given_back=given_back, rank=groups[0].rank + 1)
+        tables = replace(
+            groups[0], home=home, given_back=given_back, rank=np.full(40, 2, np.uint16)
+        )
         check = GridGroup(tables).check(model, None)
         with pytest.raises(RejectedError, match=why):
             list(check.home(None))
