@@ -10,11 +10,11 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.cells.predicates import certain, published
+from soter.certificate.cells.unbounded_axes import nothing_reads
 from soter.certificate.format.claimed_parts import FREE, OF_SETS
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.handover import not_entered
-from soter.certificate.inclusions.predicates import certain, published
-from soter.certificate.inclusions.unbounded_axes import nothing_reads
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.module_facts import bounded_topics
@@ -26,8 +26,8 @@ from soter.certificate.task_processes import TaskProcesses, can_fork
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
 
+    from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.inclusions.cell_sets import Axes, Cells
     from soter.certificate.reading.module_facts import ModuleAbove
     from soter.certificate.reading.problem import Facts
     from soter.language.model import typed

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
+    from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.format.folder import Certificate
-    from soter.certificate.inclusions.cell_sets import Axes, Cells
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule

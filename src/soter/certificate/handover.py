@@ -16,9 +16,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import Jump
+from soter.certificate.cells.predicates import Decision, both_all
 from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import NotRecheckedError
-from soter.certificate.inclusions.predicates import Decision, both_all
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import driven_topics, followed
 from soter.certificate.reading.view_predicates import entered

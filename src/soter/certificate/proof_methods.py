@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.inclusions.grid_group import GridGroup
+from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.induction.check_claims import recheck_induction
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 

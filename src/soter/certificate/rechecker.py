@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.claimed_parts import refuse_cells, refuse_unclaimed
 from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
-from soter.certificate.inclusions.cell_sets import Axes, Grid
 from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel

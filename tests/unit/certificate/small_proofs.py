@@ -15,11 +15,11 @@ import numpy as np
 
 from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.assumptions import p1c_of
+from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cells.predicates import certain
 from soter.certificate.format.claimed_parts import unclaimed
 from soter.certificate.format.folder import canonical
-from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.inclusions.predicates import certain
+from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import Facts, read_facts
 from soter.certificate.rechecker import TIME_KEYS

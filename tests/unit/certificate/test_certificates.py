@@ -17,7 +17,7 @@ from long_tests import examples
 from soter.api import recheck
 from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.shield import tops_of
+from soter.certificate.grid.shield import tops_of
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
 

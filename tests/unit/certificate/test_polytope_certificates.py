@@ -14,8 +14,8 @@ import pytest
 
 import soter
 from long_tests import some
+from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.rechecker import Report, recheck
 from soter.language.front_end import check_file

@@ -2,7 +2,7 @@
 
 Purpose: one list for whoever writes a certificate and whoever reads it: a part on which nothing
 that is claimed rests does not stand there, and K is empty where nothing is claimed of it.
-Non-goals: what a part has to show for a claim (`inclusions/`, `polytope/`).
+Non-goals: what a part has to show for a claim (`grid/`, `polytope/`).
 """
 
 from __future__ import annotations

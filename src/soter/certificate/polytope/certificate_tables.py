@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.inclusions.cell_sets import Axes, Grid
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.inclusions.predicates import AdmitCheck
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
+    from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Task
-    from soter.certificate.inclusions.cell_sets import Cells
     from soter.certificate.polytope.certificate_tables import PolytopeTables, Triples
     from soter.certificate.polytope.sc_linear_law import CommandLaw
     from soter.certificate.reading.case_model import CaseModel

@@ -2,7 +2,7 @@
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
-Non-goals: the inclusions themselves (`group_claims.py`, `predicates.py`, `shield.py`).
+Non-goals: the inclusions themselves (`group_claims.py`, `estimates.py`, `shield.py`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Cells, Grid, parts, volume
+from soter.certificate.cells.predicates import AdmitCheck, admitted
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.groups import LOOK, Group, GroupCheck
-from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
-from soter.certificate.inclusions.group_claims import (
+from soter.certificate.grid.estimates import drifts, eroded, levels_hold
+from soter.certificate.grid.group_claims import (
     FREE_PIECES,
     PIECES,
     ChainCheck,
@@ -25,15 +26,9 @@ from soter.certificate.inclusions.group_claims import (
     ranked,
     witnessed,
 )
-from soter.certificate.inclusions.inward_flow import points_inwards, scheme_at_fault
-from soter.certificate.inclusions.predicates import (
-    AdmitCheck,
-    admitted,
-    drifts,
-    eroded,
-    levels_hold,
-)
-from soter.certificate.inclusions.shield import cells_of, to_show, tops_of
+from soter.certificate.grid.inward_flow import points_inwards, scheme_at_fault
+from soter.certificate.grid.shield import cells_of, to_show, tops_of
+from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, KEEPS
@@ -43,9 +38,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.cells.cell_sets import Axes, Block
     from soter.certificate.format.folder import Certificate
     from soter.certificate.groups import Entry, Task
-    from soter.certificate.inclusions.cell_sets import Axes, Block
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule

@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Cells
-from soter.certificate.inclusions.group_claims import FreeCheck
-from soter.certificate.inclusions.predicates import drifts
+from soter.certificate.grid.estimates import drifts
+from soter.certificate.grid.group_claims import FreeCheck
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.problem import number_of
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Block
-    from soter.certificate.inclusions.group_claims import GroupTables
+    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.grid.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component
     from soter.language.model.typed import TopicSymbol
