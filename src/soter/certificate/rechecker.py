@@ -29,14 +29,12 @@ from soter.certificate.inclusions.cell_sets import Cells, Grid
 from soter.certificate.inclusions.dm_tables import compare_tables
 from soter.certificate.inclusions.group_claims import GroupTables
 from soter.certificate.induction.check_claims import recheck_induction
-from soter.certificate.module_above import read_above
 from soter.certificate.polytope.certificate_tables import PolytopeTables, read_polytope
 from soter.certificate.polytope.dm_half_spaces import compare_half_spaces
 from soter.certificate.polytope.predicates_on_boxes import narrowed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.problem import DiffersError, Facts, read_facts
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.problem import DiffersError, Facts
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import (
     GIVING_UP,
@@ -48,7 +46,7 @@ from soter.certificate.report import (
 )
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.task_processes import UnderWay
-from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
+from soter.certificate.understood import facts_of
 from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
@@ -215,13 +213,7 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
         flat = system_to_prove(checked, entry["system"], overrides, exact=False)
-        facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
-    read_above(facts)
-    check_supported(facts)
-    survives_the_start(facts)
-    if facts.above is not None:
-        answers_all(facts)
-    return facts
+        return facts_of(flat, entry)
 
 
 def _by_induction(
@@ -245,7 +237,7 @@ def _module(
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
-        extents = _compare(facts, entry)
+        extents = compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
@@ -261,7 +253,7 @@ def _module(
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
             refuse_unclaimed(case["groups"], claims, computed=facts.computed)
-            grids, others = _groups(certificate, facts, extents, case["groups"])
+            grids, others = groups_of(certificate, facts, extents, case["groups"])
         tables.append(grids)
         polytopes.append(others)
     if ("tables" in entry) != facts.computed:
@@ -380,7 +372,7 @@ def _law(
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
             refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
-            grids, others = _groups(certificate, facts, extents, case["groups"])
+            grids, others = groups_of(certificate, facts, extents, case["groups"])
             if others:
                 raise NotRecheckedError("a fail-safe law on polytopes is not rechecked")
             tables.append(grids)
@@ -395,7 +387,7 @@ def _of_law(group: GroupTables, law: list[GroupTables]) -> Cells:
     raise RejectedError("the law is looked at on other cells than SC")
 
 
-def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
+def compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
     """Every figure of the manifest against the program; gives back the extents of the grid."""
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -442,12 +434,13 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         facts.times[key] = value
 
 
-def _groups(
+def groups_of(
     certificate: Certificate,
     facts: Facts,
     extents: tuple[tuple[float, float], ...],
     entries: list[dict[str, Any]],
 ) -> tuple[list[GroupTables], list[PolytopeTables]]:
+    """The groups of a case, grids and half-spaces."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     tables, polytopes, seen = [], [], []
     inputs = [facts.controls, facts.disturbances, facts.errors, facts.others]
