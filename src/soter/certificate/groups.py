@@ -125,6 +125,13 @@ class GroupCheck(ABC):
         return False
 
     @abstractmethod
+    def tried(self, claims: set[str]) -> None:
+        """Make ready what these claims need, and look at a few cells: for what is not understood.
+
+        Nothing is shown by it.
+        """
+
+    @abstractmethod
     def safe(self, cells: Cells) -> None:
         """`safe` is certain on those cells of `Group.part`: SC has to keep K there."""
 

@@ -24,12 +24,10 @@ from soter.certificate.format.claimed_parts import refuse_cells, refuse_unclaime
 from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
-from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.problem import DiffersError, Facts, read_facts
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.problem import DiffersError, Facts
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import (
     GIVING_UP,
@@ -40,7 +38,7 @@ from soter.certificate.report import (
     of_those_above,
 )
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
+from soter.certificate.understood import facts_of
 from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
@@ -137,7 +135,7 @@ def _check(
         try:
             if whole:
                 with _understood("a module"):
-                    facts, module_report = whole[0](_system(checked, overrides, entry), entry)
+                    facts, module_report = whole[0].check(_system(checked, overrides, entry), entry)
             else:
                 facts = _facts(checked, overrides, entry)
             if any(_key(f) == _key(facts) for f in covered):
@@ -207,14 +205,7 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
     given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
     _keys(entry, (*MODULE_KEYS, *given), "a module")
     with _understood("a module"):
-        flat = _system(checked, overrides, entry)
-        facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
-    read_above(facts)
-    check_supported(facts)
-    survives_the_start(facts)
-    if facts.above is not None:
-        answers_all(facts)
-    return facts
+        return facts_of(_system(checked, overrides, entry), entry)
 
 
 def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
@@ -232,7 +223,7 @@ def _module(
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
-        extents = _compare(facts, entry)
+        extents = compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
@@ -248,12 +239,12 @@ def _module(
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
             refuse_unclaimed(case["groups"], claims, computed=facts.computed)
-            groups.append(_groups(certificate, facts, extents, case["groups"]))
+            groups.append(groups_of(certificate, facts, extents, case["groups"]))
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
-            _compare_tables(certificate, facts, groups, entry["tables"])
+            compare_tables(certificate, facts, groups, entry["tables"])
     cells = [core for of_case in groups for g in of_case for core in g.cells]
     refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
@@ -322,13 +313,13 @@ def _law(
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
             refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
-            groups.append(_groups(certificate, facts, extents, case["groups"]))
+            groups.append(groups_of(certificate, facts, extents, case["groups"]))
             for g in groups[-1]:
                 g.kept_by(groups[-1])
     return law_of(facts), groups
 
 
-def _compare_tables(
+def compare_tables(
     certificate: Certificate,
     facts: Facts,
     cases: list[list[Group]],
@@ -343,7 +334,7 @@ def _compare_tables(
         same[0].compare(certificate, facts, same, entry)
 
 
-def _compare(facts: Facts, entry: dict[str, Any]) -> Extents:
+def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
     """Every figure of the manifest against the program; gives back the extents of the grid."""
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -392,13 +383,13 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         facts.times[key] = value
 
 
-def _groups(
+def groups_of(
     certificate: Certificate,
     facts: Facts,
     extents: Extents,
     entries: list[dict[str, Any]],
 ) -> list[Group]:
-    """In the order of the methods."""
+    """The groups of a case, in the order of the methods."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[Group] = []
     for entry in entries:

@@ -21,7 +21,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.grid_group import GridGroup, levels_of, packed
 from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.polytope.polytope_group import PolytopeGroup
-from soter.certificate.rechecker import _compare_tables
+from soter.certificate.rechecker import compare_tables
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete
 from unit.certificate import small_proofs
@@ -223,4 +223,4 @@ def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:
     )
     for cases, entries, why in asked:
         with pytest.raises(RejectedError, match=why):
-            _compare_tables(nothing, nothing, cases, entries)
+            compare_tables(nothing, nothing, cases, entries)

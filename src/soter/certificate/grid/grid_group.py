@@ -14,6 +14,7 @@ import numpy as np
 
 from soter.certificate.cells.cell_sets import Cells, Grid, parts, volume
 from soter.certificate.cells.predicates import AdmitCheck, admitted
+from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.estimates import drifts, eroded, levels_hold
 from soter.certificate.grid.group_claims import (
@@ -50,6 +51,10 @@ BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors."""
 SMALL = 4_000
 """Cells; a smaller grid is not worth it."""
+CELLS_TRIED = 3
+"""Of K: the first, one in the middle, the last."""
+HOLDS_TRIED = 2
+"""For so many holds SC is followed from each of them."""
 BITS = 2
 """A level: 0: ttf, 1: an estimate in S_0, 2: in S_(m-2); in every case."""
 FULL = 2
@@ -202,6 +207,19 @@ class GridCheck(GroupCheck):
     def _never_left(self, *sets: Cells) -> bool:
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept and all(s.members.all() for s in sets)
+
+    def tried(self, claims: set[str]) -> None:
+        """SC, and any command, are followed from a few cells of K, wherever that leads."""
+        everywhere = Cells(self.grid, np.ones(self.grid.shape, dtype=np.bool_))
+        free = FreeCheck(self.model, self.tables, self.model.facts.times["H_ns"])
+        cells = np.argwhere(self.kernel.members)
+        places = np.linspace(0, max(len(cells) - 1, 0), min(CELLS_TRIED, len(cells)))
+        for cell in (tuple(map(int, cells[k])) for k in dict.fromkeys(map(int, places))):
+            box = self.grid.box(tuple((i, i + 1) for i in cell))
+            holds = min(int(self.tables.core[cell]), HOLDS_TRIED)
+            self.chains.leads(box, holds, everywhere, everywhere.contains, PIECES[0])
+            if claims & FREE:
+                free.stays(box, everywhere, FREE_PIECES[0])
 
     def safe(self, cells: Cells) -> None:
         """On these."""

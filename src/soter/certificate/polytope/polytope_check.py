@@ -101,9 +101,14 @@ class PolytopeCheck(GroupCheck):
 
     def safe(self, cells: Cells) -> None:
         """On all of C. Then what the claims are about is read."""
-        model, tables = self.model, self.tables
         if not cells.members.all():
             raise RejectedError("`safe` is not certain on the box of a polytope group")
+        self.tried(set())
+
+    def tried(self, claims: set[str]) -> None:
+        """The law of SC and the flow are read."""
+        del claims
+        model, tables = self.model, self.tables
         if model.facts.kind != "flow":
             raise NotRecheckedError("a polytope group of a map")
         affordable(tables)
