@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.format.claimed_parts import FREE, OF_SETS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.inclusions import shield
 from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
@@ -127,7 +128,7 @@ class CaseCheck:
     def _collect(self) -> None:
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
         self.kept = [points_inwards(self.model, g.states) for g in self.groups]
-        if any(c.size == 0 for c in self.cores):
+        if self.claims & OF_SETS and any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
         nothing_reads(self.model, len(self.groups) + len(self.polytopes))
         seen_to = [
@@ -136,9 +137,9 @@ class CaseCheck:
             if not kept and not is_linear(self.model, g.states)
         ]
         rates_are_defined(self.model, seen_to)
-        if self.claims & {"P2a", "P2b", "P3", "ttf", "safer", "start"}:
+        if self.claims & OF_SETS:
             self._kernel()
-        if self.claims & {"P3", "ttf", "safer"}:
+        if self.claims & FREE:
             self._free()
             if self.model.facts.computed:
                 self._levels()
@@ -237,8 +238,8 @@ class CaseCheck:
             certain = certain or all_published(self.model, self.half_spaces, topic)
             if not certain and not facts.symbol.verify.abstracts:
                 name = facts.system.topics[topic].name
-                raise RejectedError(
-                    f"not rechecked: it was not shown over the half-spaces of K that what a plant "
+                raise NotRecheckedError(
+                    f"it was not shown over the half-spaces of K that what a plant "
                     f"publishes on `{name}` lies in its declared set: elsewhere it stops"
                 )
             facts.in_sets[topic] = certain and facts.in_sets.get(topic, True)
@@ -295,6 +296,10 @@ class CaseCheck:
                 raise RejectedError("Q holds cells on which `safer` is not certain")
             if (core.members & ~home.members & (group.rank == 0)).any():
                 raise RejectedError("W does not hold all of K")
+            if (home.members & (group.rank != 1)).any():
+                raise RejectedError("W does not begin with Q")
+            if ((group.rank <= 1) & (group.rank_holds > 0)).any():
+                raise RejectedError("W says how long it takes where there is nowhere to go")
             if self._never_left(k, home):
                 continue
             check = self._chains(k)

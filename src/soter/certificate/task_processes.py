@@ -12,6 +12,7 @@ import multiprocessing
 import os
 import signal
 import struct
+from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
 from tempfile import TemporaryFile
@@ -22,7 +23,7 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from multiprocessing.connection import Connection
 
     from typing_extensions import Self
@@ -117,6 +118,9 @@ class Work(Protocol):
         """Have them end."""
 
 
+GaveUp = Callable[[Exception], None]
+
+
 class UnderWay:
     """The work that other processes do while this one prepares the next."""
 
@@ -124,6 +128,12 @@ class UnderWay:
         self._work: Work | None = None
         self._otherwise: Callable[[], None] | None = None
         self._afterwards: list[Callable[[], None]] = []
+        self._gave_up: GaveUp | None = None
+        self.gave_up: GaveUp | None = None
+        """Told, of work that begins from now on, what kept it from being shown; None: raised.
+
+        It raises what is not for it to hear.
+        """
 
     def __enter__(self) -> Self:
         return self
@@ -154,7 +164,7 @@ class UnderWay:
         except BaseException:
             work.end()
             raise
-        self._work, self._otherwise = work, otherwise
+        self._work, self._otherwise, self._gave_up = work, otherwise, self.gave_up
 
     def finish(self) -> None:
         """Wait for what is under way, and do what is to be done then.
@@ -162,16 +172,22 @@ class UnderWay:
         RejectedError, NotRecheckedError where a claim fails and nothing else is to be tried.
         """
         work, otherwise, afterwards = self._work, self._otherwise, self._afterwards
-        self._work, self._otherwise, self._afterwards = None, None, []
-        if work is not None:
-            try:
-                work.finish()
-            except FAILURES:
-                if otherwise is None:
-                    raise
-                otherwise()
-        for then in afterwards:
-            then()
+        gave_up = self._gave_up
+        self._work, self._otherwise, self._afterwards, self._gave_up = None, None, [], None
+        try:
+            if work is not None:
+                try:
+                    work.finish()
+                except FAILURES:
+                    if otherwise is None:
+                        raise
+                    otherwise()
+            for then in afterwards:
+                then()
+        except Exception as error:
+            if gave_up is None:
+                raise
+            gave_up(error)
 
     def afterwards(self, then: Callable[[], None]) -> None:
         """What is done when what is under way is finished; at once where nothing is."""

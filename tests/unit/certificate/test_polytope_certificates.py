@@ -544,7 +544,7 @@ def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
         at.program(f"[-{now}, {now}]", f"[-{bound!r}, {bound!r}]")
         report = checked(at.seal())
         if not report.accepted:
-            assert "not rechecked" in report.reason
+            assert report.verdict == "not re-checked"
             assert f"`{topic}`" in report.reason
             return False
         assert f"set {topic}" in {s.key for s in report.modules[0].shown}

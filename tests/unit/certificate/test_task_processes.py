@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 from concurrent.futures import BrokenExecutor
@@ -161,6 +162,21 @@ def test_another_way_that_fails_too_is_raised() -> None:
 
     with pytest.raises(NotRecheckedError, match="neither"), UnderWay() as under_way:
         under_way.begin(Noted("a", [], fails="is finished"), otherwise)
+
+
+@pytest.mark.parametrize("what", ["begins", "is finished"])
+def test_who_began_a_work_is_told_what_kept_it_from_being_shown(what: str) -> None:
+    """And what comes behind it goes on; what is to be done after the work is not."""
+    notes: list[str] = []
+    with UnderWay() as under_way:
+        for name in "abc":
+            under_way.gave_up = lambda error, name=name: notes.append(f"{name}: {error}")  # type: ignore[misc]
+            with contextlib.suppress(RejectedError):
+                under_way.begin(Noted(name, notes, fails=what if name == "b" else ""))
+                under_way.afterwards(lambda name=name: notes.append(f"after {name}"))  # type: ignore[misc]
+    assert ("b: b" in notes) == (what == "is finished"), "who begins hears it at once"
+    assert "after b" not in notes
+    assert [n for n in notes if n.startswith("after")] == ["after a", "after c"]
 
 
 def test_the_work_before_fails_for_itself() -> None:

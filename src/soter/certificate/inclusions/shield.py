@@ -155,4 +155,6 @@ def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
     tops = np.frombuffer(data, dtype=np.uint8).reshape(shape)
     if (tops > n).any():
         raise RejectedError("the table of the shield names cells that there are not")
+    if ((tops > 0) & (tops <= np.arange(n))).any():
+        raise RejectedError("the table of the shield names a greatest cell below the least one")
     return tops

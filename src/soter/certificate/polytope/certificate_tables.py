@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.inclusions.cell_sets import Grid
 from soter.certificate.inclusions.group_claims import GroupTables
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     """Per row the half-spaces with their multipliers, where that is not zero."""
 
 INSTANTS = ("hold", "R", "window", "start")
-PARTS = ("K", "R", "S", "Q", "start")
+PARTS = ("K", "R", "S", "Q")
 REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", "instants")
 OPTIONAL = ("Q", "target")
 HINTS = ("flow", "multipliers")
@@ -251,7 +251,7 @@ class _MatrixReader:
         if rows.ndim != BOX or rows.shape[1] != self.n + 1:
             raise RejectedError("the faces of a polytope are not over the states of its group")
         if len(rows) > FACES_MAX:
-            raise RejectedError(f"a polytope of more than {FACES_MAX:,} half-spaces: not looked at")
+            raise NotRecheckedError(f"a polytope of more than {FACES_MAX:,} half-spaces")
         faces = rows.tolist()
         return HalfSpaces(
             low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
@@ -263,7 +263,7 @@ class _MatrixReader:
         given = self.matrix(entry, None)
         self.weights += count + len(given)
         if self.weights > TRIPLES_MAX:
-            raise RejectedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
+            raise NotRecheckedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
         triples: Triples = [[] for _ in range(count)]
         if given.ndim != BOX or given.shape[1] != TRIPLE:
             raise RejectedError("multipliers are not triples")

@@ -115,6 +115,14 @@ class PolytopeCheck:
         yield from self.tables.multipliers[part]
         raise RejectedError(f"there are too few multipliers for {part}")
 
+    def _spent(self, part: str, given: Iterator[Triples]) -> None:
+        """RejectedError where there are multipliers that nothing needed."""
+        try:
+            next(given)
+        except RejectedError:
+            return
+        raise RejectedError(f"there are too many multipliers for {part}")
+
     def _instants(self, name: str, until_ns: int) -> tuple[int, ...]:
         instants = self.tables.instants[name]
         if instants[-1] != until_ns:
@@ -166,8 +174,9 @@ class PolytopeCheck:
 
     def show_core(self) -> None:
         """K."""
-        own = self.tables.constraint
-        self._kept("K", self.hold_of_core, self.tables.core, own, self._given("K"))
+        own, given = self.tables.constraint, self._given("K")
+        self._kept("K", self.hold_of_core, self.tables.core, own, given)
+        self._spent("K", given)
 
     def show_home(self) -> None:
         """Q is kept inside the target, whose tube the estimates follow, and K leads there.
@@ -190,6 +199,7 @@ class PolytopeCheck:
             row, more = hold.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
         self.core.require("K returns to Q", row, within(ends, loss), next(given))
+        self._spent("Q", given)
 
     # ------------------------------------------------------------ any command
 
@@ -225,8 +235,9 @@ class PolytopeCheck:
     def show_free(self, horizon_ns: int) -> None:
         """R(H)."""
         instants = self._instants("R", horizon_ns)
-        tables = self.tables
-        self._free("R(H)", tables.free, self._plain(tables.core), instants, self._given("R"))
+        tables, given = self.tables, self._given("R")
+        self._free("R(H)", tables.free, self._plain(tables.core), instants, given)
+        self._spent("R", given)
 
     def show_start(self, low: Sequence[float], high: Sequence[float], until_ns: int) -> None:
         """A box of initial states stays in K until SC acts."""
@@ -254,6 +265,7 @@ class PolytopeCheck:
                 limits = [exact(x) for x in before.bounds]
                 rows = in_balls(before.rows)
                 BoundedPolytope(after).require(f"S_{k + 1} in S_{k}", rows, limits, next(given))
+        self._spent("S", given)
 
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples
