@@ -59,7 +59,7 @@ def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) ->
     static_claims(facts, entry["claims"])
     values = list(facts.cases())
     cases = [groups_of(certificate, facts, extents, case["groups"]) for case in entry["cases"]]
-    if facts.computed:
+    if facts.computed and (entry["tables"] or claims & OF_SETS):
         compare_tables(certificate, facts, cases, entry["tables"])
     for k in sorted({0, len(values) - 1})[:CASES_TRIED]:
         ranges = narrowed(extents, [g.part(errors=False) for g in cases[k]])

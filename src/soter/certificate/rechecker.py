@@ -20,7 +20,7 @@ from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.format.certificate_program import hexadecimal, program_of
-from soter.certificate.format.claimed_parts import refuse_cells, refuse_unclaimed
+from soter.certificate.format.claimed_parts import OF_SETS, refuse_cells, refuse_unclaimed
 from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
@@ -60,13 +60,11 @@ DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""More than so many times what there is, and so much, and all times of the module together: no
-claim, but a way to keep this busy."""
+"""More than so many times a time, all times together and so much: a way to keep this busy."""
 BEGINS = ("P1c", "P2a", "P3", "start")
 """What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
-
 MODULE_KEYS = (
     "system",
     "module",
@@ -242,7 +240,7 @@ def _module(
             groups.append(groups_of(certificate, facts, extents, case["groups"]))
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
-    if facts.computed:
+    if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
         with _understood("a table of the DM"):
             compare_tables(certificate, facts, groups, entry["tables"])
     cells = [core for of_case in groups for g in of_case for core in g.cells]
@@ -365,12 +363,11 @@ def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
 def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
     """Declared times are those of the program, derived ones no shorter; the longer ones count.
 
-    A claim about reads that are older, windows that are wider, a horizon that is longer is one
-    about more schedules: it implies ours.
+    Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
     """
     _keys(given, TIME_KEYS, "`times`")
-    reads = (*facts.setting.by_dm, *facts.setting.by_sc)
-    together = sum(facts.times[k] for k in TIME_KEYS) + sum(r.max_age for r in reads)
+    ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
+    together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
     for key in TIME_KEYS:
         value, own = given[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
