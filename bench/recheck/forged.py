@@ -58,7 +58,7 @@ MEMORY = 8 << 30
 """Bytes of address space."""
 DRAWING = ("sizes", "names and types")
 """Kinds that may draw on the terminal."""
-ANSWERS = (0, 1, 3, 4)
+ANSWERS = (0, 1, 3, 4, 5)
 """Exits of `soter recheck`: 1 is a folder that is no certificate."""
 
 
@@ -123,7 +123,7 @@ def judge(kind: str, family: str, seed: int) -> Outcome:
         made = forge(_BASES, family, kind, seed, folder)
         code, out, err, seconds = checked(folder, "--json")
         reason, wrong = "", ""
-        if code in (0, 3, 4):
+        if code in (0, 3, 4, 5):
             report = json.loads(out)
             reason = str(report["reason"])
             if report["accepted"]:
@@ -174,7 +174,7 @@ def untouched() -> list[Outcome]:
                 report = recheck(folder, workers=1)
             wrong = "" if report.accepted else "a right one is rejected"
             label = f"{base.name} {name}".strip()
-            code = 0 if report.accepted else 3
+            code = {"accepted": 0, "rejected": 3}.get(report.verdict, 5)
             outcomes.append(
                 Outcome(base.family, "untouched", label, code, report.seconds, report.reason, wrong)
             )
@@ -237,7 +237,7 @@ def main() -> int:
         if o.wrong:
             print(f"  {o.family}, {o.kind}, {o.name}: {o.wrong} {o.reason[:160]}")
     slowest = max(o.seconds for o in outcomes)
-    reasons = Counter(o.reason.split("`")[0][:60] for o in outcomes if o.exit == 3)
+    reasons = Counter(o.reason.split("`")[0][:60] for o in outcomes if o.exit in (3, 5))
     print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 false, 0 right rejected, 0 hangs")
     if args.json:

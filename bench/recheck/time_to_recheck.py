@@ -82,6 +82,7 @@ def measure(example: Example, flips: int) -> dict[str, object]:
     return {
         "verdict": proved.verdict,
         "accepted": report.accepted,
+        "rechecked": report.verdict,
         "reason": report.reason,
         "confirmed": [c for m in report.modules for c in m.confirmed],
         "cells": sum(m.cells for m in report.modules),
@@ -108,7 +109,9 @@ def main() -> int:
             continue
         row = row_by_example[example.name] = measure(example, args.bytes)
         print(f"{example.name}: {row['verdict']}, {row['cells']:,} cells, {row['bytes']:,} bytes")
-        said = "accepted" if row["accepted"] else f"REJECTED: {row['reason']}"
+        said = (
+            "accepted" if row["accepted"] else f"{str(row['rechecked']).upper()}: {row['reason']}"
+        )
         spent = f"{row['seconds']:.1f} s, {row['processor_s']:.1f} s of all processors together"
         print(f"  recheck {spent}, target {example.target_s:g} s: {said}")
         print(f"  confirmed: {' '.join(str(c) for c in row['confirmed'])}")  # type: ignore[attr-defined]

@@ -7,7 +7,7 @@ Purpose: modules on grids and polytopes, inductions, instances, dials that nobod
 stands alone, control arms, and groups that no command moves under schemes that may diverge. Each is
 verified with a certificate, rechecked, and run: by `soter run` for several seeds, and with an AC,
 disturbances and errors at their bounds in seeded patterns. Contradictions: *proved, rejected*, but
-where the re-checker says that it does not know one of a few things (`COARSE`; each is counted);
+where it is not re-checked and `verify` has said so in its headline (each reason is counted);
 *accepted, not proved*; *proved, violated*: `safe` of the true state is left; *proved, stops*: a
 plant latches; *another system*: than the default one, which forces the module, is judged. A
 violation where the headline says that the scheme is assumed is `assumed`, and no contradiction.
@@ -48,20 +48,12 @@ from soter.verify.deploy.missing_predicates import complete  # noqa: E402 - need
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.certificate.report import Report as RecheckReport
     from soter.verify.claims.results import VerifyReport
 
 RUNS, ATTACKS, PERIODS = 5, 24, 400
 """Seeds of `soter run`, of every hostile pattern, and DM periods that one of these lasts."""
-UNKNOWN = "not rechecked: "
-"""How the re-checker begins where it says no because of what it does not know."""
-COARSE = (
-    "steps that are late, or take time",
-    "SC may read of `[^`]*` what a node made of a default",
-    "no topic shows `[^`]*` to the DM, and its axis has cells",
-    "an SC with locals that may step before anything was published",
-)
-"""What it may say then, as patterns: such a rejection is none of a claim. Anything else is a
-contradiction, and so are the same words elsewhere."""
+ANNOUNCED = "not re-checked, as verify says"
 SCHEME = "scheme"
 """What a headline names as assumed where the scheme that runs is not in the proof."""
 CONTROL = "system Control default"
@@ -224,38 +216,39 @@ def judged(text: str | Path, work: Path) -> Found:
         return Found("refused " + error.diagnostics[0].code, "")
     proved = report.verdict in ("proved", "assumed")
     checked = recheck(work / "cert")
-    contradictions = [*_against(report, checked.safe, checked.reason)]
+    contradictions = [*_against(report, checked)]
     if CONTROL in text:
         contradictions.append(
             (KINDS[4], f"Control is the default, and forces: {report.system} is judged")
         )
-    excused = _coarse(checked.reason) if proved else ""
+    why = re.sub(r"`[^`]*`", "`...`", checked.reason)
+    excused = f"{ANNOUNCED}: {why}" if proved and _announced(report, checked) else ""
     if proved:
         for kind, why in _runs(path, report):
             if any(SCHEME in getattr(m, "assumed", ()) for m in report.modules):
                 excused = "assumed"
             else:
                 contradictions.append((kind, why))
-    said = "accepted" if checked.safe else "in part" if checked.accepted else "rejected"
+    said = "in part" if checked.accepted and not checked.safe else checked.verdict
     return Found(report.verdict, said, tuple(dict(contradictions).items()), excused)
 
 
-def _against(report: VerifyReport, safe: bool, reason: str) -> Iterator[tuple[str, str]]:
+def _against(report: VerifyReport, checked: RecheckReport) -> Iterator[tuple[str, str]]:
     """What verify and recheck say against each other."""
     holds = all(m.findings[p].holds for m in report.modules for p in ("P2a", "P3", "start"))
-    if report.verdict in ("proved", "assumed") and reason and not _coarse(reason):
-        yield KINDS[0], reason
-    if safe and not holds:
+    proved = report.verdict in ("proved", "assumed")
+    if proved and not checked.accepted and not _announced(report, checked):
+        yield KINDS[0], f"{checked.verdict}: {checked.reason}"
+    if checked.safe and not holds:
         open_ = [p for m in report.modules for p, f in m.findings.items() if not f.holds]
         yield KINDS[1], f"open in verify: {', '.join(open_)}"
 
 
-def _coarse(reason: str) -> str:
-    """What of `COARSE` the re-checker says that it does not know; "" where it is nothing of it."""
-    if not reason.startswith(UNKNOWN):
-        return ""
-    said = reason.removeprefix(UNKNOWN)
-    return next((f"coarse: {c}" for c in COARSE if re.match(c, said)), "")
+def _announced(report: VerifyReport, checked: RecheckReport) -> bool:
+    """Whether verify has said of each module that was not re-checked that it could not be."""
+    left = {m.name for m in checked.modules if m.not_rechecked}
+    said = {m.name for m in report.modules if m.not_rechecked}
+    return checked.verdict == "not re-checked" and left <= said and bool(left)
 
 
 def _runs(path: Path, report: VerifyReport) -> Iterator[tuple[str, str]]:
@@ -350,8 +343,8 @@ def main() -> int:
                 (options.folder / f"{number}.soter").write_text(text)
     for line, count in sorted(verdicts.items()):
         print(f"{count:5}  {line}")
-    for phrase in COARSE:
-        print(f"{kinds['coarse: ' + phrase]:5}  excused, as the re-checker does not know: {phrase}")
+    for why in sorted(k for k in kinds if k.startswith(ANNOUNCED)):
+        print(f"{kinds[why]:5}  {why}")
     print("  ".join(f"{what}: {kinds[what]}" for what in (*KINDS, "assumed")))
     count = len(todo)
     took = f"{time.perf_counter() - began:.0f} s"

@@ -17,6 +17,7 @@ import textwrap
 import types
 import typing
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
 from importlib import import_module
 from inspect import get_annotations, getattr_static
 from pathlib import Path
@@ -109,7 +110,8 @@ def member(record: type, name: str) -> Hint:
         text = get_annotations(base).get(name)
         if text is not None:
             return meant(text, base.__module__)
-    return returned(getattr_static(record, name).fget)
+    made = getattr_static(record, name)
+    return returned(made.func if isinstance(made, cached_property) else made.fget)
 
 
 def returned(function: Callable[..., object]) -> Hint:

@@ -12,8 +12,8 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
-from soter.certificate.inclusions import grid_group
-from soter.certificate.inclusions.group_claims import ChainCheck
+from soter.certificate.grid import grid_group
+from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
@@ -24,8 +24,8 @@ from soter.verify.verify_module import verify_module
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.certificate.cells.cell_sets import Block, Grid
     from soter.certificate.groups import Task
-    from soter.certificate.inclusions.cell_sets import Block, Grid
     from soter.language.model.typed import TypedProgram
     from soter.verify.claims.results import VerifyReport
 

@@ -11,12 +11,13 @@ import hashlib
 import json
 import os
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
 from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
+from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.bounded_read import read_bytes
@@ -31,10 +32,11 @@ from soter.targets.target_table import build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
     from soter.api.arguments import Progress
+    from soter.certificate.format.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.load.loader import LoadedFile
     from soter.language.model.system import System
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from soter.verify.deploy.proof_transfer import TransferredProof
     from soter.verify.problem.problem import Problem
     from soter.verify.proof_methods import Pairs
+    from soter.verify.tables.level_table import LevelTable
 
 FILE = "inherited.json"
 SCHEMA = 1
@@ -63,7 +66,7 @@ class DeploymentReport:
     lines: list[str] = field(default_factory=list)
     document: dict[str, object] = field(default_factory=dict)
     sets: Known | None = None
-    """Of the deployed system's modules, by problem, what the certificate has in place of `ttf`."""
+    """What the certificate has in place of `ttf` of the deployed system's modules."""
 
     @property
     def files(self) -> list[PackageFile]:
@@ -79,8 +82,8 @@ def deployed(
     """What a freshly flattened system inherits; nothing where it deploys no other.
 
     `SoterError` D019 where something from outside is not covered, D020 where the certificate is
-    rejected or of something else, D009 and D007 as of `recheck`, U001 for a certificate of a system
-    that deploys none.
+    rejected, was not re-checked or is of something else, D009 and D007 as of `recheck`, U001 for a
+    certificate of a system that deploys none.
     """
     there = here.proved
     if there is None:
@@ -97,7 +100,7 @@ def deployed(
         report = recheck(cert, progress)
         seal = _fits(Path(cert), report, there)
         confirmed = _confirmed(report, there)
-        sets = partial(_certified, Path(cert), seal, confirmed)
+        sets = _CertifiedTables(Path(cert), seal, confirmed)
     entries = [_entry(m, confirmed.get(m.module), seal) for m in modules]
     lines = [line for e in entries for line in _lines(e, there.name, seal)]
     document: dict[str, object] = {
@@ -110,23 +113,41 @@ def deployed(
     return DeploymentReport(seal, lines, document, sets)
 
 
-def _certified(
-    folder: Path,
-    seal: str,
-    confirmed: Mapping[str, list[RecheckedModule]],
-    problem: Problem,
-) -> list[Pairs] | None:
-    """The sets of a module as the re-checker has confirmed them; None where it has not all."""
-    from soter.certificate.format.folder import read_certificate  # noqa: PLC0415 - needs NumPy
-    from soter.verify.deploy.certified_sets import certified_sets  # noqa: PLC0415 - the same
+@dataclass(eq=False)
+class _CertifiedTables:
+    """Of the modules of a certificate that was accepted: as `missing_predicates.Known` has it."""
 
-    reports = confirmed.get(problem.name, [])
-    if not reports or not all(set(SETS_CONFIRMED) <= set(r.confirmed) for r in reports):
-        return None
-    certificate = read_certificate(folder)
-    if certificate.seal != seal:
-        raise _other(folder, "it was changed while it was checked")
-    return certified_sets(certificate, reports[0].system, problem.name, problem)
+    folder: Path
+    seal: str
+    confirmed: Mapping[str, list[RecheckedModule]]
+
+    @cached_property
+    def _certificate(self) -> Certificate:
+        from soter.certificate.format.folder import read_certificate  # noqa: PLC0415 - needs NumPy
+
+        certificate = read_certificate(self.folder)
+        if certificate.seal != self.seal:
+            raise _other(self.folder, "it was changed while it was checked")
+        return certificate
+
+    def sets(self, problem: Problem) -> list[Pairs] | None:
+        """As the re-checker has confirmed them; None where it has not confirmed all of them."""
+        from soter.verify.deploy.certified_sets import certified_sets  # noqa: PLC0415 - NumPy
+
+        reports = self.confirmed.get(problem.name, [])
+        if not reports or not all(set(SETS_CONFIRMED) <= set(r.confirmed) for r in reports):
+            return None
+        return certified_sets(self._certificate, reports[0].system, problem.name, problem)
+
+    def built(self, problem: Problem, level_tables: Sequence[LevelTable]) -> None:
+        """SoterError D020 where the certificate has other tables of the module."""
+        from soter.verify.deploy.certified_sets import same_tables  # noqa: PLC0415 - needs NumPy
+
+        reports, name = self.confirmed.get(problem.name, []), problem.name
+        if reports and not same_tables(
+            self._certificate, reports[0].system, name, problem, level_tables
+        ):
+            raise _other(self.folder, f"`{name}` is built with other tables than it has")
 
 
 def build(
@@ -302,7 +323,8 @@ def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
 def _fits(folder: Path, report: Report, there: System) -> str:
     """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
-        raise _other(folder, f"it is rejected: {report.reason}")
+        said = "is rejected" if report.verdict == REJECTED else "was not re-checked"
+        raise _other(folder, f"it {said}: {report.reason}")
     raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
         raise _other(folder, "it was changed while it was checked")

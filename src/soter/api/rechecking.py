@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:
     """Check the certificate in a folder, independently of what wrote it.
 
-    A certificate that is wrong, or uses what the re-checker does not know, is a report that is not
-    `accepted`, with the reason. `SoterError` D009 where there is no certificate, D007 where
-    python-flint is not installed, X012 where the process does not compute as programs mean it.
+    The report's `verdict` is `accepted`, `rejected` (something in it is false) or `not re-checked`
+    (it may be right, but is beyond the re-checker); of the last two `reason` says why.
+    `SoterError` D009 where there is no certificate, D007 where python-flint is not installed, X012
+    where the process does not compute as programs mean it.
     """
     if find_spec("flint") is None:
         raise SoterError(

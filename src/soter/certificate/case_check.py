@@ -10,10 +10,11 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.handover import FREE, not_entered
-from soter.certificate.inclusions.predicates import certain, published
-from soter.certificate.inclusions.unbounded_axes import nothing_reads
+from soter.certificate.cells.predicates import certain, published
+from soter.certificate.cells.unbounded_axes import nothing_reads
+from soter.certificate.format.claimed_parts import FREE, OF_SETS
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.handover import not_entered
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.module_facts import bounded_topics
@@ -21,19 +22,15 @@ from soter.certificate.reading.problem import number_of
 from soter.certificate.reading.symbolic_values import flat
 from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.task_processes import TaskProcesses, can_fork
-from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
 
+    from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.inclusions.cell_sets import Axes, Cells
     from soter.certificate.reading.module_facts import ModuleAbove
     from soter.certificate.reading.problem import Facts
     from soter.language.model import typed
-
-OVER_SETS = {"P2a", "P2b", "start", *FREE}
-"""Claims for which K is needed."""
 
 
 @dataclass(eq=False)
@@ -72,7 +69,7 @@ class CaseCheck:
         nothing_reads(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
         rates_are_defined(self.model, [g.states for g, check in each if check.sees_rates])
-        if claims & OVER_SETS:
+        if claims & OF_SETS:
             self._kernel()
         if claims & FREE:
             self._ask(c.free(facts.times["H_ns"]) for c in self.checks)

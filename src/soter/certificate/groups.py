@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
 
+    from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.format.folder import Certificate
-    from soter.certificate.inclusions.cell_sets import Axes, Cells
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
@@ -54,6 +54,11 @@ class Group(ABC):
     @abstractmethod
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> Self:
         """The group of an entry; `axes` span the ranges of its states."""
+
+    @property
+    def cells(self) -> list[NDArray[np.uint8]]:
+        """Tables of K, where it is a set of cells."""
+        return []
 
     @abstractmethod
     def part(self, *, errors: bool) -> Axes:
@@ -118,6 +123,13 @@ class GroupCheck(ABC):
     def sees_rates(self) -> bool:
         """Whether its tasks show that rates are defined, as far as they hang on its states."""
         return False
+
+    @abstractmethod
+    def tried(self, claims: set[str]) -> None:
+        """Make ready what these claims need, and look at a few cells: for what is not understood.
+
+        Nothing is shown by it.
+        """
 
     @abstractmethod
     def safe(self, cells: Cells) -> None:

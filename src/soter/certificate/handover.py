@@ -16,7 +16,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import Jump
-from soter.certificate.inclusions.predicates import Decision, both_all
+from soter.certificate.cells.predicates import Decision, both_all
+from soter.certificate.format.claimed_parts import FREE
+from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import driven_topics, followed
 from soter.certificate.reading.view_predicates import entered
@@ -30,7 +32,6 @@ from soter.certificate.terms.arb_balls import (
     magnitude,
 )
 from soter.certificate.terms.terms import (
-    NotRecheckedError,
     both,
     conjuncts,
     influence,
@@ -56,8 +57,6 @@ if TYPE_CHECKING:
 
 TRIES_BEYOND = 2_000
 """Boxes that a side of the grid is cut into at most, for each part of a predicate."""
-FREE = {"P3", "ttf", "safer"}
-"""Claims with which R(H) is shown to be what it says."""
 
 
 def jumps_of(

@@ -7,10 +7,10 @@ Non-goals: what a method is asked (`groups.py`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.certificate.inclusions.grid_group import GridGroup
-from soter.certificate.induction.check_claims import recheck_induction
+from soter.certificate.grid.grid_group import GridGroup
+from soter.certificate.induction.check_claims import read_all, recheck_induction
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 
 if TYPE_CHECKING:
@@ -21,8 +21,15 @@ if TYPE_CHECKING:
     from soter.certificate.scope import Covered
     from soter.language.model.system import System
 
+
+class ModuleMethod(NamedTuple):
+    """What checks the entry of a module."""
+
+    check: Callable[[System, dict[str, Any]], tuple[Covered, RecheckedModule]]
+    """RejectedError, NotRecheckedError where the entry is not confirmed."""
+    read: Callable[[System, dict[str, Any]], object]
+    """The same where not everything of it is understood."""
+
+
 GROUPS: dict[str, type[Group]] = {g.kind: g for g in (GridGroup, PolytopeGroup)}
-MODULES: dict[str, Callable[[System, dict[str, Any]], tuple[Covered, RecheckedModule]]] = {
-    "induction": recheck_induction
-}
-"""RejectedError, NotRecheckedError where the entry of a module is not confirmed."""
+MODULES = {"induction": ModuleMethod(recheck_induction, read_all)}

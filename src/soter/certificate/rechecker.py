@@ -1,7 +1,8 @@
 """Check a certificate: hashes, then the problem, then every claim.
 
 Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
-why not. Whatever this room does not know how to confirm is rejected, never accepted.
+why not. What is false is rejected; whatever this room does not know how to confirm is not
+re-checked, and never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 import math
 import os
 import time
-from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,26 +18,30 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.format.certificate_program import hexadecimal, program_of
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.claimed_parts import OF_SETS, refuse_cells, refuse_unclaimed
+from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate, read_certificate
 from soter.certificate.handover import jumps_of
-from soter.certificate.inclusions.cell_sets import Axes, Grid
-from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.problem import DiffersError, Facts, read_facts
-from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.problem import DiffersError, Facts
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report, of_those_above
+from soter.certificate.report import (
+    GIVING_UP,
+    RecheckedModule,
+    Report,
+    gave_up,
+    in_words,
+    of_those_above,
+)
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
+from soter.certificate.understood import facts_of
 from soter.certificate.vacuous_proofs import vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
@@ -56,13 +60,11 @@ DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""More than so many times what there is, and so much, and all times of the module together: no
-claim, but a way to keep this busy."""
+"""More than so many times a time, all times together and so much: a way to keep this busy."""
 BEGINS = ("P1c", "P2a", "P3", "start")
 """What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
-
 MODULE_KEYS = (
     "system",
     "module",
@@ -87,29 +89,20 @@ def recheck(
     `progress` is called with the share that is done; `workers`: processes, else one a processor.
     """
     started = time.perf_counter()
-    report = Report(accepted=False)
+    report = Report()
     try:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
-        report.accepted = True
+        report.conclude()
     except (RejectedError, DiffersError) as error:
-        report.reason = str(error)
-    except NotRecheckedError as error:
-        report.reason = f"not rechecked: {error}"
-    except (TypeError, AttributeError, LookupError, AssertionError) as error:
-        what = f"{type(error).__name__}: {error}"
-        report.reason = f"not rechecked: the re-checker itself failed ({what})"
+        report.verdict, report.reason = REJECTED, str(error)
     except SoterError as error:
         if any(d.code == "D007" for d in error.diagnostics):
             raise  # nothing is known of the certificate
-        report.reason = f"the program of the certificate: {error}"
-    except StepFault as error:
-        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
-    except (BrokenExecutor, OSError) as error:
-        report.reason = f"not rechecked: the system ended a part of it: {error}"
-    except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
-        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+        report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
+    except GIVING_UP as error:
+        report.reason = in_words(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -137,27 +130,32 @@ def _check(
         phase(f"checking module {k + 1} of {len(modules)}")
         facts: Covered
         whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
-        if whole:
-            with _understood("a module"):
-                facts, module_report = whole[0](_system(checked, overrides, entry), entry)
-        else:
-            facts = _facts(checked, overrides, entry)
-        if any(_key(f) == _key(facts) for f in covered):
-            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-        covered.append(facts)
-        if isinstance(facts, Facts):
-            module_report = _module(certificate, facts, entry, share, workers)
+        try:
+            if whole:
+                with _understood("a module"):
+                    facts, module_report = whole[0].check(_system(checked, overrides, entry), entry)
+            else:
+                facts = _facts(checked, overrides, entry)
+            if any(_key(f) == _key(facts) for f in covered):
+                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+            covered.append(facts)
+            if isinstance(facts, Facts):
+                module_report = _module(certificate, facts, entry, share, workers)
+        except GIVING_UP as error:
+            gave_up(report, entry, error)
+            continue
         module_report.parameters = parameters_of(facts.flying)
         module_report.otherwise, module_report.contradicted = otherwise_in_program(
             checked, facts.flying
         )
-        report.modules.append(module_report)
+        report.enter(module_report)
     of_those_above(report.modules)
+    report.not_covered = uncovered(checked, overrides, covered)
+    if any(m.not_rechecked for m in report.modules):
+        return  # some tables were not read, and some views not looked at
     for facts in covered:
         _in_all_views(facts, covered)
-    report.not_covered = uncovered(checked, overrides, covered)
-    unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
-    for name in sorted(unused):
+    for name in certificate.unused:
         raise RejectedError(f"no claim rests on `{name}`")
 
 
@@ -205,14 +203,7 @@ def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any
     given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
     _keys(entry, (*MODULE_KEYS, *given), "a module")
     with _understood("a module"):
-        flat = _system(checked, overrides, entry)
-        facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
-    read_above(facts)
-    check_supported(facts)
-    survives_the_start(facts)
-    if facts.above is not None:
-        answers_all(facts)
-    return facts
+        return facts_of(_system(checked, overrides, entry), entry)
 
 
 def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
@@ -230,7 +221,7 @@ def _module(
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
-        extents = _compare(facts, entry)
+        extents = compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
@@ -239,19 +230,21 @@ def _module(
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    cases = list(facts.cases())
-    if given != [list(c) for c in cases]:
+    if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
     groups = []
     for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
-            groups.append(_groups(certificate, facts, extents, case["groups"]))
+            refuse_unclaimed(case["groups"], claims, computed=facts.computed)
+            groups.append(groups_of(certificate, facts, extents, case["groups"]))
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
-    if facts.computed:
+    if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
         with _understood("a table of the DM"):
-            _compare_tables(certificate, facts, groups, entry["tables"])
+            compare_tables(certificate, facts, groups, entry["tables"])
+    cells = [core for of_case in groups for g in of_case for core in g.cells]
+    refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
@@ -317,13 +310,14 @@ def _law(
         groups = []
         for case in entry["law"]:
             _keys(case, ("parameter", "groups"), "a case of the law")
-            groups.append(_groups(certificate, facts, extents, case["groups"]))
+            refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
+            groups.append(groups_of(certificate, facts, extents, case["groups"]))
             for g in groups[-1]:
                 g.kept_by(groups[-1])
     return law_of(facts), groups
 
 
-def _compare_tables(
+def compare_tables(
     certificate: Certificate,
     facts: Facts,
     cases: list[list[Group]],
@@ -338,7 +332,7 @@ def _compare_tables(
         same[0].compare(certificate, facts, same, entry)
 
 
-def _compare(facts: Facts, entry: dict[str, Any]) -> Extents:
+def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
     """Every figure of the manifest against the program; gives back the extents of the grid."""
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -369,12 +363,11 @@ def _compare(facts: Facts, entry: dict[str, Any]) -> Extents:
 def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
     """Declared times are those of the program, derived ones no shorter; the longer ones count.
 
-    A claim about reads that are older, windows that are wider, a horizon that is longer is one
-    about more schedules: it implies ours.
+    Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
     """
     _keys(given, TIME_KEYS, "`times`")
-    reads = (*facts.setting.by_dm, *facts.setting.by_sc)
-    together = sum(facts.times[k] for k in TIME_KEYS) + sum(r.max_age for r in reads)
+    ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
+    together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
     for key in TIME_KEYS:
         value, own = given[key], facts.times[key]
         if not isinstance(value, int) or isinstance(value, bool):
@@ -383,17 +376,17 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value < own or (fixed and value != own):
             raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
         if value > BEYOND * own + together + BEYOND_NS:
-            raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
+            raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
 
 
-def _groups(
+def groups_of(
     certificate: Certificate,
     facts: Facts,
     extents: Extents,
     entries: list[dict[str, Any]],
 ) -> list[Group]:
-    """In the order of the methods."""
+    """The groups of a case, in the order of the methods."""
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[Group] = []
     for entry in entries:

@@ -6,10 +6,13 @@ Non-goals: checking.
 
 from __future__ import annotations
 
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.certificate.allowed_claims import missing_of
+from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, NotRecheckedError
+from soter.language.evaluate.arithmetic import StepFault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,6 +21,22 @@ if TYPE_CHECKING:
 
 READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
 HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
+
+GIVING_UP = (
+    NotRecheckedError,
+    StepFault,
+    BrokenExecutor,
+    OSError,
+    TypeError,
+    AttributeError,
+    LookupError,
+    AssertionError,
+    ArithmeticError,
+    RecursionError,
+    ValueError,
+    MemoryError,
+)
+"""What says nothing of a certificate, but that it was not checked."""
 
 
 @dataclass
@@ -30,6 +49,8 @@ class RecheckedModule:
     half_spaces: int = 0
     """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
+    not_rechecked: str = ""
+    """Why its claims were not checked, none of which is confirmed then; "": they hold."""
     vacuous: str = ""
     """Why that says next to nothing, as AC never has, or keeps, control; "": it does."""
     unseen: str = ""
@@ -52,6 +73,11 @@ class RecheckedModule:
     assumptions: list[RecheckAssumption] = field(default_factory=list)
     shown: list[RecheckAssumption] = field(default_factory=list)
     """What was confirmed beside the claims; where it is not it is one of the assumptions."""
+
+    @property
+    def verdict(self) -> str:
+        """ACCEPTED or NOT_RECHECKED: where something is false, that is said of the whole."""
+        return NOT_RECHECKED if self.not_rechecked else ACCEPTED
 
     @property
     def whilst(self) -> str:
@@ -81,7 +107,7 @@ class RecheckedModule:
 
 @dataclass
 class Report:
-    """`accepted`, or why not; `seconds` and cells for people.
+    """The verdict, one of `VERDICTS`, and why; `seconds` and cells for people.
 
     Accepted says that what is claimed holds: whether that is safety, see `safe`. It is about
     `program`, and the system, module and parameter values of each of `modules`; not about what
@@ -89,8 +115,9 @@ class Report:
     says about them is not read.
     """
 
-    accepted: bool
+    verdict: str = NOT_RECHECKED
     reason: str = ""
+    """Why it is not accepted; "": it is."""
     modules: list[RecheckedModule] = field(default_factory=list)
     program: str = ""
     not_covered: list[RecheckAssumption] = field(default_factory=list)
@@ -98,6 +125,21 @@ class Report:
     seal: str = ""
     """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
+
+    def enter(self, module: RecheckedModule) -> None:
+        """Note a module; one that is there was not re-checked, though some of its cases were."""
+        if all((m.system, m.name) != (module.system, module.name) for m in self.modules):
+            self.modules.append(module)
+
+    def conclude(self) -> None:
+        """Where nothing was found to be false: the verdict that follows from those of modules."""
+        left = [f"{m.name}: {m.not_rechecked}" for m in self.modules if m.not_rechecked]
+        self.verdict, self.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether everything that is claimed holds."""
+        return self.verdict == ACCEPTED
 
     @property
     def said(self) -> list[RecheckAssumption]:
@@ -143,3 +185,26 @@ def of_those_above(modules: Sequence[RecheckedModule]) -> None:
 
     for m in modules:
         enter(m)
+
+
+def gave_up(report: Report, entry: dict[str, Any], error: Exception) -> None:
+    """Note a module that was not re-checked; an error that says something of it is raised."""
+    if not isinstance(error, GIVING_UP):
+        raise error
+    view = f" as {entry['view']}" if entry.get("view") else ""
+    name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
+    report.enter(RecheckedModule(name, {}, system=system, not_rechecked=in_words(error)))
+
+
+def in_words(error: Exception) -> str:
+    """Why something was not re-checked."""
+    if isinstance(error, NotRecheckedError):
+        return str(error)
+    if isinstance(error, StepFault):
+        return f"a step that faults whatever it reads ({error})"
+    if isinstance(error, (BrokenExecutor, OSError)):
+        return f"the system ended a part of it: {error}"
+    name = type(error).__name__
+    if isinstance(error, (RecursionError, MemoryError)):
+        return f"{name.lower()}: {error}"
+    return f"the re-checker itself failed ({name}: {error})"

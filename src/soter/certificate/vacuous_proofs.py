@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.inclusions.cell_sets import Axes, Grid
-from soter.certificate.inclusions.predicates import AdmitCheck
+from soter.certificate.cells.cell_sets import Axes, Grid
+from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING

@@ -9,7 +9,14 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.cli.terminal.command_outcome import (
+    FINE,
+    NOT_RECHECKED,
+    UNDECIDED,
+    VIOLATED,
+    CommandOutcome,
+    exit_of,
+)
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.parser import (
     CAMPAIGN_FOLDER,
@@ -49,6 +56,7 @@ Everything else is told with its hash, and the goal stays undeveloped (docs/assu
 exit codes: 0 the top goal is supported, and P2b where the program asks for it, and every hazard
               and requirement of --hazards,
             3 a certificate is rejected, a compiled DM differs, a test or a flight violated,
+            5 a certificate was not re-checked: it may be right, but is beyond the re-checker,
             4 one of these is not supported, 1 diagnostics, 2 usage
 """
 
@@ -96,6 +104,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     code = (
         VIOLATED
         if assurance.refuted
+        else NOT_RECHECKED
+        if assurance.not_rechecked
         else FINE
         if assurance.case.supported and assurance.returns and assurance.case.traceability.covered
         else UNDECIDED
@@ -134,6 +144,9 @@ def _say(assurance: Assurance, console: Console) -> None:
         console.say(f"  {why}")
     for text in assurance.refuted:
         console.say(f"\n{console.paint('red', 'REFUTED')}  {text}")
+    if assurance.not_rechecked:
+        word = console.paint("yellow", "NOT RE-CHECKED")
+        console.say(f"\n{word}  the certificate: {visible(assurance.not_rechecked)}")
     top = [case.node(i).kind for i in case.nodes[0].in_context_of]
     if "assumption" in top:
         console.say(f"\nrests on {top.count('assumption')} assumptions, which the page lists")
@@ -171,6 +184,7 @@ def _fields(assurance: Assurance) -> dict[str, object]:
         "supported": case.supported,
         "goals": {g.id: case.status(g) for g in case.goals},
         "refuted": list(assurance.refuted),
+        "not_rechecked": assurance.not_rechecked,
         "covered": case.traceability.covered,
         "open": [asdict(item) for item in case.traceability.open],
         "files": [str(path) for path in assurance.files],

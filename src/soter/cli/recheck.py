@@ -1,6 +1,7 @@
 """`soter recheck DIR`: check a certificate, independently of what made it.
 
-Purpose: accepted or rejected, with the claims that were confirmed and what they rest on.
+Purpose: accepted, rejected or not re-checked, with the claims that were confirmed and what they
+rest on.
 Non-goals: the checks (`certificate/`), making certificates (`soter verify --cert`).
 """
 
@@ -11,11 +12,20 @@ from typing import TYPE_CHECKING
 
 from soter.api import recheck
 from soter.api.files import write_sections
-from soter.cli.terminal.command_outcome import FINE, UNDECIDED, VIOLATED, CommandOutcome, exit_of
+from soter.certificate.format import errors
+from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
+from soter.cli.terminal.command_outcome import (
+    FINE,
+    NOT_RECHECKED,
+    UNDECIDED,
+    VIOLATED,
+    CommandOutcome,
+    exit_of,
+)
 from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_report, report_path
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.record_to_json import JsonObject
+from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION
@@ -37,11 +47,12 @@ EXAMPLES = f"""\
 Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
 is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
 Times and assumptions are derived from the program, never read from the certificate. What is not
-understood of a program is not rechecked, and that is a rejection.
+understood of a program is not re-checked: then nothing is known to be false, and nothing is shown.
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
-            safety), 3 rejected,
+            safety), 3 rejected: something in it is false,
             4 accepted in part: what is claimed holds, and it is not all of that,
+            5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
 """
 
@@ -88,7 +99,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _exit(report: Report) -> int:
     if not report.accepted:
-        return VIOLATED
+        return VIOLATED if report.verdict == REJECTED else NOT_RECHECKED
     complete = report.safe and report.returns and not report.contradicted
     return FINE if complete else UNDECIDED
 
@@ -96,7 +107,8 @@ def _exit(report: Report) -> int:
 def _verdict(report: Report, folder: str) -> tuple[str, str]:
     """How the verdict is coloured, and it in words."""
     if not report.accepted:
-        return "red", f"REJECTED  {folder}"
+        colour = "red" if report.verdict == REJECTED else "yellow"
+        return colour, f"{report.verdict.upper()}  {folder}"
     if not report.safe:
         several = len(report.modules) > 1
         missing = "; ".join(
@@ -135,7 +147,10 @@ def _sections(report: Report) -> Iterator[PageSection]:
 
 def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     """What it keeps, what is confirmed of it, and what is not."""
-    safe = report.accepted and not m.missing
+    title = visible(f"{m.name} of system {m.system}")
+    if m.not_rechecked:
+        return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
+    safe = report.verdict != REJECTED and not m.missing
     values = ", ".join(_value(m, name) for name in m.parameters)
     says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`{m.whilst}."]
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
@@ -145,7 +160,7 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     says += [f"Vacuous: {m.vacuous}."] if m.vacuous else []
     says += [f"Not looked at: whether AC ever has control ({m.unseen})."] if m.unseen else []
     says += [f"Confirmed: {said.text}" for said in m.shown]
-    return PageSection(visible(f"{m.name} of system {m.system}"), tuple(map(visible, says)))
+    return PageSection(title, tuple(map(visible, says)))
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
@@ -154,7 +169,13 @@ def _say(report: Report, folder: str, console: Console) -> None:
     hash_ = report.program_sha256[:12]
     if not report.accepted:
         console.say(f"{_headline(report, folder, console)}  {hash_}".rstrip())
-        console.say(f"  {visible(report.reason)}")
+        if report.verdict == REJECTED or not report.modules:
+            console.say(f"  {visible(report.reason)}")
+            return
+        for module in report.modules:
+            where = f"{module.name} of system {module.system}: {module.verdict}"
+            why = module.not_rechecked or " ".join(module.confirmed)
+            console.say(f"  {visible(where)}: {visible(why)}")
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
@@ -205,15 +226,17 @@ def _modules(report: Report) -> dict[str, RecheckedModule]:
 ASSUMPTION = JsonObject("soter.certificate.assumptions.RecheckAssumption", "key text")
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
-    "accepted safe returns reason program_sha256 seconds program modules assumptions "
+    "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "
     "assumption_keys=said.key not_covered",
     {"modules": _modules},
     beside={"certificate": str, "report?": str},
+    verdict=one_of(*VERDICTS),
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
-        "system parameters otherwise times_ns=times confirmed not_confirmed=other missing cells "
-        "shown vacuous vacuity_unseen=unseen",
+        "system verdict reason=not_rechecked parameters otherwise times_ns=times confirmed "
+        "not_confirmed=other missing cells shown vacuous vacuity_unseen=unseen",
         shown=ASSUMPTION,
+        verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),
     ),
     not_covered=ASSUMPTION,
 )

@@ -346,8 +346,7 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
     if held and module.vacuity is not None:  # proved, but of next to nothing
         little = printed.paint("yellow", module.verdict.upper())
         verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
-    count = len(module.assumptions)
-    under = f" under {count} assumption{'' if count == 1 else 's'}"
+    under = f" under {(count := len(module.assumptions))} assumption{'' if count == 1 else 's'}"
     if module.assumed:
         under += f" ({', '.join(module.assumed)} assumed)"
     if module.verdict not in ("proved", "assumed"):
@@ -357,6 +356,8 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
             under += " alone: safe as proved, but nothing says that SC gives control back"
         if worst == ["failsafe"]:
             under += " alone: safe as proved while the trusted part runs; its law is not shown"
+    if module.not_rechecked:
+        under += f", {printed.paint('yellow', 'not re-checked')}: {module.not_rechecked}"
     return f"{printed.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
 
 
@@ -470,8 +471,8 @@ FINDING = JsonObject(
 MODULE = JsonObject(
     f"{RESULTS}.ModuleResult",
     "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
-    "at_the_start notes horizon_s horizon_needed_s recover_s assumptions=assumptions.text "
-    "assumption_keys=assumptions.key",
+    "not_rechecked at_the_start notes horizon_s horizon_needed_s recover_s "
+    "assumptions=assumptions.text assumption_keys=assumptions.key",
     {"horizon_s": _horizon_s, "horizon_needed_s": _needed_s},
     verdict=VERDICT,
     properties=FINDING,

@@ -6,8 +6,10 @@ Non-goals: a group's own sets (`grid/certificate_entry.py`, `polytope/certificat
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from typing import TYPE_CHECKING, Any
 
+from soter.certificate.format.claimed_parts import OF_SETS, unclaimed, unclaimed_multipliers
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.problem.assumption import texts
 from soter.verify.proof_methods import pairs_of, tables
@@ -38,6 +40,7 @@ def entry_over_sets(
         *_inputs("error", q.errors, problem.errors),
         *_inputs("other", q.others, problem.others),
     ]
+    proved = {n for n, v in claims.items() if v == PROVED}
     entry: dict[str, object] = {
         "system": system,
         "module": problem.name.removesuffix(f" as {problem.view}"),
@@ -46,7 +49,8 @@ def entry_over_sets(
         "times": _times(problem.times),
         "inputs": inputs,
         "cases": [
-            _case(problem, case, f"{stem}_{k}", files) for k, case in enumerate(result.cases)
+            _case(problem, case, f"{stem}_{k}", files, proved)
+            for k, case in enumerate(result.cases)
         ],
         "claims": claims,
         "assumptions": texts(result.assumptions),
@@ -56,7 +60,7 @@ def entry_over_sets(
         entry["view"] = problem.view
     if result.laws:
         ruled = enumerate(result.laws)
-        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files) for k, case in ruled]
+        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files, {"P2a"}) for k, case in ruled]
     if problem.computed:
         entry["tables"] = _tables(result, stem, files)
     return entry
@@ -100,11 +104,30 @@ def _times(times: Times) -> dict[str, int]:
 
 
 def _case(
-    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
+    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes], claims: set[str]
 ) -> dict[str, object]:
     numbers: dict[str, int] = {}
     groups = []
     for proof in case.proofs:
         k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
-        groups.append(proof.entry(problem, f"{stem}_{proof.mark}{k}", files))
+        own: dict[str, bytes] = {}
+        group = proof.entry(problem, f"{stem}_{proof.mark}{k}", own)
+        _only_claimed(group, own, claims, computed=problem.computed)
+        files.update(own)
+        groups.append(group)
     return {"parameter": list(case.parameter), "groups": groups}
+
+
+def _only_claimed(
+    group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
+) -> None:
+    """Leave out what was found and no claim rests on, with its files; K is empty then."""
+    for name in unclaimed(group, claims, computed=computed):
+        del group[name]
+    for name in unclaimed_multipliers(group, claims, computed=computed):
+        del group["multipliers"][name]
+    if group["kind"] == "grid" and not OF_SETS & claims:
+        files[group["K"]] = bytes(len(files[group["K"]]))
+    named = json.dumps(group)
+    for name in [n for n in files if json.dumps(n) not in named]:
+        del files[name]

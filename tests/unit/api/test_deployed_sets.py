@@ -5,19 +5,23 @@ from __future__ import annotations
 import copy
 import json
 import re
+import shutil
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from test_deployed_kinds import BELT, CAR, LINE, POINT  # type: ignore[import-not-found]
 from test_deploying import PROVED, VEHICLE  # type: ignore[import-not-found]
 
 import soter
+from correct.test_shield import SMALL
 from soter.api import deploying
 from soter.certificate.format.folder import read_certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.deploy import missing_predicates
 from soter.verify.deploy.certified_sets import certified_sets
 from soter.verify.problem.extract import extract
+from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -137,3 +141,87 @@ def test_sets_of_other_cases_groups_or_grids_are_not_taken(proved: Path, change:
     certificate.manifest = json.loads(json.dumps(certificate.manifest))
     change(certificate.manifest["modules"][0])
     assert certified_sets(*asked) is None
+
+
+# ---------------------------------------------------------------- what is built is what was checked
+
+
+def sealed_again(folder: Path, name: str, data: bytes) -> None:
+    """A certificate with another file, its hashes right."""
+    (folder / name).write_bytes(data)
+    small_proofs.reseal(folder, json.loads((folder / "manifest.json").read_text()))
+
+
+def as_accepted(monkeypatch: pytest.MonkeyPatch, before: Path, folder: Path) -> None:
+    """Whoever asks hears that a certificate is accepted as that one is."""
+    report = copy.deepcopy(soter.recheck(before))
+    report.seal = (folder / "SEAL").read_text().strip()
+    monkeypatch.setattr(deploying, "recheck", lambda *_: report)
+
+
+def test_tables_that_were_computed_are_those_of_the_certificate(
+    proved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last number of the last table is another one; a right certificate is built as it is."""
+    monkeypatch.setattr(deploying._CertifiedTables, "sets", lambda *_: None)
+    made = soter.load(proved / "robot.soter").build("c", tmp_path / "right", cert=proved / "cert")
+    assert "checked again" in made.inherits[0]
+    forged: Path = shutil.copytree(proved / "cert", tmp_path / "cert")
+    table = json.loads((forged / "manifest.json").read_text())["modules"][0]["tables"][-1]
+    name = table["levels"] if "levels" in table else table["inner"]["box"]["file"]
+    data = bytearray((forged / name).read_bytes())
+    data[-1] ^= 1
+    sealed_again(forged, name, bytes(data))
+    as_accepted(monkeypatch, proved / "cert", forged)
+    with pytest.raises(SoterError, match="is built with other tables than it has") as caught:
+        soter.load(proved / "robot.soter").build("c", tmp_path / "out", cert=forged)
+    assert caught.value.diagnostics[0].code == "D020"
+    assert not (tmp_path / "out").exists()
+
+
+SHIELDED = SMALL.replace("plant Cart period 5ms", "plant Cart period 10ms").replace(
+    "/ 250", "/ 125"
+)
+SHIELDED_ROBOT = """soter 1;
+import "proved.soter" as p;
+system Robot deploys p.S {
+  external topic p.at every 10ms measured p.at within 0.01;
+  external topic p.speed;
+  module p.Keep;
+}
+"""
+
+
+def nothing(tops: Any) -> None:
+    """No command is permitted anywhere."""
+    tops[...] = 0
+
+
+def less_at_one_place(tops: Any) -> None:
+    """In one cell of estimates alone, nothing."""
+    tops[np.flatnonzero(tops[:, 0])[0]] = 0
+
+
+def less_at_the_end(tops: Any) -> None:
+    """The last cell that is permitted anywhere is not."""
+    last = np.flatnonzero(tops[:, -1])[-1]
+    tops[last, -1] = 0
+
+
+@pytest.mark.parametrize("change", [nothing, less_at_one_place, less_at_the_end])
+def test_a_shield_that_permits_less_is_true_and_is_not_what_is_built(
+    change: Any, tmp_path: Path
+) -> None:
+    (tmp_path / "proved.soter").write_text(SHIELDED)
+    (tmp_path / "robot.soter").write_text(SHIELDED_ROBOT)
+    cert = tmp_path / "cert"
+    assert soter.load(tmp_path / "proved.soter").verify(cert=cert).verdict == "proved"
+    robot = soter.load(tmp_path / "robot.soter")
+    assert "checked again" in robot.build("c", tmp_path / "right", cert=cert).inherits[0]
+    name = json.loads((cert / "manifest.json").read_text())["modules"][0]["tables"][0]["commands"]
+    tops = np.frombuffer((cert / name).read_bytes(), dtype=np.uint8).reshape(-1, 4).copy()
+    change(tops)
+    sealed_again(cert, name, tops.tobytes())
+    assert soter.recheck(cert).accepted
+    with pytest.raises(SoterError, match="is built with other tables than it has"):
+        robot.build("c", tmp_path / "out", cert=cert)

@@ -10,6 +10,7 @@ import pytest
 
 import soter
 from soter.api.deploying import FILE
+from soter.certificate.report import Report
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 
@@ -282,6 +283,19 @@ def test_a_certificate_that_was_changed_is_refused(here: Path, cert: Path, tmp_p
     code, text = refused(here, cert=copy)
     assert code == "D020"
     assert "rejected" in text
+
+
+@pytest.mark.parametrize(
+    ("verdict", "said"), [("rejected", "it is rejected"), ("not re-checked", "was not re-checked")]
+)
+def test_a_certificate_that_is_not_accepted_is_refused_for_what_it_is(
+    verdict: str, said: str, here: Path, cert: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    report = Report(verdict, reason="Keep: why")
+    monkeypatch.setattr("soter.api.deploying.recheck", lambda *_: report)
+    code, text = refused(here, cert=cert)
+    assert code == "D020"
+    assert f"{said}: Keep: why" in text
 
 
 def test_a_system_that_deploys_nothing_takes_no_certificate(here: Path, cert: Path) -> None:

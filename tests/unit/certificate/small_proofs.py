@@ -15,10 +15,11 @@ import numpy as np
 
 from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.assumptions import p1c_of
+from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cells.predicates import certain
+from soter.certificate.format.claimed_parts import unclaimed
 from soter.certificate.format.folder import canonical
-from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.inclusions.predicates import certain
+from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import Facts, read_facts
 from soter.certificate.rechecker import TIME_KEYS
@@ -96,7 +97,8 @@ def ranks(check: ChainCheck, home: Cells, core: np.ndarray, holds_max: int) -> A
     boxes = images(check, everywhere, holds_max)
     rank = np.zeros(grid.shape, dtype=np.uint16)
     holds = np.zeros(grid.shape, dtype=np.uint8)
-    done, level = home.members.copy(), 0
+    done, level = home.members.copy(), 1
+    rank[home.members] = 1
     while True:
         level += 1
         cells, fresh = Cells(grid, done), []
@@ -216,6 +218,20 @@ def reseal(folder: Path, manifest: Any) -> None:
     for name in manifest["files"]:
         manifest["files"][name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
     seal(folder, manifest)
+
+
+def only_claimed(folder: Path, manifest: Any) -> None:
+    """Take out of a certificate what none of its claims rests on; to be sealed again."""
+    for entry in manifest["modules"]:
+        claims = {n for n, verdict in entry["claims"].items() if verdict == "proved"}
+        for group in (g for case in entry["cases"] for g in case["groups"]):
+            names = unclaimed(group, claims, computed="tables" in entry)
+            for name in names:
+                path = group.pop(name)
+                del manifest["files"][path]
+                (folder / path).unlink()
+        if "P2b" not in claims:
+            entry["recover_ns"] = None
 
 
 def edit_program(folder: Path, *pairs: tuple[str, str]) -> Any:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.certificate.inclusions import predicates
-from soter.certificate.inclusions.cell_sets import Cells, Grid
-from soter.certificate.inclusions.predicates import HOLDS, Decision
+from soter.certificate.cells import predicates
+from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cells.predicates import HOLDS, Decision
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,8 @@ import soter
 from long_tests import examples
 from soter.api import recheck
 from soter.certificate.allowed_claims import CLAIMS
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.shield import tops_of
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
 
@@ -111,6 +114,93 @@ def test_what_is_no_certificate_is_a_diagnostic(tmp_path: Path) -> None:
         with pytest.raises(SoterError) as error:
             recheck(folder)
         assert error.value.diagnostics[0].code == "D009"
+
+
+# ---------------------------------------------------------------- what nothing reads
+
+
+def with_cell(name: str, where: str, value: int) -> Callable[[Path, dict[str, Any]], None]:
+    """Another number in one cell of a table: in the last cell of which something holds."""
+
+    def change(folder: Path, manifest: dict[str, Any]) -> None:
+        group = entry_of(manifest)["cases"][0]["groups"][0]
+        tables = {
+            n: np.frombuffer((folder / group[n]).read_bytes(), dtype=kind).copy()
+            for n, kind in (("Q", "<u1"), ("W", "<u2"), ("W_N", "<u1"))
+        }
+        cells = {
+            "outside W": tables["W"] == 0,
+            "in Q": tables["Q"] > 0,
+        }[where]
+        tables[name][np.flatnonzero(cells)[-1]] = value
+        (folder / group[name]).write_bytes(tables[name].tobytes())
+
+    return change
+
+
+def claiming(*claims: str) -> Callable[[Path, dict[str, Any]], None]:
+    """These claims alone, with all that the others rest on."""
+
+    def change(_: Path, manifest: dict[str, Any]) -> None:
+        for name in entry_of(manifest)["claims"]:
+            if name not in claims:
+                entry_of(manifest)["claims"][name] = "undecided"
+
+    return change
+
+
+def levels(folder: Path, manifest: dict[str, Any]) -> None:
+    """Of predicates that are not computed."""
+    group = entry_of(manifest)["cases"][0]["groups"][0]
+    (folder / "sets" / "S0.bin").write_bytes((folder / group["R"]).read_bytes())
+    manifest["files"]["sets/S0.bin"] = ""
+    group["S"] = ["sets/S0.bin"]
+
+
+def time_to_return(folder: Path, manifest: dict[str, Any]) -> None:
+    """Of a way back that is not claimed."""
+    entry_of(manifest)["claims"]["P2b"] = "undecided"
+    small_proofs.only_claimed(folder, manifest)
+    entry_of(manifest)["recover_ns"] = 10**9
+
+
+def core_alone(folder: Path, manifest: dict[str, Any]) -> None:
+    """K, of which nothing is claimed."""
+    claiming("P1a", "P1b")(folder, manifest)
+    small_proofs.only_claimed(folder, manifest)
+
+
+WHERE_NOTHING_GOES = "W says how long it takes where there is nowhere to go"
+UNREAD: dict[str, tuple[Callable[[Path, dict[str, Any]], None], str]] = {
+    "N outside W": (with_cell("W_N", "outside W", 7), WHERE_NOTHING_GOES),
+    "N in Q": (with_cell("W_N", "in Q", 1), WHERE_NOTHING_GOES),
+    "a rank in Q": (with_cell("W", "in Q", 2), "W does not begin with Q"),
+    "no rank in Q": (with_cell("W", "in Q", 0), "W does not begin with Q"),
+    "a way back": (claiming("P1a", "P2a", "P3", "ttf", "safer", "start"), "no claim rests on `Q`"),
+    "R": (claiming("P1a", "P2a", "P2b", "start"), "no claim rests on `R`"),
+    "K": (core_alone, "K holds cells, and nothing is claimed of them"),
+    "levels": (levels, "no claim rests on `S`"),
+    "a time": (time_to_return, "no claim rests on the time to return"),
+}
+
+
+@pytest.mark.whole
+@pytest.mark.parametrize("name", UNREAD)
+def test_what_nothing_reads_is_rejected(copied: Path, name: str) -> None:
+    change, why = UNREAD[name]
+    manifest = json.loads((copied / "manifest.json").read_text())
+    change(copied, manifest)
+    small_proofs.reseal(copied, manifest)
+    report = recheck(copied)
+    assert (report.verdict, report.reason.partition(" of a group")[0]) == ("rejected", why)
+
+
+def test_a_shield_names_no_greatest_cell_below_the_least() -> None:
+    grid: Any = SimpleNamespace(grid=SimpleNamespace(shape=(1,)))
+    assert tops_of(bytes([3, 0, 3, 4]), grid, 4).tolist() == [[3, 0, 3, 4]]
+    for wrong in ([3, 1, 3, 4], [3, 0, 2, 4], [3, 0, 3, 3]):
+        with pytest.raises(RejectedError, match="below the least one"):
+            tops_of(bytes(wrong), grid, 4)
 
 
 # ---------------------------------------------------------------- the manifest

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,9 +16,12 @@ from bench.recheck.models import Cart
 
 import soter
 from soter.api import recheck
-from soter.certificate.inclusions.cell_sets import Grid
-from soter.certificate.inclusions.grid_group import levels_of, packed
-from soter.certificate.inclusions.group_claims import GroupTables
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.grid_group import GridGroup, levels_of, packed
+from soter.certificate.grid.group_claims import GroupTables
+from soter.certificate.polytope.polytope_group import PolytopeGroup
+from soter.certificate.rechecker import compare_tables
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete
 from unit.certificate import small_proofs
@@ -205,3 +209,18 @@ def test_the_table_is_what_holds_in_every_case() -> None:
     cases = [group([1, 1, 1, 0, 1], [1, 0, 1, 0, 1]), group([1, 1, 1, 1, 0], [1, 1, 0, 1, 0])]
     assert levels_of(cases).tolist() == [2, 1, 1, 0, 0]
     assert packed(levels_of(cases)) == bytes([2 + 4 + 16, 0])
+
+
+def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:
+    nothing: Any = None
+    tables: Any = SimpleNamespace(states=(0,))
+    cells, half_spaces = GridGroup(tables), PolytopeGroup(tables)
+    asked: Any = (
+        ([[cells]], [], "not one for each group"),
+        ([[cells]], [{}, {}], "not one for each group"),
+        ([[cells], [half_spaces]], [{}], "the cases have other groups"),
+        ([[cells], [cells, cells]], [{}], "the cases have other groups"),
+    )
+    for cases, entries, why in asked:
+        with pytest.raises(RejectedError, match=why):
+            compare_tables(nothing, nothing, cases, entries)

@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 from flint import arb, arb_mat
 
-from soter.certificate.inclusions.cell_sets import Grid
-from soter.certificate.inclusions.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.inclusions.inward_flow import uncrossed_ends
-from soter.certificate.inclusions.nonlinear_chains import NANOSECOND, LocalChain
-from soter.certificate.inclusions.nonlinear_flow import (
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
+from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.grid.nonlinear_chains import NANOSECOND, LocalChain
+from soter.certificate.grid.nonlinear_flow import (
     LocalFlow,
     LocalLinearModel,
     integral_of,
     solved,
 )
-from soter.certificate.inclusions.sc_chains import EVERY, delays, windows
+from soter.certificate.grid.sc_chains import EVERY, delays, windows
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact

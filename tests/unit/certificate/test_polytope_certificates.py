@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import sys
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,9 +15,12 @@ import pytest
 
 import soter
 from long_tests import some
+from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Cells, Grid
+from soter.certificate.polytope import polytope_group
+from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_check import PolytopeCheck
+from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import Report, recheck
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
@@ -547,7 +551,7 @@ def test_what_is_published_of_half_spaces_is_shown_over_k_and_what_sc_does(
         at.program(f"[-{now}, {now}]", f"[-{bound!r}, {bound!r}]")
         report = checked(at.seal())
         if not report.accepted:
-            assert "not rechecked" in report.reason
+            assert report.verdict == "not re-checked"
             assert f"`{topic}`" in report.reason
             return False
         assert f"set {topic}" in {s.key for s in report.modules[0].shown}
@@ -621,7 +625,7 @@ def test_a_law_on_cells_is_none_for_polytopes(still: Path, tmp_path: Path) -> No
         at.entry["law"] = [{"parameter": [], "groups": [group]}]
         at.entry["claims"]["failsafe"] = "proved"
 
-    reason = "not rechecked: a fail-safe law on polytopes is not rechecked"
+    reason = "SafeCart: a fail-safe law on polytopes is not rechecked"
     assert rejected(still, tmp_path, edit) == reason
 
 
@@ -629,7 +633,7 @@ def test_a_shield_is_none_of_polytopes(still: Path, tmp_path: Path) -> None:
     def edit(at: Opened) -> None:
         at.program("  safe abs", "  shield 4;\n  safe abs")
 
-    assert rejected(still, tmp_path, edit) == "not rechecked: a shield beside polytopes"
+    assert rejected(still, tmp_path, edit) == "SafeCart: a shield beside polytopes"
 
 
 def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:
@@ -639,3 +643,42 @@ def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:
     for asked, name in ((check.safe, "safe"), (check.home, "safer")):
         with pytest.raises(RejectedError, match=f"`{name}` is not certain on the box"):
             asked(cells)
+
+
+@pytest.mark.parametrize(
+    ("held", "why"),
+    [
+        ({}, ""),
+        ({"outer": HalfSpaces((-1.1,), (1.0,), (), ())}, "box is larger"),
+        ({"inner": HalfSpaces((-0.5,), (0.6,), ((1.0,),), (0.2,))}, "box is larger"),
+        ({"inner": HalfSpaces((-0.5,), (0.5,), (), ())}, "does not hold the half-spaces"),
+        (
+            {"inner": HalfSpaces((-0.5,), (0.5,), ((1.0,),), (0.3,))},
+            "does not hold the half-spaces",
+        ),
+    ],
+)
+@pytest.mark.parametrize("wide", [0, 1])
+def test_what_a_dm_lets_through_lies_in_the_sets_of_every_case(
+    held: dict[str, HalfSpaces], why: str, wide: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`wide`: the case whose sets are so large that they do not matter. Rounding counts."""
+    kept = {
+        "outer": HalfSpaces((-1.0,), (1.0,), (), ()),
+        "inner": HalfSpaces((-0.5,), (0.5,), ((1.0,),), (0.2,)),
+    } | held
+    monkeypatch.setattr(polytope_group, "read_half_spaces", lambda _, name, __: kept[name])
+    facts: Any = SimpleNamespace(
+        states=[SimpleNamespace(name="x")], symbol=SimpleNamespace(shield=None)
+    )
+    large = HalfSpaces((-9.0,), (9.0,), (), ())
+    sets = [HalfSpaces((-1.0,), (1.0,), (), ()), HalfSpaces((-0.5,), (0.5,), ((1.0,),), (0.3,))]
+    levels: Any = [[large, large] if k == wide else sets for k in (0, 1)]
+    cases = [PolytopeGroup(SimpleNamespace(states=(0,), levels=of)) for of in levels]  # type: ignore[arg-type]
+    entry = {"states": ["x"], "outer": "outer", "inner": "inner"}
+    if why:
+        with pytest.raises(RejectedError, match=why):
+            cases[0].compare(facts, facts, cases, entry)
+    else:
+        cases[0].compare(facts, facts, cases, entry)
+        assert all(g.tables.gives_back for g in cases)

@@ -1,8 +1,10 @@
-"""`soter recheck`: exits and documents."""
+"""`soter recheck`: exits and documents; which of the three verdicts is said of what."""
 
 from __future__ import annotations
 
 import json
+import shutil
+from concurrent.futures import BrokenExecutor
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -10,19 +12,33 @@ import pytest
 
 from json_documents import problems_of
 from soter.api.program import load
+from soter.certificate import rechecker
 from soter.certificate.allowed_claims import CLAIMS, SAFETY
+from soter.certificate.format.errors import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    REJECTED,
+    NotRecheckedError,
+    RejectedError,
+)
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
-from soter.certificate.rechecker import RecheckedModule, Report
-from soter.certificate.report import of_those_above
+from soter.certificate.reading.module_facts import DiffersError
+from soter.certificate.rechecker import recheck
+from soter.certificate.report import RecheckedModule, Report, of_those_above
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.vacuous_proofs import _of_tables
 from soter.cli.main import main
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.front_end import check_file
+from unit.certificate import small_proofs
 from unit.verify.diagnosis.tank_modules import changed as changed_tank
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+    Entry = dict[str, Any]
 
 
 def document(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
@@ -61,20 +77,20 @@ def test_no_folder_is_2(capsys: pytest.CaptureFixture[str]) -> None:
     document(capsys)
 
 
-def claiming(changed: Callable[[Callable[[dict[str, object]], None]], Path], **claims: str) -> Path:
-    """The certificate with other claims."""
-
-    def change(manifest: dict[str, object]) -> None:
-        manifest["modules"][0]["claims"].update(claims)  # type: ignore[index]
-
-    return changed(change)
+def claiming(copied: Path, **claims: str) -> str:
+    """The folder of the certificate with other claims."""
+    manifest = json.loads((copied / "manifest.json").read_text())
+    manifest["modules"][0]["claims"].update(claims)
+    small_proofs.only_claimed(copied, manifest)
+    small_proofs.seal(copied, manifest)
+    return str(copied)
 
 
 @pytest.mark.parametrize("name", ["P1a", "P1c", "P2a", "P3", "ttf", "safer", "start"])
 def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {name: "undecided"}
     module = RecheckedModule("M", claims, confirmed=[n for n in CLAIMS if n != name])
-    report = Report(accepted=True, modules=[module])
+    report = Report(ACCEPTED, modules=[module])
     assert module.missing == [name]
     assert not report.safe
 
@@ -82,7 +98,7 @@ def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> 
 def test_p1c_may_be_assumed() -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {"P1c": "assumed"}
     confirmed = [n for n in CLAIMS if n != "P1c"]
-    assert Report(accepted=True, modules=[RecheckedModule("M", claims, confirmed=confirmed)]).safe
+    assert Report(ACCEPTED, modules=[RecheckedModule("M", claims, confirmed=confirmed)]).safe
 
 
 def test_nothing_else_may_be_assumed() -> None:
@@ -91,10 +107,9 @@ def test_nothing_else_may_be_assumed() -> None:
 
 
 def test_without_the_start_it_is_accepted_in_part(
-    changed: Callable[[Callable[[dict[str, object]], None]], Path],
-    capsys: pytest.CaptureFixture[str],
+    copied: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = str(claiming(changed, start="undecided", ttf="undecided"))
+    folder = claiming(copied, start="undecided", ttf="undecided")
     assert main(["recheck", folder, "--json"]) == 4
     recheck_document = document(capsys)
     assert (recheck_document["accepted"], recheck_document["safe"], recheck_document["ok"]) == (
@@ -107,16 +122,8 @@ def test_without_the_start_it_is_accepted_in_part(
     assert f"ACCEPTED IN PART  {folder}: safety is not established (ttf, start not claimed)" in out
 
 
-def test_without_p2b_that_is_said(
-    changed: Callable[[Callable[[dict[str, object]], None]], Path],
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    def change(manifest: dict[str, object]) -> None:
-        entry = manifest["modules"][0]  # type: ignore[index]
-        entry["claims"]["P2b"] = "undecided"
-        entry["recover_ns"] = None
-
-    folder = str(changed(change))
+def test_without_p2b_that_is_said(copied: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = claiming(copied, P2b="undecided")
     code = main(["recheck", folder, "--json"])
     recheck_document = document(capsys)
     assert (
@@ -161,6 +168,162 @@ def test_a_proof_about_an_ac_that_never_flies_is_no_plain_accepted(
     assert main(["recheck", str(folder)]) == 0
     out = capsys.readouterr().out
     assert ("ACCEPTED, of next to nothing" in out) == bool(said)
+
+
+# ---------------------------------------------------------------- three verdicts
+
+OTHERS = "system Track default { c: Cart; module SafeCart; until 10s; }"
+SYSTEMS = ("Track", "Road", "Rail")
+
+
+@pytest.fixture
+def three(proved: Path, tmp_path: Path) -> Callable[..., Path]:
+    """A certificate of the module in three systems, each changed as it is told.
+
+    Of each one P1a alone is claimed, which takes no time.
+    """
+
+    def make(*changes: Callable[[Entry], object]) -> Path:
+        folder: Path = shutil.copytree(proved, tmp_path / "three")
+        own = folder / "program" / "cart.soter"
+        text = own.read_text()
+        more = [OTHERS.replace("Track default", name) for name in SYSTEMS[1:]]
+        own.write_text("\n".join([text, *more, ""]))
+        manifest = json.loads((folder / "manifest.json").read_text())
+        checked = check_file(str(own)).program
+        assert checked is not None
+        manifest["program_sha256"] = checked.sha256
+        entry = manifest["modules"][0]
+        entry["claims"] = {"P1a": "proved"}
+        small_proofs.only_claimed(folder, manifest)
+        core = folder / entry["cases"][0]["groups"][0]["K"]
+        core.write_bytes(bytes(core.stat().st_size))
+        manifest["modules"] = []
+        for name, change in zip(SYSTEMS, changes, strict=True):
+            manifest["modules"].append(json.loads(json.dumps(entry)) | {"system": name})
+            change(manifest["modules"][-1])
+        small_proofs.reseal(folder, manifest)
+        return folder
+
+    return make
+
+
+def right(_: Entry) -> None:
+    """As it is."""
+
+
+def beyond(entry: Entry) -> None:
+    """Of a kind of sets that nobody here knows."""
+    entry["cases"][0]["groups"][0]["kind"] = "octagon"
+
+
+def longer(entry: Entry) -> None:
+    """True, perhaps, of schedules that there are not."""
+    entry["times"]["H_ns"] = 3_600 * 10**9
+
+
+def false(entry: Entry) -> None:
+    """Another figure than that of the program."""
+    entry["times"]["Delta_ns"] += 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict", "which"),
+    [
+        ((right, right, right), ACCEPTED, {}),
+        ((right, right, beyond), NOT_RECHECKED, {"Rail": "octagon"}),
+        ((longer, right, right), NOT_RECHECKED, {"Track": "no program needs"}),
+        ((beyond, right, longer), NOT_RECHECKED, {"Track": "octagon", "Rail": "no program"}),
+        ((right, false, right), REJECTED, {}),
+        ((beyond, right, false), REJECTED, {}),
+        ((false, beyond, right), REJECTED, {}),
+    ],
+)
+def test_one_false_module_rejects_all_else_it_is_said_which_were_not_rechecked(
+    changes: tuple[Callable[[Entry], object], ...],
+    verdict: str,
+    which: dict[str, str],
+    three: Callable[..., Path],
+) -> None:
+    report = recheck(three(*changes))
+    assert report.verdict == verdict, report.reason
+    assert report.accepted == (verdict == ACCEPTED)
+    assert bool(report.reason) == (verdict != ACCEPTED)
+    if verdict == REJECTED:
+        assert "Delta_ns" in report.reason
+        return
+    assert sorted(m.system for m in report.modules) == sorted(SYSTEMS)
+    for module in report.modules:
+        beyond_us = module.system in which
+        assert module.verdict == (NOT_RECHECKED if beyond_us else ACCEPTED)
+        assert which.get(module.system, "") in module.not_rechecked
+        assert bool(module.confirmed) != beyond_us
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        NotRecheckedError("no"),
+        AssertionError("no"),
+        MemoryError("no"),
+        RecursionError("no"),
+        ZeroDivisionError("no"),
+        BrokenExecutor("no"),
+        OSError("no"),
+        KeyError("no"),
+        StepFault(FaultKind.ASSERT, detail="no"),
+    ],
+)
+@pytest.mark.parametrize("where", ["_module", "read_certificate"])
+def test_what_fails_here_is_no_fault_of_the_certificate(
+    error: Exception, where: str, three: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise error
+
+    folder = three(right, right, right)
+    monkeypatch.setattr(rechecker, where, fails)
+    report = recheck(folder)
+    assert report.verdict == NOT_RECHECKED
+    assert "no" in report.reason
+    assert not any(m.confirmed for m in report.modules)
+
+
+@pytest.mark.parametrize("error", [RejectedError("no"), DiffersError("no")])
+def test_what_is_false_is_rejected(
+    error: Exception, three: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise error
+
+    folder = three(right, right, right)
+    monkeypatch.setattr(rechecker, "_module", fails)
+    assert recheck(folder).verdict == REJECTED
+
+
+def test_it_has_an_exit_code_a_word_and_a_json_value(
+    three: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = str(three(right, beyond, right))
+    assert main(["recheck", folder, "--json"]) == 5
+    document = json.loads(capsys.readouterr().out)
+    assert not problems_of(document)
+    assert (document["exit"], document["ok"]) == (5, False)
+    assert (document["verdict"], document["accepted"]) == (NOT_RECHECKED, False)
+    assert {n: m["verdict"] for n, m in document["modules"].items()} == {
+        "Track.SafeCart": ACCEPTED,
+        "Road.SafeCart": NOT_RECHECKED,
+        "Rail.SafeCart": ACCEPTED,
+    }
+    page = tmp_path / "page.html"
+    assert main(["recheck", folder, "--report", str(page)]) == 5
+    out = capsys.readouterr().out
+    assert out.startswith(f"NOT RE-CHECKED  {folder}")
+    assert "SafeCart of system Road: not re-checked: `octagon` groups" in out
+    assert "SafeCart of system Rail: accepted: P1a" in out
+    assert "REJECTED" not in out
+    assert "NOT RE-CHECKED" in page.read_text()
+    assert "Not re-checked: " in page.read_text()
 
 
 # ---------------------------------------------------------------- half-spaces of a DM

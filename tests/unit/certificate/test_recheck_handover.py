@@ -13,8 +13,8 @@ from generators.handover_program import CHANGES, GUARD, GUARDS, IN, handover, of
 from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.handover import jumps_of
-from soter.certificate.inclusions.cell_sets import Cells
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.grid.grid_group import BLOCKS, SMALL, blocks
 from soter.certificate.groups import LOOK
-from soter.certificate.inclusions.cell_sets import Grid
-from soter.certificate.inclusions.grid_group import BLOCKS, SMALL, blocks
 
 SIDE = 70
 

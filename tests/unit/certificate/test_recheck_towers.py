@@ -55,6 +55,7 @@ def _edited(
     shutil.copytree(made[name], folder)
     manifest = json.loads((folder / "manifest.json").read_text())
     change(manifest)
+    small_proofs.only_claimed(folder, manifest)
     small_proofs.seal(folder, manifest)
     return recheck(folder)
 

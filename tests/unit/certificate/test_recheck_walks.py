@@ -11,12 +11,12 @@ import pytest
 from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
+from soter.certificate.cells.cell_sets import Cells, Grid, unshown, volume
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions import predicates
-from soter.certificate.inclusions.cell_sets import Cells, Grid, unshown, volume
-from soter.certificate.inclusions.grid_group import GridGroup
-from soter.certificate.inclusions.group_claims import ChainCheck, GroupTables, ranked
-from soter.certificate.inclusions.inward_flow import points_inwards
+from soter.certificate.grid import estimates
+from soter.certificate.grid.grid_group import GridGroup
+from soter.certificate.grid.group_claims import ChainCheck, GroupTables, ranked
+from soter.certificate.grid.inward_flow import points_inwards
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.terms.compile_terms import form_of_box
 from unit.certificate import small_proofs
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Block
+    from soter.certificate.cells.cell_sets import Block
 
 CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;
@@ -62,10 +62,10 @@ system S default { l: Lag; module Module; until 10s; }
 
 
 def lag(
-    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED
+    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED, more: str = ""
 ) -> tuple[CaseModel, list[GroupTables]]:
     """The model, and a table for w and for q; `bound`: of the grid of q."""
-    text = LAG.replace(CLAMPED, law)
+    text = LAG.replace(CLAMPED, law).replace("verify {", f"verify {{ {more}")
     text = text.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
     (tmp_path / "lag.soter").write_text(text)
     facts = small_proofs.facts_of(tmp_path / "lag.soter", "S", "Module")
@@ -143,7 +143,7 @@ def some_cells(*members: int) -> NDArray[np.uint8]:
 
 
 REFUSED: dict[str, tuple[str, dict[str, Any], int | None]] = {
-    "K is empty": ("P1a", {"core": some_cells()}, None),
+    "K is empty": ("P2a", {"core": some_cells()}, None),
     "a claim needs R, which is not there": ("ttf", {"free": None}, None),
     "an initial state may leave K before SC acts": ("start", {"core": some_cells(3)}, None),
     "a claim needs Q and W, which are not there": ("P2b", {"home": None}, None),
@@ -164,6 +164,44 @@ def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_pa
     own = [GridGroup(replace(groups[0], **tables)), GridGroup(groups[1])]
     with pytest.raises(RejectedError, match=why):
         CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+
+
+def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13, more="recover within 1s;")
+    slow = replace(groups[0], rank_holds=np.full(40, 51, dtype=np.uint8))  # 51 times 20 ms
+    own = [GridGroup(slow), GridGroup(groups[1])]
+    for recover_ns, why in ((10**9, "SC may take longer"), (2 * 10**9, "is another one in the")):
+        with pytest.raises(RejectedError, match=why):
+            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+
+
+def test_what_a_law_keeps_is_told_on_the_cells_of_sc(tmp_path: Path) -> None:
+    own = lag(tmp_path, "4.0", "d", 1.13)[1][0]
+    law = replace(own, core=some_cells(3))
+    others = [replace(law, grid=Grid((tuple(2.0 * x for x in law.grid.edges[0]),)))]
+    others.append(replace(law, states=(1,)))
+    for other in others:
+        with pytest.raises(RejectedError, match="other cells than SC"):
+            GridGroup(own).kept_by([GridGroup(other)])
+    kept = GridGroup(own).kept_by([*map(GridGroup, others), GridGroup(law)])
+    assert kept.members.tolist() == (law.core > 0).tolist()
+
+
+def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13)
+    every = np.ones(40, dtype=np.bool_)
+    for given_back, why in (
+        (None, "needs the table of the DM"),
+        (~(some_cells(3) > 0), "Q holds cells on which `safer` is not certain"),  # w is not shown
+        (every, "W does not begin with Q"),
+    ):
+        home = some_cells(20)
+        tables = replace(
+            groups[0], home=home, given_back=given_back, rank=np.full(40, 2, np.uint16)
+        )
+        check = GridGroup(tables).check(model, None)
+        with pytest.raises(RejectedError, match=why):
+            list(check.home(None))
 
 
 def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path: Path) -> None:
@@ -321,7 +359,7 @@ def estimated(
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     for state in range(len(errors)):
         monkeypatch.setitem(model.facts.leaves, state, (0, ()))
-    monkeypatch.setattr(predicates, "error_of", lambda _, state: errors[state])
+    monkeypatch.setattr(estimates, "error_of", lambda _, state: errors[state])
     return model, groups
 
 
@@ -339,8 +377,8 @@ def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
     expected = np.zeros(grid.shape, dtype=np.bool_)
     for cell in np.argwhere(level.members):
         block = tuple((int(i), int(i) + 1) for i in cell)
-        expected[tuple(cell)] = level.contains(predicates.around(model, group, grid.box(block)))
-    assert np.array_equal(predicates.eroded(model, group, level).members, expected)
+        expected[tuple(cell)] = level.contains(estimates.around(model, group, grid.box(block)))
+    assert np.array_equal(estimates.eroded(model, group, level).members, expected)
     assert 0 < expected.sum() < level.members.sum()
 
 
@@ -355,7 +393,7 @@ def test_levels_of_two_estimated_states_lose_cells_on_either_axis(
     grid = Grid(edges)
     group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
     level = Cells(grid, draw.random(grid.shape) < 0.95)
-    left = predicates.eroded(model, group, level).members
+    left = estimates.eroded(model, group, level).members
     for at in np.ndindex(*grid.shape):
         touched, met = (cells_around(edges, errors, at, closed=c) for c in (False, True))
         assert level.members[np.ix_(*touched)].all() or not left[at]

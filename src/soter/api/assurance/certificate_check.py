@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.rechecking import no_certificate, recheck
+from soter.certificate.format.errors import REJECTED
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
@@ -34,13 +35,15 @@ OTHER_MODULE = "the certificate is not about this module of this system"
 class CertifiedProof:
     """What a certificate may support.
 
-    `rejected`: why it is, or ""; `why`: what else keeps it from supporting anything at all.
+    `rejected`: why it is, or ""; `not_rechecked`: why the re-checker neither accepts nor rejects
+    it, or ""; `why`: what else keeps it from supporting anything at all.
     `report`: of the re-checker, where it accepted it.
     """
 
     path: str = ""
     sha256: str = ""
     rejected: str = ""
+    not_rechecked: str = ""
     why: str = ""
     report: Report | None = None
     certificate: Certificate | None = None
@@ -56,6 +59,8 @@ class CertifiedProof:
             return [], f"the module is forced to {forced}: its switch does not switch"
         if self.rejected:
             return [], f"the certificate is rejected: {self.rejected}"
+        if self.not_rechecked:
+            return [], f"the certificate was not re-checked: {self.not_rechecked}"
         if self.why:
             return [], self.why
         if self.report is None or module.name not in self.entries:
@@ -83,8 +88,10 @@ def proof_of(
         return known
     phase("checking the certificate again")
     report = recheck(cert, progress)
-    if not report.accepted:
+    if report.verdict == REJECTED:
         return CertifiedProof(known.path, known.sha256, rejected=report.reason)
+    if not report.accepted:
+        return CertifiedProof(known.path, known.sha256, not_rechecked=report.reason)
     if file_hash(Path(cert) / "manifest.json") != known.sha256:
         return CertifiedProof(known.path, known.sha256, "it was changed while it was checked")
     if report.program_sha256 != flat.program.sha256:
@@ -95,7 +102,10 @@ def proof_of(
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Seal, hashes and what the manifest says that it is about: all that takes no time."""
     from soter.certificate.format.certificate_program import program_of  # noqa: PLC0415 - needs NumPy
-    from soter.certificate.format.errors import RejectedError  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.format.errors import (  # noqa: PLC0415 - needs NumPy
+        NotRecheckedError,
+        RejectedError,
+    )
     from soter.certificate.format.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         read_certificate,
@@ -110,9 +120,11 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
         raise no_certificate(error) from None
     except RejectedError as error:
         return CertifiedProof(path, rejected=str(error))
+    except (NotRecheckedError, RecursionError) as error:
+        return CertifiedProof(path, not_rechecked=str(error))
     except SoterError as error:
         return CertifiedProof(path, rejected=f"the program of the certificate: {error}")
-    except (KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
         return CertifiedProof(path, rejected=f"the manifest is not as it should be: {error}")
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:

@@ -57,6 +57,7 @@ def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
         made_by = f", which says that Soter {said} wrote it"
     certificate = f"SHA-256 {proof.sha256}{made_by}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
+    why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
     return {
         "Soter": f"{VERSION}, SHA-256 {soter_sha256()}",
         "re-checker": f"of Soter {VERSION}, SHA-256 {rechecker_sha256()}",

@@ -40,12 +40,14 @@ class Assurance:
     """A case and its files.
 
     `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
-    flight that violates a property.
+    flight that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects
+    the certificate; "": it does, or there is none.
     """
 
     case: SafetyCase
     files: tuple[Path, ...]
     refuted: tuple[str, ...]
+    not_rechecked: str = ""
 
     @property
     def lawful(self) -> bool:
@@ -126,7 +128,7 @@ def assure(
     evidence.tests(case, refuted, explored=tests)
     evidence.campaign(case, refuted, flights)
     tracing.enter(case)
-    return Assurance(case, _written(case, Path(output)), tuple(refuted))
+    return Assurance(case, _written(case, Path(output)), tuple(refuted), proof.not_rechecked)
 
 
 def _plants(flat: System) -> dict[str, tuple[str, ...]]:

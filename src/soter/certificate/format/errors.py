@@ -1,11 +1,20 @@
-"""What a re-check says no to.
+"""What a re-check may say.
 
-Purpose: the exception for a certificate that does not show what it claims.
-Non-goals: what could not be understood (`terms/terms.py`: `NotRecheckedError`).
+Purpose: its three verdicts, and the exceptions behind two of them: for a certificate of which
+something is false, and for one of which nothing is known to be, but that is beyond what this room
+checks.
+Non-goals: what is said of a certificate (`rechecker.py`).
 """
 
 from __future__ import annotations
 
+ACCEPTED, REJECTED, NOT_RECHECKED = VERDICTS = "accepted", "rejected", "not re-checked"
+"""All that is claimed holds; something is false; nothing is known to be, but not all is shown."""
+
 
 class RejectedError(Exception):
-    """A claim of the certificate could not be confirmed."""
+    """Something that the certificate says is false, or does not show what it is there to show."""
+
+
+class NotRecheckedError(Exception):
+    """The certificate may be right, but needs something that the re-checker does not know or do."""

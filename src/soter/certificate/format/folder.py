@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,6 +59,11 @@ class Certificate:
     def seal(self) -> str:
         """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
         return hashlib.sha256(canonical(self.manifest)).hexdigest()
+
+    @property
+    def unused(self) -> list[str]:
+        """The tables on which no claim rests."""
+        return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
 
     # ------------------------------------------------------------ tables
 
@@ -103,10 +108,10 @@ class Certificate:
         return every[:cells].astype(np.bool_).reshape(shape)
 
     def count(self, shape: tuple[int, ...]) -> None:
-        """Note a grid of that shape; RejectedError where all of them have more than `CELLS_MAX`."""
+        """Note a grid of that shape; NotRecheckedError where all have more than `CELLS_MAX`."""
         self.cells += math.prod(shape)
         if self.cells > CELLS_MAX:
-            raise RejectedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
+            raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
 
     def plain(self, path: object) -> bytes:
         """A file as it is."""
@@ -120,7 +125,11 @@ class Certificate:
 
 
 def read_certificate(folder: Path) -> Certificate:
-    """The certificate in a folder. `NotACertificateError`, or `RejectedError` for a bad one."""
+    """The certificate in a folder.
+
+    `NotACertificateError`; `RejectedError` for a bad one, `NotRecheckedError` for one that is too
+    large, or that the system does not give.
+    """
     if not folder.is_dir():
         raise NotACertificateError(f"`{folder}` is not a folder")
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
@@ -153,7 +162,7 @@ def _everything(folder: Path) -> dict[str, bytes]:
     """
     sizes = _sizes(folder)
     if sum(sizes.values()) > BYTES_MAX:
-        raise RejectedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
+        raise NotRecheckedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
     return {name: _read(folder, name, size) for name, size in sizes.items()}
 
 
@@ -167,14 +176,16 @@ def _sizes(folder: Path) -> dict[str, int]:
         for path, status in _entries(at):
             name = path.relative_to(folder).as_posix()
             if len(sizes) + len(folders) >= ENTRIES_MAX:
-                raise RejectedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
+                raise NotRecheckedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
             if stat.S_ISDIR(status.st_mode):
                 folders.add(name)
                 waiting.append(path)
             elif not stat.S_ISREG(status.st_mode):
                 raise RejectedError(f"`{name}` is neither a file nor a folder")
             elif status.st_size > _most(name):
-                raise RejectedError(f"`{name}` has {status.st_size:,} bytes: too many to be read")
+                raise NotRecheckedError(
+                    f"`{name}` has {status.st_size:,} bytes: too many to be read"
+                )
             else:
                 sizes[name] = status.st_size
     needed = {p.as_posix() for name in sizes for p in PurePosixPath(name).parents}
@@ -191,23 +202,23 @@ def _most(name: str) -> int:
 
 
 def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """What lies in a folder, links not followed; RejectedError where the system refuses."""
+    """What lies in a folder, links not followed; NotRecheckedError where the system refuses."""
     try:
         with os.scandir(at) as entries:
             for entry in entries:
                 yield Path(entry.path), entry.stat(follow_symlinks=False)
     except OSError as error:
-        raise RejectedError(f"`{at.name}` cannot be read: {error.strerror}") from None
+        raise NotRecheckedError(f"`{at.name}` cannot be read: {error.strerror}") from None
 
 
 def _read(folder: Path, name: str, size: int) -> bytes:
-    """A plain file that still has that size; RejectedError for anything else."""
+    """A plain file that still has that size; RejectedError, or as `_entries`, for all else."""
     flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
     try:
         with os.fdopen(os.open(folder / name, flags), "rb") as file:
             data = file.read(size + 1) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
     except OSError as error:
-        raise RejectedError(f"`{name}` cannot be read: {error.strerror}") from None
+        raise NotRecheckedError(f"`{name}` cannot be read: {error.strerror}") from None
     if data is None or len(data) != size:
         raise RejectedError(f"`{name}` was changed while it was read")
     return data

@@ -83,6 +83,21 @@ def recheck_induction(
     return facts, report
 
 
+def read_all(flat: System, entry: dict[str, Any]) -> None:
+    """Read the code and the times of a module as for a check, and ask the solver nothing.
+
+    As `recheck_induction`.
+    """
+    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
+
+    _require_solver()
+    facts = read_induction(flat, entry["module"])
+    k, _ = compare(facts, entry["induction"])
+    _affordable(facts, k + 1)
+    for first in (True, False):
+        TransitionSystem(facts, first=first).run(facts.turn + 1)
+
+
 def _require_solver() -> None:
     if find_spec("z3") is None:
         raise SoterError(

@@ -282,16 +282,17 @@ class SolverReading:
             pairs = zip(order, e.elements, strict=True)
             value_by_position = {k: self.value(x, where) for k, x in pairs}
             return tuple(value_by_position[k] for k in range(len(value_by_position)))
-        if isinstance(e, typed.Narrow):
-            value = self.value(e.operand, where)
-            low, high = extent(e.type)
-            self._faulty(where, z3.Or(value < low, value > high))
-            return value
         if isinstance(e, typed.Vector) and e.op in "+-*" and isinstance(e.type, RecordType):
             return by_component(e.op, self.value(e.left, where), self.value(e.right, where))
         raise NotRecheckedError(
             f"`{type(e).__name__.removeprefix('Typed').lower()}` in what is proved by induction"
         )
+
+    def _narrowed(self, e: typed.Narrow, where: Term) -> Term:
+        value = self.value(e.operand, where)
+        low, high = extent(e.type)
+        self._faulty(where, z3.Or(value < low, value > high))
+        return value
 
     def _counted(self, e: typed.TypedLength | typed.Index, where: Term) -> Term:
         t = e.target.type
@@ -422,6 +423,7 @@ class SolverReading:
         return applied(name, values, fun.result, self.sight.facts)
 
     _READ_BY: ClassVar[dict[type, Callable[[Any, Any, Term], Term]]] = {
+        typed.Narrow: _narrowed,
         typed.TypedLength: _counted,
         typed.Index: _counted,
         typed.TypedChoose: _chosen,

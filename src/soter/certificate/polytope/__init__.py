@@ -1,1 +1,1 @@
-"""The same of polytopes."""
+"""Certificates of linear groups as polytopes: inclusions by weak duality."""

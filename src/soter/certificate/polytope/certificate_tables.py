@@ -2,7 +2,7 @@
 
 Purpose: `HalfSpaces` and `PolytopeTables`, read off a manifest with every shape and number checked,
 and the box of C as a grid of one cell for whoever looks at predicates.
-Non-goals: believing any of it (`case.py`).
+Non-goals: believing any of it (`polytope_check.py`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Axes, Grid
+from soter.certificate.cells.cell_sets import Axes, Grid
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     """Per row the half-spaces with their multipliers, where that is not zero."""
 
 INSTANTS = ("hold", "R", "window", "start")
-PARTS = ("K", "R", "S", "Q", "start")
+PARTS = ("K", "R", "S", "Q")
 REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", "instants")
 OPTIONAL = ("Q", "target")
 HINTS = ("flow", "multipliers")
@@ -113,7 +113,7 @@ class PolytopeTables:
     instants: dict[str, tuple[int, ...]]
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
-    """Half-spaces that make the DM give control back, of real numbers (`dm_half_spaces.py`)."""
+    """Half-spaces that make the DM give control back, of real numbers (`polytope_group.py`)."""
     leaves: list[tuple[tuple[float, ...], arb]] | None = None
     """The same of what makes it leave AC in control."""
 
@@ -244,7 +244,7 @@ class _MatrixReader:
         if rows.ndim != BOX or rows.shape[1] != self.n + 1:
             raise RejectedError("the faces of a polytope are not over the states of its group")
         if len(rows) > FACES_MAX:
-            raise RejectedError(f"a polytope of more than {FACES_MAX:,} half-spaces: not looked at")
+            raise NotRecheckedError(f"a polytope of more than {FACES_MAX:,} half-spaces")
         faces = rows.tolist()
         return HalfSpaces(
             low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
@@ -256,7 +256,7 @@ class _MatrixReader:
         given = self.matrix(entry, None)
         self.weights += count + len(given)
         if self.weights > TRIPLES_MAX:
-            raise RejectedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
+            raise NotRecheckedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
         triples: Triples = [[] for _ in range(count)]
         if given.ndim != BOX or given.shape[1] != TRIPLE:
             raise RejectedError("multipliers are not triples")

@@ -2,7 +2,7 @@
 
 Purpose: for rows c and times t, `HoldImage` and `FreeImage` give (row, loss) with c x(t) <= row
 x(0) + loss.
-Non-goals: reading programs (`sc_linear_law.py`, `linear_flows.py`); sets (`case_check.py`).
+Non-goals: reading programs (`sc_linear_law.py`, `linear_flows.py`); sets (`polytope_check.py`).
 
 x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds
 |A x + B u + b| there. For one row c:

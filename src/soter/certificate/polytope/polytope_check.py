@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.inclusions.predicates import AdmitCheck
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
+    from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Task
-    from soter.certificate.inclusions.cell_sets import Cells
     from soter.certificate.polytope.certificate_tables import PolytopeTables, Triples
     from soter.certificate.polytope.sc_linear_law import CommandLaw
     from soter.certificate.reading.case_model import CaseModel
@@ -101,9 +101,14 @@ class PolytopeCheck(GroupCheck):
 
     def safe(self, cells: Cells) -> None:
         """On all of C. Then what the claims are about is read."""
-        model, tables = self.model, self.tables
         if not cells.members.all():
             raise RejectedError("`safe` is not certain on the box of a polytope group")
+        self.tried(set())
+
+    def tried(self, claims: set[str]) -> None:
+        """The law of SC and the flow are read."""
+        del claims
+        model, tables = self.model, self.tables
         if model.facts.kind != "flow":
             raise NotRecheckedError("a polytope group of a map")
         affordable(tables)
@@ -135,6 +140,14 @@ class PolytopeCheck(GroupCheck):
             raise RejectedError(f"there are no multipliers for {part}")
         yield from self.tables.multipliers[part]
         raise RejectedError(f"there are too few multipliers for {part}")
+
+    def _spent(self, part: str, given: Iterator[Triples]) -> None:
+        """RejectedError where there are multipliers that nothing needed."""
+        try:
+            next(given)
+        except RejectedError:
+            return
+        raise RejectedError(f"there are too many multipliers for {part}")
 
     def _instants(self, name: str, until_ns: int) -> tuple[int, ...]:
         instants = self.tables.instants[name]
@@ -189,7 +202,7 @@ class PolytopeCheck(GroupCheck):
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
         """On all of C; else in K, and in what SC does from there. Of an abstraction it is assumed.
 
-        RejectedError where neither is shown.
+        NotRecheckedError where neither is shown.
         """
         certain = bool(cells.members.all()) or all_published(
             self.model,
@@ -198,8 +211,8 @@ class PolytopeCheck(GroupCheck):
         )
         if not certain and not self.model.facts.symbol.verify.abstracts:
             name = self.model.facts.system.topics[topic].name
-            raise RejectedError(
-                f"not rechecked: it was not shown over the half-spaces of K that what a plant "
+            raise NotRecheckedError(
+                f"it was not shown over the half-spaces of K that what a plant "
                 f"publishes on `{name}` lies in its declared set: elsewhere it stops"
             )
         return certain
@@ -207,8 +220,9 @@ class PolytopeCheck(GroupCheck):
     @whole
     def core(self) -> None:
         """SC keeps K and, on the way, C."""
-        own = self.tables.constraint
-        self._kept("K", self.hold_of_core, self.tables.core, own, self._given("K"))
+        own, given = self.tables.constraint, self._given("K")
+        self._kept("K", self.hold_of_core, self.tables.core, own, given)
+        self._spent("K", given)
 
     @property
     def holds(self) -> int:
@@ -242,6 +256,7 @@ class PolytopeCheck(GroupCheck):
             row, more = hold.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
         self.kernel.require("K returns to Q", row, within(ends, loss), next(given))
+        self._spent("Q", given)
 
     @whole
     def _show_given_back(self) -> None:
@@ -294,8 +309,9 @@ class PolytopeCheck(GroupCheck):
     def free(self, horizon_ns: int) -> None:
         """From all of R."""
         instants = self._instants("R", horizon_ns)
-        tables = self.tables
-        self._free("R(H)", tables.free, self._plain(tables.core), instants, self._given("R"))
+        tables, given = self.tables, self._given("R")
+        self._free("R(H)", tables.free, self._plain(tables.core), instants, given)
+        self._spent("R", given)
 
     @whole
     def start(self, until_ns: int) -> None:
@@ -355,6 +371,7 @@ class PolytopeCheck(GroupCheck):
                 limits = [exact(x) for x in before.bounds]
                 rows = in_balls(before.rows)
                 BoundedPolytope(after).require(f"S_{k + 1} in S_{k}", rows, limits, next(given))
+        self._spent("S", given)
 
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples

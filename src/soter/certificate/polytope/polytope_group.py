@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
+    from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.format.folder import Certificate
     from soter.certificate.groups import Entry
-    from soter.certificate.inclusions.cell_sets import Axes, Cells
     from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts

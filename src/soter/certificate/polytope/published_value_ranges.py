@@ -2,7 +2,7 @@
 
 Purpose: that a topic's declared set holds all of it: in K, where AC has control and where SC begins
 a hold, and at all times of such a hold (`docs/verification.md`, section 10); and of initial states.
-Non-goals: states on grids (`inclusions/predicates.py`); what is not affine in the states.
+Non-goals: states on grids (`cells/predicates.py`); what is not affine in the states.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
 of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`dual_bounds.py`).
@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Axes, Grid
+from soter.certificate.cells.predicates import published
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Axes, Grid
-from soter.certificate.inclusions.predicates import published
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.terms.arb_balls import ZERO, exact

@@ -3,7 +3,7 @@
 Purpose: `linear_law`: from SC's terms and the z and limits that a certificate names to
 `CommandLaw`, with everything that z does not say about u as spread; what must hold for SC not to
 fault is shown, too.
-Non-goals: whether z keeps within the limits (`case.py`).
+Non-goals: whether z keeps within the limits (`polytope_check.py`).
 
 The terms are swept once. Each atom becomes a linear form over the inputs with a radius that holds
 for all inputs in their ranges *with every z in its limits*: bounds of a form F are those of

@@ -2,7 +2,7 @@
 
 Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
 part stops"): the same module, plants and times, with constants for what SC computes.
-Non-goals: what K_fs is good for (`case.py`); sharing code with the prover's
+Non-goals: what K_fs is good for (`rechecker.py`); sharing code with the prover's
 `verify/problem/failsafe_problem.py`.
 """
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
+from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.terms.arb_balls import (
     HALF,
     ONE,
@@ -38,10 +39,6 @@ if TYPE_CHECKING:
 
 LARGEST = exact(2.0**1023)
 """Numbers of a program stay below: what a machine rounds to infinity is no number here."""
-
-
-class NotRecheckedError(Exception):
-    """The certificate may be right, but uses something that the re-checker does not know."""
 
 
 @dataclass(eq=False)

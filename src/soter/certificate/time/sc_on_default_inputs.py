@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.inclusions.predicates import both_all
+from soter.certificate.cells.predicates import both_all
 from soter.certificate.reading.modes_of_other_modules import any_mode
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader

@@ -25,6 +25,8 @@ DIAGNOSTICS = 1
 USAGE = 2
 VIOLATED = 3
 UNDECIDED = 4
+NOT_RECHECKED = 5
+"""A certificate of which nothing was found to be false, and that is beyond the re-checker."""
 INTERNAL = 70
 """A defect of soter itself (EX_SOFTWARE of sysexits.h)."""
 INTERRUPTED = 130

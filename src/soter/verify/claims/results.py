@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.verify.problem.assumption import SCHEME, remaining
@@ -355,6 +356,8 @@ class ModuleResult:
     """What the proof takes for granted beyond its problem."""
     shown: frozenset[str] = frozenset()
     """Keys of those assumptions of its problem that the proof shows."""
+    ask_rechecker: Callable[[], str] | None = None
+    """Gives `not_rechecked`; None: python-flint is not installed."""
 
     def __repr__(self) -> str:
         held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
@@ -390,13 +393,20 @@ class ModuleResult:
         """Of a module below another one: when its `safe` is claimed; "" at all times."""
         return f" while {self.problem.above} is in AC" if self.problem.above else ""
 
+    @cached_property
+    def not_rechecked(self) -> str | None:
+        """Why `soter recheck` cannot check it; "": it can. None: not proved, or nobody to ask."""
+        held = self.verdict in (PROVED, ASSUMED)
+        return self.ask_rechecker() if held and self.ask_rechecker is not None else None
+
     @property
     def headline(self) -> str:
-        """The verdict and, where it says little, that: no proof of nothing reads like one."""
+        """The verdict and, where it says little or nobody else can check it, that."""
         if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
         verdict = self.verdict + self.whilst
-        return verdict if self.vacuity is None else f"{verdict}, but {self.vacuity.text}"
+        verdict += "" if self.vacuity is None else f", but {self.vacuity.text}"
+        return f"{verdict}, not re-checked: {self.not_rechecked}" if self.not_rechecked else verdict
 
     @property
     def cells(self) -> int:

@@ -1,6 +1,7 @@
 """The sets of a module as its certificate has them, for the tables of its decision module.
 
-Purpose: S_0 and S_(m-2) of every group and case, read in place of being computed once more.
+Purpose: S_0 and S_(m-2) of every group and case, read in place of being computed once more; and
+whether the tables that are built are those of the certificate, whoever computed them.
 Non-goals: whether they are right: whoever asks has had the certificate checked (`soter.recheck`),
 and `ttf` and `safer` of the module confirmed.
 """
@@ -14,9 +15,12 @@ from soter.verify.problem.extract import cases
 from soter.verify.proof_methods import in_order, method_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from soter.certificate.format.folder import Certificate
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
+    from soter.verify.tables.level_table import LevelTable
 
 
 def certified_sets(
@@ -47,6 +51,49 @@ def certified_sets(
             return None
         case_pairs.append(pairs)
     return case_pairs
+
+
+def same_tables(
+    certificate: Certificate,
+    system: str,
+    module: str,
+    problem: Problem,
+    built: Sequence[LevelTable],
+) -> bool:
+    """Whether a module's DM is given just the tables that a certificate has of it, in every byte.
+
+    A certificate that has none says nothing of them.
+    """
+    entries = [
+        e
+        for e in certificate.manifest["modules"]
+        if (e.get("system"), e.get("module"), e.get("view", "")) == (system, module, problem.view)
+    ]
+    q, files = problem.quantities, dict[str, bytes]()
+    names = [s.name for s in q.states]
+    own = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
+    told = _read(own, {**files, **_numbered([*names, *(c.name for c in q.controls)])})
+    return all(not e.get("tables") or _told(certificate, e) == told for e in entries)
+
+
+def _told(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - see `_read`
+    """The tables of a module in a certificate."""
+    inputs = [i["name"] for i in entry["inputs"] if i["kind"] in ("state", "control")]
+    return _read(entry["tables"], {**certificate.contents, **_numbered(inputs)})
+
+
+def _numbered(names: Sequence[str]) -> dict[str, object]:
+    """States and controls by their places: a file that is imported calls them otherwise."""
+    return {name: place for place, name in enumerate(names)}
+
+
+def _read(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - a part of a manifest
+    """An entry with what its names stand for: bytes of files, places of states."""
+    if isinstance(entry, dict):
+        return {name: _read(part, said) for name, part in entry.items()}
+    if isinstance(entry, list):
+        return [_read(part, said) for part in entry]
+    return said.get(entry, entry) if isinstance(entry, str) else entry
 
 
 def _pair(

@@ -12,7 +12,7 @@ import hashlib
 from dataclasses import replace
 from importlib.metadata import version
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
 
     Found = list[LevelTable]
     Progress = Callable[[float], None]
-    Known = Callable[[Problem], list[Pairs] | None]
     Tell = Callable[[str, float], None]
 
 
@@ -57,6 +56,16 @@ ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
 FILE = "sets.npz"
 NEVER = "ttf and safer are not computed, its AC never gets control"
+
+
+class Known(Protocol):
+    """What somebody has of the tables of modules, and what he is told."""
+
+    def sets(self, problem: Problem) -> list[Pairs] | None:
+        """The pairs of every case, which are then not computed; None: it does not know them."""
+
+    def built(self, problem: Problem, level_tables: Found) -> None:
+        """What the module's DM is given; it raises where that may not be. Empty: nothing."""
 
 
 def open_modules(flat: System) -> list[Module]:
@@ -73,9 +82,8 @@ def complete(
     """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
 
     A module that determines no verification problem, or whose problem has no solution, stays as it
-    is: its AC never gets control. `known` gives the pairs of every case of a problem, which are
-    then not computed; None: it does not know them. `tell` is called all the while, and may raise
-    `CancelledError`. Gives a note about each module; `soter verify` says more.
+    is: its AC never gets control. `known` has what need not be computed. `tell` is called all the
+    while, and may raise `CancelledError`. Gives a note about each module; `soter verify` says more.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, progress, known, tell)
@@ -89,10 +97,12 @@ def complete(
         except SoterError as error:
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
-        sets = None if known is None else known(problem)
+        sets = None if known is None else known.sets(problem)
         if sets is None:
             sets = sets_of(problem, _part(progress, i, len(todo)), tell)
         level_tables = None if sets is None else tables(problem, sets)
+        if known is not None:
+            known.built(problem, level_tables or [])
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue

@@ -24,12 +24,16 @@ def entry(
 ) -> dict[str, object]:
     """Witnesses as bytes, sets as bits, ranks as pairs of bytes."""
     group_entry = axes(problem, group.group, stem, files)
+    rank, holds = group.rank, group.rank_holds
+    if rank is not None and holds is not None and group.home is not None:
+        rank = np.where(group.home > 0, 1, rank)
+        holds = np.where(rank > 1, holds, 0)
     tables = {
         "K": _whole(group.core, "<u1"),
         "R": _bits(group.free),
         "Q": _whole(group.home, "<u1"),
-        "W": _whole(group.rank, "<u2"),
-        "W_N": _whole(group.rank_holds, "<u1"),
+        "W": _whole(rank, "<u2"),
+        "W_N": _whole(holds, "<u1"),
     }
     for key, data in tables.items():
         if data is not None:

@@ -1,21 +1,19 @@
-"""Where predicates certainly hold, and what follows from estimates.
+"""Where predicates certainly hold.
 
-Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is;
-computed predicates: estimates and the states behind them.
-Non-goals: chains and free phases (`group_claims.py`), which claims there are (`case.py`).
+Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is.
+Non-goals: computed predicates (`grid/estimates.py`), which claims there are (`case_check.py`).
 """
 
 from __future__ import annotations
 
 from functools import reduce
-from itertools import pairwise
 from operator import or_
 from typing import TYPE_CHECKING
 
 import numpy as np
 from flint import arb
 
-from soter.certificate.inclusions.cell_sets import (
+from soter.certificate.cells.cell_sets import (
     Cells,
     block_index,
     finer,
@@ -23,9 +21,7 @@ from soter.certificate.inclusions.cell_sets import (
     uncovered,
     volume,
 )
-from soter.certificate.inclusions.group_claims import CELLS_AT_ONCE, FREE_PIECES, SPLITS
-from soter.certificate.reading.problem import error_of
-from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.straight_line import content_of
 from soter.certificate.terms.terms import (
@@ -45,8 +41,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Axes, Block, Grid
-    from soter.certificate.inclusions.group_claims import FreeCheck, GroupTables
+    from soter.certificate.cells.cell_sets import Axes, Block, Grid
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model import typed
@@ -61,73 +56,6 @@ SPLITS_OF_SETS = 4
 """The same where it is only asked which cells to use: a failure costs cells, no proof."""
 CERTAIN_CELLS_MAX = 2**26
 """Cells of the sets that are remembered, a byte each."""
-
-# ---------------------------------------------------------------- computed predicates
-
-
-def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
-    """Everything an estimate of a state in the box may be, and the other way round.
-
-    Of a state that no topic shows nothing is known: it is anywhere on its axis.
-    """
-    bounds: list[float] = []
-    for state, (low, high) in zip(group.states, box, strict=True):
-        bounds += _estimates(model, state, low, high)
-    return tuple(bounds)
-
-
-def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
-    """The same of one state between two numbers."""
-    if state not in model.facts.leaves:
-        return model.extents[state]
-    error = exact(error_of(model.facts, state))
-    if not error.is_zero():
-        error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
-    return below(low - error), above(high + error)
-
-
-def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
-    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
-    grid = group.grid
-    ends = [
-        [_estimates(model, state, low, high) for low, high in pairwise(map(exact, edges))]
-        for state, edges in zip(group.states, grid.edges, strict=True)
-    ]
-    members = np.zeros(grid.shape, dtype=np.bool_)
-    for cell in map(tuple, np.argwhere(level.members)):
-        box = [end for i, axis in zip(cell, ends, strict=True) for end in axis[i]]
-        members[cell] = level.contains(box)
-    return Cells(grid, members)
-
-
-def levels_hold(
-    model: CaseModel, group: GroupTables, claimed: Cells, inside: Cells, block: Block
-) -> Iterator[Block]:
-    """Cells of estimates, some state behind which is not certainly inside."""
-
-    def attempt(at: Block) -> bool:
-        return inside.contains(around(model, group, group.grid.box(at)))
-
-    return uncovered(claimed, block, attempt, 1 << 20)
-
-
-def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
-    """Cells of estimates, some state behind which may be driven out of `within` in time."""
-    grid = check.group.grid
-
-    def attempt(at: Block) -> bool:
-        ends = around(check.model, check.group, grid.box(at))
-        box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        if check.stays(box, within, FREE_PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
-
-    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
-
-
-# ---------------------------------------------------------------- predicates
 
 
 def _grid_boxes(model: CaseModel) -> list[tuple[arb, arb]]:

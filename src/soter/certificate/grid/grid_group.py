@@ -2,7 +2,7 @@
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
-Non-goals: the inclusions themselves (`group_claims.py`, `predicates.py`, `shield.py`).
+Non-goals: the inclusions themselves (`group_claims.py`, `estimates.py`, `shield.py`).
 """
 
 from __future__ import annotations
@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Cells, Grid, parts, volume
+from soter.certificate.cells.predicates import AdmitCheck, admitted
+from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.groups import LOOK, Group, GroupCheck
-from soter.certificate.inclusions.cell_sets import Cells, Grid, parts, volume
-from soter.certificate.inclusions.group_claims import (
+from soter.certificate.grid.estimates import drifts, eroded, levels_hold
+from soter.certificate.grid.group_claims import (
     FREE_PIECES,
     PIECES,
     ChainCheck,
@@ -25,15 +27,9 @@ from soter.certificate.inclusions.group_claims import (
     ranked,
     witnessed,
 )
-from soter.certificate.inclusions.inward_flow import points_inwards, scheme_at_fault
-from soter.certificate.inclusions.predicates import (
-    AdmitCheck,
-    admitted,
-    drifts,
-    eroded,
-    levels_hold,
-)
-from soter.certificate.inclusions.shield import cells_of, to_show, tops_of
+from soter.certificate.grid.inward_flow import points_inwards, scheme_at_fault
+from soter.certificate.grid.shield import cells_of, to_show, tops_of
+from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, KEEPS
@@ -43,9 +39,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.certificate.cells.cell_sets import Axes, Block
     from soter.certificate.format.folder import Certificate
     from soter.certificate.groups import Entry, Task
-    from soter.certificate.inclusions.cell_sets import Axes, Block
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
@@ -55,6 +51,10 @@ BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors."""
 SMALL = 4_000
 """Cells; a smaller grid is not worth it."""
+CELLS_TRIED = 3
+"""Of K: the first, one in the middle, the last."""
+HOLDS_TRIED = 2
+"""For so many holds SC is followed from each of them."""
 BITS = 2
 """A level: 0: ttf, 1: an estimate in S_0, 2: in S_(m-2); in every case."""
 FULL = 2
@@ -88,13 +88,18 @@ class GridGroup(Group):
         tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
         return cls(tables)
 
+    @property
+    def cells(self) -> list[NDArray[np.uint8]]:
+        """One of them."""
+        return [self.tables.core]
+
     def part(self, *, errors: bool) -> Axes:
         """The grid."""
         del errors
         return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
-        """Its claims, cell by cell. RejectedError where K is empty."""
+        """Its claims, cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
     def compare(
@@ -186,8 +191,6 @@ class GridCheck(GroupCheck):
         """Cells on which `safe` is certain, and all that is published in its set."""
         self.kept = points_inwards(model, tables.states)
         """Whether no run leaves the grid, whatever is commanded."""
-        if self.kernel.size == 0:
-            raise RejectedError("K is empty")
 
     @property
     def sees_rates(self) -> bool:
@@ -205,8 +208,23 @@ class GridCheck(GroupCheck):
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept and all(s.members.all() for s in sets)
 
+    def tried(self, claims: set[str]) -> None:
+        """SC, and any command, are followed from a few cells of K, wherever that leads."""
+        everywhere = Cells(self.grid, np.ones(self.grid.shape, dtype=np.bool_))
+        free = FreeCheck(self.model, self.tables, self.model.facts.times["H_ns"])
+        cells = np.argwhere(self.kernel.members)
+        places = np.linspace(0, max(len(cells) - 1, 0), min(CELLS_TRIED, len(cells)))
+        for cell in (tuple(map(int, cells[k])) for k in dict.fromkeys(map(int, places))):
+            box = self.grid.box(tuple((i, i + 1) for i in cell))
+            holds = min(int(self.tables.core[cell]), HOLDS_TRIED)
+            self.chains.leads(box, holds, everywhere, everywhere.contains, PIECES[0])
+            if claims & FREE:
+                free.stays(box, everywhere, FREE_PIECES[0])
+
     def safe(self, cells: Cells) -> None:
         """On these."""
+        if self.kernel.size == 0:
+            raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
@@ -303,6 +321,10 @@ class GridCheck(GroupCheck):
             raise RejectedError("Q holds cells on which `safer` is not certain")
         if (self.kernel.members & ~home.members & (tables.rank == 0)).any():
             raise RejectedError("W does not hold all of K")
+        if (home.members & (tables.rank != 1)).any():
+            raise RejectedError("W does not begin with Q")
+        if ((tables.rank <= 1) & (tables.rank_holds > 0)).any():
+            raise RejectedError("W says how long it takes where there is nowhere to go")
         if self._never_left(home):
             return
         kept = partial(witnessed, self.chains, tables.home, calm, home)

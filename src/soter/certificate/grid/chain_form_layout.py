@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
-from soter.certificate.inclusions.nonlinear_flow import outwards
+from soter.certificate.grid.nonlinear_flow import outwards
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, above, below
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.certificate.inclusions.nonlinear_flow import Interval
+    from soter.certificate.grid.nonlinear_flow import Interval
 
     Form = tuple[arb, ...]
 

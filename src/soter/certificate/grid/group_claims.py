@@ -1,8 +1,8 @@
 """The claims about one group in one case, each an inclusion recomputed from its witnesses.
 
 Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
-Non-goals: predicates (`predicates.py`), certificates (`folder.py`), which claims there are
-(`case.py`).
+Non-goals: predicates (`cells/predicates.py`), certificates (`folder.py`), which claims there are
+(`grid_group.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.inclusions.cell_sets import (
+from soter.certificate.cells.cell_sets import (
     Axes,
     Cells,
     block_index,
@@ -22,7 +22,7 @@ from soter.certificate.inclusions.cell_sets import (
     unshown,
     volume,
 )
-from soter.certificate.inclusions.sc_chains import EVERY, Window, free_phase, sc_chain, windows
+from soter.certificate.grid.sc_chains import EVERY, Window, free_phase, sc_chain, windows
 from soter.certificate.terms.arb_balls import HALF, above, below
 from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
 
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Block
-    from soter.certificate.inclusions.sc_chains import Chain, FreeChain
+    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.grid.sc_chains import Chain, FreeChain
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 

@@ -19,8 +19,8 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.certificate.inclusions.inward_flow import clipping, uncrossed_ends
-from soter.certificate.inclusions.nonlinear_chains import DEPTH_MAX, NANOSECOND, LocalChain
+from soter.certificate.grid.inward_flow import clipping, uncrossed_ends
+from soter.certificate.grid.nonlinear_chains import DEPTH_MAX, NANOSECOND, LocalChain
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.linear_flows import (
     LinearFlow,

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.inclusions.unbounded_axes import FARTHEST
+from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.terms.arb_balls import HALF, above, below, exact
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.certificate.inclusions.cell_sets import finer
-from soter.certificate.inclusions.nonlinear_flow import LocalFlow
+from soter.certificate.cells.cell_sets import finer
+from soter.certificate.grid.nonlinear_flow import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
 

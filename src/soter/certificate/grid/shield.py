@@ -2,7 +2,7 @@
 
 Purpose: that from no state behind an estimate commands of the cells that are permitted there lead
 out of K before SC's first output acts (docs/proof.md, A gate that looks at commands).
-Non-goals: that the DM reads the table as it should; the table's bytes (`dm_tables.py`).
+Non-goals: that the DM reads the table as it should; the table's bytes (`grid_group.py`).
 
 A command lies in its set, which is cut at low + (high - low) (k / n), k = 1, ..., n - 1. Where
 commands of the cells i to j may act, those of some of these may: of every cell of estimates and
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.inclusions.cell_sets import Cells
-from soter.certificate.inclusions.group_claims import FreeCheck
-from soter.certificate.inclusions.predicates import drifts
+from soter.certificate.grid.estimates import drifts
+from soter.certificate.grid.group_claims import FreeCheck
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.problem import number_of
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.inclusions.cell_sets import Block
-    from soter.certificate.inclusions.group_claims import GroupTables
+    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.grid.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component
     from soter.language.model.typed import TopicSymbol
@@ -155,4 +155,6 @@ def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
     tops = np.frombuffer(data, dtype=np.uint8).reshape(shape)
     if (tops > n).any():
         raise RejectedError("the table of the shield names cells that there are not")
+    if ((tops > 0) & (tops <= np.arange(n))).any():
+        raise RejectedError("the table of the shield names a greatest cell below the least one")
     return tops

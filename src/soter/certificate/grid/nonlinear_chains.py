@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
-from soter.certificate.inclusions.chain_form_layout import (
+from soter.certificate.grid.chain_form_layout import (
     CommandRows,
     FormLayout,
     OpenedForm,
@@ -38,7 +38,7 @@ from soter.certificate.inclusions.chain_form_layout import (
     rows_of,
     size_from,
 )
-from soter.certificate.inclusions.nonlinear_flow import LocalFlow, outwards, size_of, solved
+from soter.certificate.grid.nonlinear_flow import LocalFlow, outwards, size_of, solved
 from soter.certificate.reading.linearisation import TAIL, compile_lines
 from soter.certificate.terms.arb_balls import (
     HALF,
@@ -55,7 +55,7 @@ from soter.certificate.terms.terms import NotRecheckedError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.certificate.inclusions.nonlinear_flow import LocalLinearModel, LocalSolution
+    from soter.certificate.grid.nonlinear_flow import LocalLinearModel, LocalSolution
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.straight_line import Function
 

@@ -1,0 +1,87 @@
+"""What a re-check would not know, asked before anybody asks for one.
+
+Purpose: `beyond`: why a certificate that is just being made would be *not re-checked*: its problem
+is read as for a re-check, and of the claims everything is made ready, but only a few cells are
+looked at. `soter verify` says so in its headline (decision 278).
+Non-goals: checking: that nothing stands in the way says nothing of any claim.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.allowed_claims import claimed_of, static_claims
+from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.format.claimed_parts import OF_SETS
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import Certificate
+from soter.certificate.proof_methods import MODULES
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.failsafe_law import law_of
+from soter.certificate.reading.module_facts import DiffersError, bounded_topics
+from soter.certificate.reading.view_predicates import ttf_of_states
+from soter.certificate.rechecker import compare, compare_tables, groups_of
+from soter.certificate.report import GIVING_UP, in_words
+from soter.certificate.understood import facts_of
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    from soter.certificate.reading.problem import Facts
+    from soter.language.model.system import System
+
+CASES_TRIED = 2
+"""Of the combinations of the parameters' values: the first and the last."""
+
+
+def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
+    """Why a module would not be re-checked; "": nothing stands in the way.
+
+    `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:
+    those that it names.
+    """
+    try:
+        whole = [of for key, of in MODULES.items() if key in entry]
+        if whole:
+            whole[0].read(flat, entry)
+        else:
+            _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
+    except GIVING_UP as error:
+        return in_words(error)
+    except (RejectedError, DiffersError, SoterError) as error:
+        return f"the re-checker finds something else: {error}"
+    return ""
+
+
+def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
+    facts, claims = facts_of(flat, entry), claimed_of(entry["claims"])
+    extents = compare(facts, entry)
+    static_claims(facts, entry["claims"])
+    values = list(facts.cases())
+    cases = [groups_of(certificate, facts, extents, case["groups"]) for case in entry["cases"]]
+    if facts.computed and (entry["tables"] or claims & OF_SETS):
+        compare_tables(certificate, facts, cases, entry["tables"])
+    for k in sorted({0, len(values) - 1})[:CASES_TRIED]:
+        ranges = narrowed(extents, [g.part(errors=False) for g in cases[k]])
+        case = CaseCheck(
+            CaseModel(facts, values[k], ranges), cases[k], set(), entry, lambda _: None, 1
+        )
+        case.check()
+        _predicates(case.model)
+        for check in case.checks if claims & OF_SETS else ():
+            check.tried(claims)
+    if "failsafe" in claims:
+        law_of(facts)
+
+
+def _predicates(model: CaseModel) -> None:
+    """Everything that is asked of estimates or states is read."""
+    facts: Facts = model.facts
+    symbol = facts.symbol
+    for expr in (symbol.safe, ttf_of_states(symbol.ttf), symbol.safer):
+        if expr is not None:
+            terms, states = model.new_terms()
+            model.predicate(terms, states, expr, errors=True)
+    for topic in bounded_topics(facts):
+        terms, states = model.new_terms()
+        model.in_set(terms, states, topic)

@@ -1,0 +1,1 @@
+"""Certificates of sets on grids: inclusions, cell by cell."""

@@ -1,1 +1,0 @@
-"""The inclusions that a certificate claims, of grids."""
