@@ -255,6 +255,7 @@ def test_a_report_that_confirms_nothing_supports_and_refutes_nothing(
     why: str, code: int, soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sha256 = load(cart / "c.soter").sha256
+    assert sha256 is not None
     empty = Report(NOT_RECHECKED if why else ACCEPTED, why, program_sha256=sha256)
     monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: empty)
     done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
@@ -279,7 +280,7 @@ def test_a_compiled_decision_module_that_differs_refutes(
     module_report.parameters = {"GAIN": "1.0"}
     uncovered = "the code that a decision module is compiled to"
     report = Report(ACCEPTED, modules=[module_report])
-    report.program_sha256 = load(cart / "c.soter").sha256
+    report.program_sha256 = load(cart / "c.soter").sha256 or ""
     report.not_covered = [RecheckAssumption("compiled", uncovered)]
     monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: report)
     assert assured(soter, "--cert", "proof")[0] == 0
