@@ -42,7 +42,9 @@ TARGET = re.compile(r"[<>]=|target|goal")
 WHETHER = r"\b(?:ok|MISSED|missed|yes|NO|no|if idle)\b"
 MET = re.compile(rf"{WHETHER}\s*$")
 """Whether a time met its target is no figure either."""
-BY_CLOCK = re.compile(r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}|^load of the machine")
+BY_CLOCK = re.compile(
+    r" {2}(?:stopped|time|bound: time, \S+ ms covered) {2}|^load of the machine|x real$"
+)
 """A search that the clock ended: what it came to is no figure, nor is how busy a machine was."""
 SIGMAS = 5.0
 
@@ -131,12 +133,19 @@ def _line(text: str, *, units: bool) -> Line:
 
 
 def _pairs(kept: list[Line], made: list[Line]) -> Iterator[tuple[Line, Line | None]]:
-    """Each kept line with the next new one that has its words."""
+    """Each kept line with the next new one that has its words.
+
+    Where a page shows but some of the lines with these words, with the next that has its numbers.
+    """
     by_words: dict[str, list[Line]] = {}
     for line in made:
         by_words.setdefault(line.words, []).append(line)
+    shown = Counter(line.words for line in kept)
+    some = {words for words, same in by_words.items() if len(same) > shown[words]}
     for line in kept:
-        same = by_words.get(line.words)
+        same = by_words.get(line.words, [])
+        at = same.index(line) if line.words in some and line in same else 0
+        del same[:at]
         yield line, same.pop(0) if same else None
 
 

@@ -201,6 +201,23 @@ def test_whether_a_time_met_its_target_is_no_figure() -> None:
     assert compared(load, load.replace("4.8", "0.1")).differ == []
 
 
+def test_a_page_may_show_some_of_the_lines_that_say_the_same() -> None:
+    made = "K of 7 cells\nK of 8 cells\nK of 9 cells\n"
+    assert compared("K of 7 cells\nK of 9 cells\n", made).differ == []
+    assert len(compared("K of 9 cells\nK of 7 cells\n", made).differ) == 1
+    assert len(compared("K of 7 cells\nK of 6 cells\n", made).differ) == 1
+    assert len(compared("K of 8 cells\nK of 7 cells\nK of 9 cells\n", made).differ) == 2
+
+
+def test_a_speed_beside_real_time_is_of_the_clock() -> None:
+    assert (
+        compared(
+            "246 s, 230 steps a second, 2 x real", "9 s, 7 steps a second, 4 x real", ""
+        ).differ
+        == []
+    )
+
+
 @pytest.mark.parametrize("ended", ["stopped", "time", "bound: time, 86 ms covered"])
 def test_how_far_a_search_came_that_the_clock_ended_is_no_figure(ended: str) -> None:
     row = f"both, 20 ticks  {ended}  91,633  873,269,688  175.01 s  50 ms  20 MB\n"
