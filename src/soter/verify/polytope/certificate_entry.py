@@ -6,6 +6,7 @@ Non-goals: checking them (`soter recheck`).
 
 from __future__ import annotations
 
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -61,8 +62,10 @@ def entry(
         return {"of": list(values.shape), **array(name, np.stack([*at, values[at]], axis=1))}
 
     sets = part.sets
-    if sets is None or part.model is None:
-        return made
+    if sets is None or part.model is None:  # nothing is claimed: a grid on which K is empty
+        name = f"{stem}_K.bin"
+        files[name] = bytes(prod(len(a.edges) - 1 for a in part.group.axes))
+        return {**made, "kind": "grid", "K": name}
     law, times = part.model.law, problem.times
     made["C"] = array("C", np.array(part.limits).T)
     made["law"] = {
