@@ -323,7 +323,7 @@ def compare_tables(
     cases: list[list[Group]],
     entries: list[dict[str, Any]],
 ) -> None:
-    """What the DM holds of each group against the sets of all cases."""
+    """What the DM holds of each group against the sets of all cases, or RejectedError."""
     if len(entries) != len(cases[0]):
         raise RejectedError("the tables of the DM are not one for each group")
     if any([g.kind for g in case] != [g.kind for g in cases[0]] for case in cases):
@@ -333,7 +333,7 @@ def compare_tables(
 
 
 def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
-    """Every figure of the manifest against the program; gives back the extents of the grid."""
+    """Every figure of the manifest against the program, or RejectedError; the grid's extents."""
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
@@ -386,7 +386,10 @@ def groups_of(
     extents: Extents,
     entries: list[dict[str, Any]],
 ) -> list[Group]:
-    """The groups of a case, in the order of the methods."""
+    """The groups of a case, in the order of the methods.
+
+    RejectedError where they do not fit the program, NotRecheckedError of another kind.
+    """
     names = {s.name: i for i, s in enumerate(facts.states)}
     groups: list[Group] = []
     for entry in entries:

@@ -222,13 +222,16 @@ class GridCheck(GroupCheck):
                 free.stays(box, everywhere, FREE_PIECES[0])
 
     def safe(self, cells: Cells) -> None:
-        """On these."""
+        """On these; RejectedError where K is empty."""
         if self.kernel.size == 0:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
-        """SC has to keep the state among them, as a plant that publishes anything else stops."""
+        """SC has to keep the state among them, as a plant that publishes anything else stops.
+
+        RejectedError where K holds others.
+        """
         del checks
         if (self.kernel.members & ~cells.members).any():
             name = self.model.facts.system.topics[topic].name
@@ -240,7 +243,7 @@ class GridCheck(GroupCheck):
         return True
 
     def core(self) -> Iterable[Task]:
-        """From each cell after as many holds as it says, within what is allowed."""
+        """From each cell after as many holds as it says; RejectedError where one is not allowed."""
         what = "`safe`"
         if self.lawful is not None:
             what = f"{what}, or what the law keeps,"
@@ -255,7 +258,7 @@ class GridCheck(GroupCheck):
         return blocks(what, self.grid, show, self.tables.core)
 
     def free(self, horizon_ns: int) -> Iterable[Task]:
-        """From each cell of R."""
+        """From each cell of R; RejectedError where there is none."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
         if self._never_left(self.kernel):
@@ -275,7 +278,10 @@ class GridCheck(GroupCheck):
         return blocks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
     def levels(self, between_ns: int) -> Iterator[Task]:
-        """Each S_k from S_(k-1), and S_0 from R; and what a shield permits."""
+        """Each S_k from S_(k-1), and S_0 from R; and what a shield permits.
+
+        RejectedError where they are too few, or one is no part of the one before.
+        """
         tables, facts = self.tables, self.model.facts
         assert tables.free is not None
         if len(tables.levels) != facts.levels - 1:
@@ -299,7 +305,7 @@ class GridCheck(GroupCheck):
 
     @property
     def holds(self) -> int:
-        """The longest of every rank together."""
+        """The longest of every rank together; RejectedError without ranks."""
         rank, holds = self.tables.rank, self.tables.rank_holds
         if rank is None or holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
@@ -308,7 +314,10 @@ class GridCheck(GroupCheck):
         return int(of_rank[1:].sum())
 
     def home(self, calm: Cells | None) -> Iterator[Task]:
-        """From each cell of Q, and from each of K to lower ranks."""
+        """From each cell of Q, and from each of K to lower ranks.
+
+        RejectedError where Q, W or the table of the DM is not there, or they do not fit.
+        """
         tables = self.tables
         if calm is None:
             if tables.given_back is None:
@@ -335,7 +344,7 @@ class GridCheck(GroupCheck):
         yield from blocks(what, self.grid, nearer, tables.rank_holds)
 
     def start(self, until_ns: int) -> Iterable[Task]:
-        """At once: it is one box."""
+        """At once: it is one box; RejectedError where it may leave K."""
         box = Grid(tuple(self._starts()))
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
         if not (inside and self._never_left(self.kernel)):

@@ -100,13 +100,13 @@ class PolytopeCheck(GroupCheck):
         self.model, self.tables = model, tables
 
     def safe(self, cells: Cells) -> None:
-        """On all of C. Then what the claims are about is read."""
+        """On all of C, or RejectedError. Then what the claims are about is read."""
         if not cells.members.all():
             raise RejectedError("`safe` is not certain on the box of a polytope group")
         self.tried(set())
 
     def tried(self, claims: set[str]) -> None:
-        """The law of SC and the flow are read."""
+        """The law of SC and the flow are read; RejectedError, NotRecheckedError as `safe`."""
         del claims
         model, tables = self.model, self.tables
         if model.facts.kind != "flow":
@@ -230,7 +230,7 @@ class PolytopeCheck(GroupCheck):
         return self.tables.periods
 
     def home(self, calm: Cells | None) -> list[Task]:
-        """On all of the target's box, or where the DM's half-spaces give control back."""
+        """On all of the target's box, or RejectedError; else where the DM gives control back."""
         if calm is None:
             return [*self._show_home(), *self._show_given_back()]
         if not calm.members.all():
@@ -324,7 +324,10 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
-        """On boxes that are halved: in R lies one of which the worst corners do."""
+        """On boxes that are halved: in R lies one of which the worst corners do.
+
+        RejectedError where neither is shown.
+        """
         tables = self.tables
         check = AdmitCheck(self.model, tables.as_cell(tables.constraint), expr, admits=admits)
         faces, limits = (np.array(x) for x in tables.free.faces)
@@ -355,7 +358,7 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def levels(self, between_ns: int) -> None:
-        """S_0, S_1, ... of computed predicates."""
+        """S_0, S_1, ... of computed predicates; RejectedError where they are too few."""
         tables, given = self.tables, self._given("S")
         count = self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:

@@ -87,7 +87,10 @@ class PolytopeGroup(Group):
     def compare(
         self, certificate: Certificate, facts: Facts, same: Sequence[PolytopeGroup], entry: Entry
     ) -> None:
-        """RejectedError where the DM's half-spaces let through more than the sets S."""
+        """RejectedError where the DM's half-spaces let through more than the sets S.
+
+        NotRecheckedError of a shield.
+        """
         if facts.symbol.shield is not None:
             raise NotRecheckedError("a shield beside polytopes")
         names = [facts.states[i].name for i in self.states]
