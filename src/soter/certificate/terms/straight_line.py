@@ -156,8 +156,13 @@ class Function:
         values: list[Any] = [*form, *self._constants]
         keep = values.append
         try:
-            for operation, arguments in self._steps:
-                keep(operation(*arguments(values)))
+            for operation, one, other in self._steps:
+                if other is None:
+                    keep(operation(values[one]))
+                elif one is None:
+                    keep(operation(*other(values)))
+                else:
+                    keep(operation(values[one], values[other]))
         except NotCertainError:
             return None
         made = tuple([values[k] for k in self._wanted])
@@ -174,14 +179,15 @@ def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
     return [v for v in values if id(v) in needed]
 
 
-def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any]:
-    """An operation, and what takes its arguments out of the values so far."""
+def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
+    """An operation and its places: of one argument, of both, or None and what takes them all."""
+    operation: Any = itemgetter(v.content) if v.operation == PART else OPERATIONS[v.operation]
     places = [place[id(x)] for x in v.arguments]
-    if v.operation == PART:
-        return itemgetter(v.content), itemgetter(slice(places[0], places[0] + 1))
     if len(places) == 1:
-        return OPERATIONS[v.operation], itemgetter(slice(places[0], places[0] + 1))
-    return OPERATIONS[v.operation], itemgetter(*places)
+        return operation, places[0], None
+    if len(places) == 2:
+        return operation, *places
+    return operation, None, itemgetter(*places)
 
 
 def content_of(constant: Any) -> object:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
