@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, finer, uncovered, volume
-from soter.certificate.grid.group_claims import CELLS_AT_ONCE, FREE_PIECES, SPLITS
+from soter.certificate.cells.cell_sets import Cells, uncovered, volume
+from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 
@@ -80,10 +80,6 @@ def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Ite
     def attempt(at: Block) -> bool:
         ends = around(check.model, check.group, grid.box(at))
         box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        if check.stays(box, within, FREE_PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+        return check.keeps(box, within, SPLITS if volume(at) == 1 else 0)
 
     return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

@@ -349,17 +349,19 @@ class FreeCheck:
                 form = image[0]
         return True
 
+    def keeps(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
+        """The same; where it is not seen at once, in finer tubes of parts, halved so often."""
+        if self.stays(box, within, FREE_PIECES[0]):
+            return True
+        stays = partial(self.stays, within=within, pieces=FREE_PIECES[1])
+        return splits > 0 and finer(box, stays, splits)
+
 
 def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
     """Cells of `claimed` that some command may drive out of `within`."""
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        box = grid.box(at)
-        if check.stays(box, within, FREE_PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+        return check.keeps(grid.box(at), within, SPLITS if volume(at) == 1 else 0)
 
     return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
