@@ -6,7 +6,8 @@ Every program of `examples` with a `verify` block is verified in a process of it
 cache folder (engine, enclosures and decision module are compiled, too), and its certificate is
 checked in another one. Wall time, and processor time of all threads and children. With
 `--certificates` they are written there, and one that is there already is checked, not made anew.
-Purpose: that checking a proof takes no longer than finding it.
+Purpose: that everybody can wait for a re-check: `MOST_S` of processor time each, `MEDIAN_S` in the
+middle. (That it takes no longer than the proof was asked until decision 283.)
 Non-goals: whether changed certificates are noticed (`corruptions.py`, `time_to_recheck.py`).
 """
 
@@ -17,6 +18,7 @@ import json
 import os
 import re
 import resource
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -27,7 +29,8 @@ from pathlib import Path
 from soter.report.terminal_tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
-MOST_S = 20.0
+MOST_S, MEDIAN_S = 600.0, 60.0
+"""Seconds of processor time of all processes of a re-check, at most, and in the middle."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +53,8 @@ class Row:
 
     @property
     def met(self) -> bool:
-        """Whether the re-check takes no longer than the proof, and at most `MOST_S`."""
-        within = self.verify is None or self.recheck.wall_s <= self.verify.wall_s
-        return within and self.recheck.wall_s <= MOST_S
+        """Whether the re-check accepts, in at most `MOST_S`."""
+        return self.recheck.code == 0 and self.recheck.cpu_s <= MOST_S
 
 
 def spent(arguments: list[str], cache: Path) -> Spent:
@@ -113,14 +115,14 @@ def line_of(row: Row) -> tuple[str, ...]:
         f"{proof.cpu_s:.1f} s" if proof else "",
         f"{row.recheck.wall_s:.1f} s",
         f"{row.recheck.cpu_s:.1f} s",
-        f"{row.recheck.wall_s / proof.wall_s:.2f}" if proof else "",
+        f"{row.recheck.cpu_s / proof.cpu_s:.1f}" if proof else "",
         "" if row.met else "missed",
         said_of(row.recheck),
     )
 
 
 def main() -> int:
-    """Measure and print; 1 where a re-check takes longer than it may."""
+    """Measure and print; 1 where a re-check takes longer than it may, or does not accept."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("program", type=Path, nargs="*", help="by default every example")
     parser.add_argument("--certificates", type=Path, help="where to keep them")
@@ -137,11 +139,13 @@ def main() -> int:
     heads = ("program", "verify", "CPU", "recheck", "CPU", "ratio", "", "")
     print(table(heads, [line_of(r) for r in rows], color=False))
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
-    print(f"{sum(r.met for r in rows)} of {len(rows)} within verify and {MOST_S:.0f} s")
+    median = statistics.median(r.recheck.cpu_s for r in rows)
+    print(f"{sum(r.met for r in rows)} of {len(rows)} accepted within {MOST_S:.0f} s of CPU")
+    print(f"median {median:.1f} s of CPU (target {MEDIAN_S:.0f})")
     print(f"load of the machine at the end (1, 5, 15 minutes): {load}; {os.cpu_count()} cores")
     if given.json:
         given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
-    return 0 if all(r.met for r in rows) else 1
+    return 0 if all(r.met for r in rows) and median <= MEDIAN_S else 1
 
 
 if __name__ == "__main__":
