@@ -25,7 +25,9 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     read_above(facts)
     check_supported(facts)
-    survives_the_start(facts)
+    setting = facts.setting
+    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+        survives_the_start(facts)  # else every read of SC shows a state
     if facts.above is not None:
         answers_all(facts)
     return facts

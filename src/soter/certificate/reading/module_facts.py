@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
-    from soter.certificate.time.sensor_paths import ModulePaths
+    from soter.certificate.time.sensor_paths import Ways
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
 
@@ -86,7 +86,7 @@ class Facts:
     flying: System
     """The system that runs, and the module in it; `system` is another one for an abstraction."""
     flying_module: Module
-    ways: ModulePaths = field(init=False)
+    ways: Ways = field(init=False)
     setting: TimingSetting = field(init=False)
     own: DerivedTimes = field(init=False)
     """The times that this room derives."""

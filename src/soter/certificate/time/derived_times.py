@@ -50,114 +50,73 @@ class Clock:
         """The last release at or before a time, releases before the first one included."""
         return time - (time - self.phase) % self.period
 
+    def times_in(self, start: int, end: int, phase: int) -> range:
+        """The times in [start, end) at which something of that phase occurs."""
+        return range(start + (phase - start) % self.period, end, self.period)
+
 
 @dataclass(frozen=True)
 class TopicPath:
-    """How a topic that the module reads comes from a sensor, over nodes that follow each other."""
+    """How a topic that the module reads comes from a sensor, straight (else `node_paths.py`)."""
 
     sensor: Clock
-    nodes: tuple[Clock, ...] = ()
 
     @property
-    def periods(self) -> tuple[int, ...]:
-        """For hyperperiods."""
-        return (self.sensor.period, *(n.period for n in self.nodes))
+    def clocks(self) -> tuple[Clock, ...]:
+        """The sensor, and what follows it."""
+        return (self.sensor,)
 
     def stamp(self, time: int) -> int:
         """The oldest stamp that a read at this time may show, long after the start.
 
-        A sensor publishes at its release and first of all: what it publishes at `time` is seen. A
-        node's publication of release t is certainly seen at a time after t + slow, not before:
-        in the same instant either order is possible, and a reader of the module comes first. So the
-        oldest that may be seen is the last release t with t + slow < time; it was published at t at
-        the earliest.
+        A sensor publishes at its release and first of all: what it publishes at `time` is seen.
         """
-        if not self.nodes:
-            return self.sensor.last_at(time)
-        node = self.nodes[-1]
-        return node.last_at(time - node.slow - 1)
+        return self.sensor.last_at(time)
 
     def state(self, time: int) -> int:
-        """The oldest state time that a read at this time may show, long after the start.
-
-        What may be seen of a node does not get older with time, so that its read is oldest where
-        its step starts at its release.
-        """
-        shown = self.stamp(time)
-        return shown if not self.nodes else self._before.state(shown)
-
-    @property
-    def _before(self) -> TopicPath:
-        return TopicPath(self.sensor, self.nodes[:-1])
+        """The oldest state time that a read at this time may show, long after the start."""
+        return self.stamp(time)
 
     def turns(self, start: int, end: int) -> Iterator[int]:
         """The times in [start, end] at which the age of a read is greatest: before it falls."""
-        node = self.nodes[-1] if self.nodes else None
-        late, period = (node.slow, node.period) if node else (-1, self.sensor.period)
-        phase = (node or self.sensor).phase
-        at = start + (phase + late - start) % period
-        while at < end:
-            yield at
-            at += period
+        yield from self.sensor.times_in(start, end, self.sensor.phase - 1)
         yield end
 
-    def lag(self) -> int:
-        """P: from the state to its publication, at most; 0 for a sensor."""
-        if not self.nodes:
-            return 0
-        node, before = self.nodes[-1], self._before
-        worst = 0
-        for t in releases(node, self.periods):
-            for s in before.turns(t, t + node.late):
-                worst = max(worst, s + node.response - before.state(s))
-        return worst
+    def lag(self, silent: int) -> int:
+        """P: from the state to its publication, at most, where the sensor may be `silent`."""
+        del silent  # it publishes nothing, and its stamp gets older
+        return 0
 
     def certain_from(self, silent: int = 0) -> int:
-        """The first time at which a read certainly shows a state, `silent` added by the sensor.
-
-        F is one less where the last publisher is a node: seen is what was published before.
-        """
-        if not self.nodes:
-            return self.sensor.phase + silent
-        return self.first_certain(silent) + self.nodes[-1].slow + 1
-
-    def first_certain(self, silent: int = 0) -> int:
-        """The release of the last node from which on it certainly publishes a state."""
-        return self.nodes[-1].next_at(self._before.certain_from(silent))
+        """The first time at which a read certainly shows a state, `silent` added by the sensor."""
+        return self.sensor.phase + silent
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
         """Whether a fresh publication may show the default of a topic before: no state at all."""
-        return bool(self.nodes) and self.first_certain(silent) > self.nodes[-1].phase
+        del silent
+        return False
 
 
 @dataclass(frozen=True)
 class Effect:
-    """How an output of the module comes to act: over nodes, `least` to `most` after the last."""
+    """How an output of the module comes to act: `least` to `most` after it is published."""
 
-    nodes: tuple[Clock, ...] = ()
     least: int = 0
     most: int = 0
 
+    @property
+    def clocks(self) -> tuple[Clock, ...]:
+        """Those on the way."""
+        return ()
+
     def first(self, published: int) -> int:
         """The earliest it may act."""
-        at = published
-        for node in self.nodes:
-            # the first release whose start may be as late as that; in one instant it is seen
-            t = at - node.late + (node.phase - at + node.late) % node.period
-            at = max(t, at)
-        return at + self.least
+        return published + self.least
 
     def last(self, published: int, *, at_once: bool) -> int:
-        """The latest it may act. `at_once`: a node that starts at that very time sees it.
-
-        The release in whose interval it is published may start before and see nothing; the first
-        one after that sees it, and may start and publish as late as it may.
-        """
-        at, seen = published, at_once
-        for node in self.nodes:
-            at = node.next_at(at if seen else at + 1) + node.slow
-            seen = False
-        return at + self.most
+        """The latest it may act. `at_once`: a node that starts at that very time sees it."""
+        del at_once
+        return published + self.most
 
 
 @dataclass(frozen=True)
@@ -185,10 +144,9 @@ class TimingSetting:
     @cached_property
     def periods(self) -> tuple[int, ...]:
         """Of everything that SC has to do with."""
-        periods = [self.dm.period, self.sc.period]
-        for read in self.by_sc:
-            periods += [p for path in read.paths for p in path.periods]
-        return (*periods, *(n.period for e in self.effects for n in e.nodes))
+        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.clocks)]
+        clocks += [c for read in self.by_sc for path in read.paths for c in path.clocks]
+        return tuple(c.period for c in clocks)
 
     # ------------------------------------------------------------ SC
 
@@ -221,9 +179,9 @@ class TimingSetting:
     @cached_property
     def settled(self) -> int:
         """A time from which on every release has its neighbours on both sides."""
-        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.nodes)]
+        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.clocks)]
         for read in (*self.by_sc, *self.by_dm):
-            clocks += [c for path in read.paths for c in (path.sensor, *path.nodes)]
+            clocks += [c for path in read.paths for c in path.clocks]
         return sum(c.phase + 2 * c.period + c.slow for c in clocks)
 
     def first_available(self, after: int, reads: Sequence[TopicReading]) -> int:
@@ -286,9 +244,9 @@ def derive(setting: TimingSetting) -> DerivedTimes:
 
 def check_runs(setting: TimingSetting) -> None:
     """Runs of one node neither overlap nor overtake; NotRecheckedError where they may."""
-    clocks = {setting.dm, *(n for e in setting.effects for n in e.nodes)}
+    clocks = {setting.dm, *(n for e in setting.effects for n in e.clocks)}
     for read in (*setting.by_dm, *setting.by_sc):
-        clocks |= {n for path in read.paths for n in path.nodes}
+        clocks |= {c for path in read.paths for c in path.clocks}
     for c in sorted(clocks, key=lambda c: c.name):
         if c.slow > c.period:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
@@ -307,11 +265,7 @@ def _enforced(setting: TimingSetting, read: TopicReading) -> int:
     The stamp is no older than `max_age`, and that is enforced; what was published then is as old
     as its path makes it, and as a silent sensor makes what a node goes on publishing.
     """
-    worst = 0
-    for path in read.paths:
-        silent = setting.silent if path.nodes else 0
-        worst = max(worst, read.max_age + path.lag() + silent)
-    return worst
+    return read.max_age + max([0, *(path.lag(setting.silent) for path in read.paths)])
 
 
 def _read_by_sc(setting: TimingSetting) -> tuple[int, dict[str, int]]:

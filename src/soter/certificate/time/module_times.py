@@ -7,6 +7,7 @@ Non-goals: the derivation (`derived_times.py`), the nodes (`sensor_paths.py`).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.module_facts import (
@@ -18,7 +19,8 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import derive
-from soter.certificate.time.sensor_paths import ModulePaths, setting_of
+from soter.certificate.time.node_paths import NodeWays
+from soter.certificate.time.sensor_paths import Ways, nodes_between, setting_of
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
 from soter.language.model.system import holder_of
@@ -55,7 +57,12 @@ def read_times(facts: Facts) -> None:
         for together in (by_dm, by_sc):
             if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
                 raise DiffersError("what is read together is published at different times")
-    facts.ways = ModulePaths(facts.flying, facts.flying_module, lambda e: int(number_of(facts, e)))
+    running = {facts.running[i] for i in (*by_dm, *by_sc)}
+    if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
+        number = partial(number_of, facts)
+        facts.ways = NodeWays(facts.flying, facts.flying_module, number)
+    else:
+        facts.ways = Ways(facts.flying, facts.flying_module)
     more = {"silent_ns": number_of(facts, verify.dropout), "instants": int(facts.kind == "map")}
     setting = setting_of(
         facts.ways,
@@ -80,7 +87,8 @@ def read_times(facts: Facts) -> None:
     if verify.horizon is not None:
         time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
-    facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
+    if any(c.wcet_ns is not None or c.jitter_ns for c in facts.flying.components):
+        facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 
 
@@ -100,7 +108,7 @@ def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
 
 def _has_nodes(setting: TimingSetting) -> bool:
     paths = [p for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
-    return any(p.nodes for p in paths) or any(e.nodes for e in setting.effects)
+    return any(p.clocks[1:] for p in paths) or any(e.clocks for e in setting.effects)
 
 
 def read_by(facts: Facts) -> tuple[list[int], list[int]]:

@@ -32,10 +32,8 @@ READ_ELSEWHERE = "what is published while it has no control"
 
 
 def survives_the_start(facts: Facts) -> None:
-    """`NotRecheckedError` where it is not certain that the first steps are harmless."""
+    """`NotRecheckedError` where it is not certain that steps before all shows a state do no harm."""
     setting = facts.setting
-    if setting.first_available(0, setting.by_sc) == setting.sc.phase:
-        return  # every read of SC shows a state
     sc = facts.sc
     assert sc.node is not None
     if sc.node.locals:
