@@ -34,7 +34,8 @@ if str(ROOT) not in sys.path:
 from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the path
 
 from soter.certificate.format.folder import canonical  # noqa: E402
-from soter.certificate.reading.problem import DiffersError, read_facts  # noqa: E402
+from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
+from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import TIME_KEYS, recheck  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
 

@@ -20,14 +20,13 @@ from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
 from soter.certificate.reading.module_facts import DiffersError, bounded_topics
-from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.rechecker import compare, compare_tables, groups_of
 from soter.certificate.report import GIVING_UP, in_words
 from soter.certificate.understood import facts_of
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.problem import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import System
 
 CASES_TRIED = 2
@@ -78,7 +77,7 @@ def _predicates(model: CaseModel) -> None:
     """Everything that is asked of estimates or states is read."""
     facts: Facts = model.facts
     symbol = facts.symbol
-    for expr in (symbol.safe, ttf_of_states(symbol.ttf), symbol.safer):
+    for expr in (symbol.safe, facts.ttf, symbol.safer):
         if expr is not None:
             terms, states = model.new_terms()
             model.predicate(terms, states, expr, errors=True)

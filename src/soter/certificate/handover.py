@@ -20,7 +20,8 @@ from soter.certificate.cells.predicates import Decision, both_all
 from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.problem import driven_topics, followed
+from soter.certificate.reading.module_facts import driven_topics
+from soter.certificate.reading.problem import followed
 from soter.certificate.reading.view_predicates import entered
 from soter.certificate.terms.arb_balls import (
     HALF,

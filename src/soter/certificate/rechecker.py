@@ -27,7 +27,7 @@ from soter.certificate.handover import jumps_of
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.problem import DiffersError, Facts
+from soter.certificate.reading.module_facts import DiffersError, Facts
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import (
     GIVING_UP,

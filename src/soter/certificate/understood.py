@@ -9,11 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.module_above import read_above
-from soter.certificate.reading.problem import Facts, read_facts
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.time.sc_on_default_inputs import answers_all, survives_the_start
 
 if TYPE_CHECKING:
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import System
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import NotRecheckedError
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.groups import Extents, Group
-    from soter.certificate.reading.problem import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
 
     Groups = Sequence[Sequence[Group]]
@@ -133,7 +132,7 @@ def _of_predicates(
     extents: Extents,
 ) -> tuple[str, str]:
     """`ttf` and `safer` of estimates of states drawn from K, all groups together."""
-    ttf, safer = ttf_of_states(facts.symbol.ttf), facts.symbol.safer
+    ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
     chance = np.random.default_rng(0)

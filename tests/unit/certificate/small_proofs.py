@@ -21,7 +21,7 @@ from soter.certificate.format.claimed_parts import unclaimed
 from soter.certificate.format.folder import canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.problem import Facts, read_facts
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import TIME_KEYS
 from soter.certificate.terms.arb_balls import above, below
 from soter.certificate.terms.compile_terms import form_of_box
@@ -29,6 +29,8 @@ from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from soter.certificate.reading.module_facts import Facts
 
 
 def facts_of(path: Path, system: str, module: str) -> Facts:

@@ -23,7 +23,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.estimates import drifts
 from soter.certificate.grid.group_claims import FreeCheck
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.problem import number_of
+from soter.certificate.reading.module_facts import number_of
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
 from soter.language.model.tree_walk import topic_reads
 

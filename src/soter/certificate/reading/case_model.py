@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.modes_of_other_modules import any_mode, every_mode
-from soter.certificate.reading.module_facts import topics_of_others
-from soter.certificate.reading.problem import driven_topics
+from soter.certificate.reading.module_facts import driven_topics, topics_of_others
 from soter.certificate.reading.sc_locals import combinations, one_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
 from soter.certificate.reading.symbolic_values import filled, flat, truth_of
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.reading.problem import Facts, Input
+    from soter.certificate.reading.module_facts import Facts, Input
     from soter.language.model import typed
     from soter.language.model.system import Component
 

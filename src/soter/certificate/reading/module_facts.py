@@ -10,9 +10,12 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
+from soter.certificate.reading.view_predicates import without_ages
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -21,7 +24,7 @@ if TYPE_CHECKING:
     from soter.certificate.time.sensor_paths import Ways
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
-
+    from soter.language.model.types import Type
 
 InputKind = Literal["state", "control", "disturbance", "error", "other"]
 
@@ -30,17 +33,17 @@ class DiffersError(Exception):
     """The certificate says something else than the program."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Input:
     """One scalar input: `owner` is a component for states and disturbances, else a topic."""
 
     kind: InputKind
     name: str
     owner: int
-    variable: str
     leaf: int
     low: float
     high: float
+    variable: str = ""
     moves: bool = True
     of_others: bool = False
     """A disturbance: what somebody else publishes, and a plant of the proof reads."""
@@ -160,6 +163,17 @@ class Facts:
         """Whether `ttf` and `safer` are left to the prover."""
         return self.symbol.ttf is None and self.symbol.safer is None
 
+    @property
+    def ttf(self) -> typed.TypedExpr | None:
+        """`ttf` without the parts that ask for an age, which no state decides."""
+        ttf = self.symbol.ttf
+        aged = ttf is not None and any(isinstance(n, AgeRead) for n in nodes([ttf]))
+        return without_ages(ttf) if ttf is not None and aged else ttf
+
+    def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
+        """What `safer`, and this form of `ttf`, read; nothing where they are computed."""
+        return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
+
     def cases(self) -> Iterator[tuple[int, ...]]:
         """Every combination of parameter values."""
         return product(*(p.values for p in self.parameters))
@@ -185,6 +199,12 @@ def bounded_topics(facts: Facts) -> list[int]:
         for index in driven_topics(facts)
         if any(b is not None for b in facts.system.topics[index].bounds)
     ]
+
+
+def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
+    """Number, name and type of each leaf of something."""
+    for k, (path, leaf) in enumerate(leaves(of)):
+        yield k, ".".join((name, *path)), leaf
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:

@@ -13,7 +13,6 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
-from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.tower import commanding, refuse_unproved_towers
 from soter.language.model import typed as t
@@ -102,7 +101,7 @@ def check_supported(facts: Facts) -> None:
     only_modes_of_others(facts)
     _topics(facts)
     for expr in facts.symbol.predicates:
-        read = ttf_of_states(expr) if expr is facts.symbol.ttf else expr
+        read = facts.ttf if expr is facts.symbol.ttf else expr
         _code(read, "the predicates of the module")
     if facts.above is not None:
         _code(facts.above.safer, f"`safer` of `{facts.above.name}`")

@@ -24,7 +24,6 @@ from soter.certificate.time.sensor_paths import Ways, nodes_between, setting_of
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
 from soter.language.model.system import holder_of
-from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from soter.certificate.time.derived_times import TimingSetting
@@ -114,10 +113,9 @@ def _has_nodes(setting: TimingSetting) -> bool:
 def read_by(facts: Facts) -> tuple[list[int], list[int]]:
     """The topics that plants drive and the DM reads, and those that SC reads."""
     driven = driven_topics(facts)
-    predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
-    by_dm = [facts.module.scope.topics[t] for t in topic_reads(*predicates)]
+    by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
     by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
-    if not predicates:  # computed predicates read what carries the axes
+    if facts.computed:  # computed predicates read what carries the axes
         by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
     return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
 

@@ -32,7 +32,7 @@ READ_ELSEWHERE = "what is published while it has no control"
 
 
 def survives_the_start(facts: Facts) -> None:
-    """`NotRecheckedError` where it is not certain that steps before all shows a state do no harm."""
+    """`NotRecheckedError` where steps before all shows a state may do harm."""
     setting = facts.setting
     sc = facts.sc
     assert sc.node is not None
