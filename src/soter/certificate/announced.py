@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.allowed_claims import claimed_of, static_claims
 from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.failsafe_law import law_of
 from soter.certificate.format.claimed_parts import OF_SETS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.module_facts import DiffersError, bounded_topics
-from soter.certificate.rechecker import compare, compare_tables, groups_of
-from soter.certificate.report import GIVING_UP, in_words
-from soter.certificate.understood import facts_of
+from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.rechecker import compare, compare_tables, facts_of, groups_of
+from soter.certificate.report import in_words
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -45,10 +44,10 @@ def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
             whole[0].read(flat, entry)
         else:
             _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
-    except GIVING_UP as error:
-        return in_words(error)
-    except (RejectedError, DiffersError, SoterError) as error:
+    except (RejectedError, SoterError) as error:
         return f"the re-checker finds something else: {error}"
+    except Exception as error:  # noqa: BLE001 - as a re-check does
+        return in_words(error)
     return ""
 
 

@@ -16,7 +16,7 @@ from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.hand_back import handed_back
 from soter.certificate.time.module_times import read_by
-from soter.certificate.tower import above_of
+from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
@@ -30,9 +30,10 @@ def read_above(facts: Facts) -> None:
 
     Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
     """
-    module = above_of(facts.flying, facts.flying_module)
-    if module is None:
+    uppers = modules_above(facts.flying, facts.flying_module.index)
+    if not uppers:
         return
+    module = uppers[0]
     if facts.kind != "flow":
         raise NotRecheckedError("modules above each other over a plant that moves in steps")
     here, there = facts.module.scope, module.scope
@@ -50,15 +51,15 @@ def read_above(facts: Facts) -> None:
     safer = said_of(module.symbol.safer, shown)
     if safer is None:
         raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
-    uppers = _problems(facts, module)
+    seen = _problems(facts, module)
     setting, own = facts.setting, facts.own
-    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in uppers)
+    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
     facts.above = ModuleAbove(
         module.name,
         safer,
-        max(u.own.age + u.setting.dm.slow for u in uppers),
-        declared=not any(u.ways.undeclared for u in uppers)
-        and all(getattr(u.symbol.verify, word) is not None for u in uppers for word in OWN),
+        max(u.own.age + u.setting.dm.slow for u in seen),
+        declared=not any(u.ways.undeclared for u in seen)
+        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in OWN),
     )
     facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
     if facts.symbol.verify.horizon is None:

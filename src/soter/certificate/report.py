@@ -15,28 +15,7 @@ from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, NotRechecke
 from soter.language.evaluate.arithmetic import StepFault
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from soter.certificate.assumptions import RecheckAssumption
-
-READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
-HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
-
-GIVING_UP = (
-    NotRecheckedError,
-    StepFault,
-    BrokenExecutor,
-    OSError,
-    TypeError,
-    AttributeError,
-    LookupError,
-    AssertionError,
-    ArithmeticError,
-    RecursionError,
-    ValueError,
-    MemoryError,
-)
-"""What says nothing of a certificate, but that it was not checked."""
 
 
 @dataclass
@@ -172,25 +151,8 @@ class Report:
         return self.accepted and all(m.returns or m.stays for m in self.modules)
 
 
-def of_those_above(modules: Sequence[RecheckedModule]) -> None:
-    """Where a module above is never in AC, what is claimed while it is says nothing either."""
-    by_name = {(m.system, m.name): m for m in modules}
-
-    def enter(m: RecheckedModule) -> str:
-        above = by_name.get((m.system, m.above))
-        why = "" if above is None else enter(above)
-        if above is not None and not m.vacuous and why not in {"", READS_NOTHING, HOLDS_ANYWAY}:
-            m.vacuous = why if why.startswith("of ") else f"of {above.name}: {why}"
-        return m.vacuous
-
-    for m in modules:
-        enter(m)
-
-
 def gave_up(report: Report, entry: dict[str, Any], error: Exception) -> None:
-    """Note a module that was not re-checked; an error that says something of it is raised."""
-    if not isinstance(error, GIVING_UP):
-        raise error
+    """Note a module that was not re-checked."""
     view = f" as {entry['view']}" if entry.get("view") else ""
     name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
     report.enter(RecheckedModule(name, {}, system=system, not_rechecked=in_words(error)))

@@ -16,7 +16,6 @@ import numpy as np
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate.arithmetic import StepFault
@@ -34,11 +33,14 @@ if TYPE_CHECKING:
 
     from soter.certificate.groups import Extents, Group
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
 
     Groups = Sequence[Sequence[Group]]
     """Of every combination of parameter values."""
 
+READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
+HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 DRAWN = 2000
 HARDLY = 0.01
 """Below this share of what was drawn from K it is said."""
@@ -156,6 +158,21 @@ def _of_predicates(
         where = "where `safer` holds `ttf` does, too: not so"
         return f"{seldom(both)} keeps control ({where} {on(both, drawn)})", ""
     return "", ""
+
+
+def of_those_above(modules: Sequence[RecheckedModule]) -> None:
+    """Where a module above is never in AC, what is claimed while it is says nothing either."""
+    by_name = {(m.system, m.name): m for m in modules}
+
+    def enter(m: RecheckedModule) -> str:
+        above = by_name.get((m.system, m.above))
+        why = "" if above is None else enter(above)
+        if above is not None and not m.vacuous and why not in {"", READS_NOTHING, HOLDS_ANYWAY}:
+            m.vacuous = why if why.startswith("of ") else f"of {above.name}: {why}"
+        return m.vacuous
+
+    for m in modules:
+        enter(m)
 
 
 def seldom(count: int) -> str:

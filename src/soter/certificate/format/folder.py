@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
 SCHEMA = 1
+MANIFEST_KEYS = "schema soter files main params modules program_sha256"
 CELLS_MAX = 200_000_000
 """Of all grids of a certificate together."""
 ENTRIES_MAX = 100_000

@@ -21,9 +21,9 @@ from soter.certificate.induction.induction_problem import (
     nanoseconds,
     read_induction,
 )
-from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING, RecheckedModule
+from soter.certificate.report import RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.vacuous_proofs import GETS, KEEPS
+from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.durations import show_ns

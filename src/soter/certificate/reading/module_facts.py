@@ -10,15 +10,17 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
+from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.view_predicates import without_ages
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate.statements import Evaluator
+from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes, topic_reads
-from soter.language.model.typed import AgeRead
+from soter.language.model.typed import AgeRead, ModeRead
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
     from soter.certificate.time.sensor_paths import Ways
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 InputKind = Literal["state", "control", "disturbance", "error", "other"]
 
 
-class DiffersError(Exception):
+class DiffersError(RejectedError):
     """The certificate says something else than the program."""
 
 
@@ -167,8 +169,19 @@ class Facts:
     def ttf(self) -> typed.TypedExpr | None:
         """`ttf` without the parts that ask for an age, which no state decides."""
         ttf = self.symbol.ttf
-        aged = ttf is not None and any(isinstance(n, AgeRead) for n in nodes([ttf]))
-        return without_ages(ttf) if ttf is not None and aged else ttf
+        return ttf if ttf is None or not reads(AgeRead, [ttf]) else without_ages(ttf)
+
+    @property
+    def tower(self) -> tuple[Module, ...]:
+        """The module with those above and below it."""
+        return tower_of(self.flying, self.flying_module.index)
+
+    @property
+    def commanding(self) -> list[Component]:
+        """All controllers that may command what it commands."""
+        own = {m.index for m in self.tower}
+        flying = self.flying.components
+        return [c for c in flying if c.module in own and c.role in ("ac", "sc")]
 
     def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
         """What `safer`, and this form of `ttf`, read; nothing where they are computed."""
@@ -205,6 +218,16 @@ def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
     """Number, name and type of each leaf of something."""
     for k, (path, leaf) in enumerate(leaves(of)):
         yield k, ".".join((name, *path)), leaf
+
+
+def reads(kind: type, code: Iterable[object]) -> bool:
+    """Whether a piece of code has an expression of that kind."""
+    return any(isinstance(node, kind) for node in nodes(code))
+
+
+def modes_read(code: Iterable[object]) -> bool:
+    """Whether it looks at the mode of a module."""
+    return reads(ModeRead, code)
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import Clock, Effect, TopicPath, releases
 from soter.certificate.time.sensor_paths import Ways, straight
-from soter.certificate.tower import tower_of
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import holder_of, tower_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -146,7 +145,7 @@ class NodeWays(Ways):
     @cached_property
     def own(self) -> set[int]:
         """The module, and those above and below it: what they publish is a command."""
-        return {m.index for m in tower_of(self.system, self.module)}
+        return {m.index for m in tower_of(self.system, self.module.index)}
 
     # ------------------------------------------------------------ towards the module
 
