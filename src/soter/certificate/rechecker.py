@@ -73,7 +73,7 @@ BEYOND, BEYOND_NS = 4, 1_000_000_000
 """More than so many times a time, all times together and so much: a way to keep this busy."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
-MODULE_KEYS = "system module plants parameters times inputs cases claims assumptions recover_ns"
+MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
 def recheck(folder: Path, progress: Progress | None = None, workers: int | None = None) -> Report:

@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
-SCHEMA = 1
-MANIFEST_KEYS = "schema soter files main params modules program_sha256"
+FORMAT = 2
+"""Of certificates: 1 had texts that nobody read."""
+MANIFEST_KEYS = "schema files main params modules program_sha256"
 CELLS_MAX = 200_000_000
 """Of all grids of a certificate together."""
 ENTRIES_MAX = 100_000
@@ -140,6 +141,7 @@ def read_certificate(folder: Path) -> Certificate:
     if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
         raise RejectedError("the seal does not fit the manifest")
     manifest = _parsed(raw)
+    _require_this_format(manifest.get("schema"))
     files = manifest.get("files")
     if not isinstance(files, dict):
         raise RejectedError("the manifest lists no files")
@@ -151,9 +153,19 @@ def read_certificate(folder: Path) -> Certificate:
             raise RejectedError(f"`{name}` stands outside `program/` and `sets/`")
         if hashlib.sha256(contents[name]).hexdigest() != digest:
             raise RejectedError(f"`{name}` was changed")
-    if manifest.get("schema") != SCHEMA or isinstance(manifest["schema"], bool):
-        raise RejectedError(f"a manifest of schema {manifest.get('schema')}, not {SCHEMA}")
     return Certificate(folder, manifest, contents, set())
+
+
+def _require_this_format(given: object) -> None:
+    """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
+    if type(given) is not int or given < 1:
+        raise RejectedError("the manifest does not say the version of its format")
+    if given != FORMAT:
+        age = "an older" if given < FORMAT else "a newer"
+        raise NotRecheckedError(
+            f"its format is {given}, of {age} soter, and this one reads format {FORMAT}: "
+            "make it again with `soter verify --cert`"
+        )
 
 
 def _everything(folder: Path) -> dict[str, bytes]:
