@@ -77,7 +77,6 @@ class Jump:
 def jumps_of(
     facts: Facts,
     groups: Groups,
-    extents: tuple[tuple[float, float], ...],
     claims: set[str],
 ) -> dict[str, list[Jump]]:
     """By the name of what abstracts; `groups`: of every case, when their claims were confirmed.
@@ -91,7 +90,7 @@ def jumps_of(
         for link in facts.symbol.verify.abstracts
     }
     if any(not jump.why for of in jumps_by_link.values() for jump in of):
-        why = _of_sets(facts, groups, extents, claims)
+        why = _of_sets(facts, groups, claims)
         jumps_by_link = {
             name: [Jump(j.topic, j.node, j.why or why) for j in of]
             for name, of in jumps_by_link.items()
@@ -112,9 +111,7 @@ def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymb
     return Jump(topic.name, node, why)
 
 
-def _of_sets(
-    facts: Facts, groups: Groups, extents: tuple[tuple[float, float], ...], claims: set[str]
-) -> str:
+def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
     """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
@@ -127,7 +124,7 @@ def _of_sets(
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
         for values, of_case in zip(facts.cases(), groups, strict=True):
-            why = not_entered(CaseModel(facts, values, extents), of_case, expr)
+            why = not_entered(CaseModel(facts, values, facts.extents), of_case, expr)
             if why:
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed

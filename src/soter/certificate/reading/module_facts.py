@@ -103,6 +103,8 @@ class Facts:
     parameters: list[StateParameter] = field(default_factory=list)
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
+    extents: tuple[tuple[float, float], ...] = ()
+    """Of the grid of each state, as a certificate has it: that, where one is declared."""
     open_ends: set[int] = field(default_factory=set)
     """States of which nothing is claimed above that extent, and no run is taken to get there."""
     unbounded: set[int] = field(default_factory=set)
