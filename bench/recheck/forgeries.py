@@ -26,7 +26,8 @@ import soter
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import canonical
 from soter.certificate.induction.induction_problem import read_induction
-from soter.certificate.reading.problem import DiffersError, read_facts
+from soter.certificate.reading.module_facts import DiffersError
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove

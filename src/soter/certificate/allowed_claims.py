@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import p1c_of
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.tower import slowest_below, tower_of
+from soter.certificate.tower import slowest_below
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
@@ -60,11 +60,12 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     verdict_by_claim = dict(given)
     gives_back(facts.symbol, given)
-    if given.get("failsafe") == PROVED and len(tower_of(system, module)) > 1:
+    if given.get("failsafe") == PROVED and len(facts.tower) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
     if given.get("P2b") == PROVED and facts.above is not None:
         raise RejectedError(f"P2b: SC has control only while {facts.above.name} is in AC")
-    if given.get("P1a") == PROVED and slowest_below(system, module) > module.period_ns:
+    below = 0 if module.over is None else slowest_below(system, module)
+    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     if given.get("P1b") == PROVED:
         outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]

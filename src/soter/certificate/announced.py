@@ -13,21 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.allowed_claims import claimed_of, static_claims
 from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.failsafe_law import law_of
 from soter.certificate.format.claimed_parts import OF_SETS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.module_facts import DiffersError, bounded_topics
-from soter.certificate.reading.view_predicates import ttf_of_states
-from soter.certificate.rechecker import compare, compare_tables, groups_of
-from soter.certificate.report import GIVING_UP, in_words
-from soter.certificate.understood import facts_of
+from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.rechecker import compare, compare_tables, facts_of, groups_of, in_words
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
-    from soter.certificate.reading.problem import Facts
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import System
 
 CASES_TRIED = 2
@@ -46,23 +43,23 @@ def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
             whole[0].read(flat, entry)
         else:
             _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
-    except GIVING_UP as error:
-        return in_words(error)
-    except (RejectedError, DiffersError, SoterError) as error:
+    except (RejectedError, SoterError) as error:
         return f"the re-checker finds something else: {error}"
+    except Exception as error:  # noqa: BLE001 - as a re-check does
+        return in_words(error)
     return ""
 
 
 def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
     facts, claims = facts_of(flat, entry), claimed_of(entry["claims"])
-    extents = compare(facts, entry)
+    compare(facts, entry)
     static_claims(facts, entry["claims"])
     values = list(facts.cases())
-    cases = [groups_of(certificate, facts, extents, case["groups"]) for case in entry["cases"]]
+    cases = [groups_of(certificate, facts, case["groups"]) for case in entry["cases"]]
     if facts.computed and (entry["tables"] or claims & OF_SETS):
         compare_tables(certificate, facts, cases, entry["tables"])
     for k in sorted({0, len(values) - 1})[:CASES_TRIED]:
-        ranges = narrowed(extents, [g.part(errors=False) for g in cases[k]])
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in cases[k]])
         case = CaseCheck(
             CaseModel(facts, values[k], ranges), cases[k], set(), entry, lambda _: None, 1
         )
@@ -78,7 +75,7 @@ def _predicates(model: CaseModel) -> None:
     """Everything that is asked of estimates or states is read."""
     facts: Facts = model.facts
     symbol = facts.symbol
-    for expr in (symbol.safe, ttf_of_states(symbol.ttf), symbol.safer):
+    for expr in (symbol.safe, facts.ttf, symbol.safer):
         if expr is not None:
             terms, states = model.new_terms()
             model.predicate(terms, states, expr, errors=True)

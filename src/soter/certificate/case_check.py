@@ -17,10 +17,8 @@ from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.handover import not_entered
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
-from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.reading.problem import number_of
+from soter.certificate.reading.module_facts import bounded_topics, number_of
 from soter.certificate.reading.symbolic_values import flat
-from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.task_processes import TaskProcesses, can_fork
 
 if TYPE_CHECKING:
@@ -28,8 +26,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.reading.module_facts import ModuleAbove
-    from soter.certificate.reading.problem import Facts
+    from soter.certificate.reading.module_facts import Facts, ModuleAbove
     from soter.language.model import typed
 
 
@@ -66,7 +63,8 @@ class CaseCheck:
         lawful = [None] * len(self.groups) if self.lawful is None else self.lawful
         pairs = zip(self.groups, lawful, strict=True)
         self.checks = [g.check(self.model, kept) for g, kept in pairs]
-        nothing_reads(self.model, len(self.groups))
+        if facts.unbounded:
+            nothing_reads(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
         rates_are_defined(self.model, [g.states for g, check in each if check.sees_rates])
         if claims & OF_SETS:
@@ -110,7 +108,7 @@ class CaseCheck:
     def _predicates(self) -> None:
         """Where `ttf` may be false or `safer` true, on an estimate, the state is in R(H)."""
         symbol = self.model.facts.symbol
-        predicates = ("ttf", ttf_of_states(symbol.ttf), False), ("safer", symbol.safer, True)
+        predicates = ("ttf", self.model.facts.ttf, False), ("safer", symbol.safer, True)
         for name, expr, admits in predicates:
             if not self.claims & {"P3", name}:
                 continue

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.module_facts import ModuleAbove
+from soter.certificate.reading.module_facts import ModuleAbove, read_by
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.hand_back import handed_back
-from soter.certificate.time.module_times import read_by
-from soter.certificate.tower import above_of
+from soter.language.model.durations import show_ns
+from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
+    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Module
 
@@ -30,9 +31,10 @@ def read_above(facts: Facts) -> None:
 
     Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
     """
-    module = above_of(facts.flying, facts.flying_module)
-    if module is None:
+    uppers = modules_above(facts.flying, facts.flying_module.index)
+    if not uppers:
         return
+    module = uppers[0]
     if facts.kind != "flow":
         raise NotRecheckedError("modules above each other over a plant that moves in steps")
     here, there = facts.module.scope, module.scope
@@ -50,19 +52,30 @@ def read_above(facts: Facts) -> None:
     safer = said_of(module.symbol.safer, shown)
     if safer is None:
         raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
-    uppers = _problems(facts, module)
+    seen = _problems(facts, module)
     setting, own = facts.setting, facts.own
-    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in uppers)
+    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
     facts.above = ModuleAbove(
         module.name,
         safer,
-        max(u.own.age + u.setting.dm.slow for u in uppers),
-        declared=not any(u.ways.undeclared for u in uppers)
-        and all(getattr(u.symbol.verify, word) is not None for u in uppers for word in OWN),
+        max(u.own.age + u.setting.dm.slow for u in seen),
+        declared=not any(u.ways.undeclared for u in seen)
+        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in OWN),
     )
     facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
     if facts.symbol.verify.horizon is None:
         facts.times["H_ns"] = max(facts.times["H_ns"], needs)
+
+
+def assumed(above: ModuleAbove) -> Said:
+    """What a claim of a module below another one is about, and what it rests on."""
+    name = above.name
+    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
+    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
+    text = f"a verdict of {name} by which it gives control back is in force at most"
+    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
+    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
+    yield f"sets while {name}", f"{text} (else they stop)"
 
 
 def _problems(facts: Facts, module: Module) -> list[Facts]:

@@ -4,6 +4,12 @@ Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accep
 why not. What is false is rejected; whatever this room does not know how to confirm is not
 re-checked, and never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
+
+The argument: of each module that a manifest names, the problem is read off the program that lies
+beside it (`facts_of`); each figure of the manifest is that of the problem, or a time that is no
+shorter (`compare`); there is one case for every combination of parameter values, the groups of a
+case hold each state once (`groups_of`), and every claim is asked of every group (`case_check.py`).
+A claim that is not asked is not confirmed, and whatever raises is not accepted.
 """
 
 from __future__ import annotations
@@ -11,37 +17,46 @@ from __future__ import annotations
 import math
 import os
 import time
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import CLAIMS, claimed_of, missing_of, static_claims
+from soter.certificate.allowed_claims import CLAIMS, claimed_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.cells.cell_sets import Axes, Grid
+from soter.certificate.failsafe_law import kept_by_law, law_in
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.claimed_parts import OF_SETS, refuse_cells, refuse_unclaimed
-from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
-from soter.certificate.format.folder import Certificate, read_certificate
+from soter.certificate.format.errors import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    REJECTED,
+    NotRecheckedError,
+    RejectedError,
+)
+from soter.certificate.format.folder import (
+    MANIFEST_KEYS,
+    Certificate,
+    NotACertificateError,
+    read_certificate,
+)
 from soter.certificate.handover import jumps_of
+from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.failsafe_law import law_of
-from soter.certificate.reading.problem import DiffersError, Facts
+from soter.certificate.reading.module_facts import Facts
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import (
-    GIVING_UP,
-    RecheckedModule,
-    Report,
-    gave_up,
-    in_words,
-    of_those_above,
-)
+from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.understood import facts_of
-from soter.certificate.vacuous_proofs import vacuous
+from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.certificate.vacuous_proofs import of_those_above, vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
@@ -49,10 +64,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.certificate.groups import Extents, Group
+    from soter.certificate.failsafe_law import Law
+    from soter.certificate.groups import Group
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
+
+    Progress = Callable[[float], None]
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that stand in the program, and in the manifest as they are there."""
@@ -61,29 +79,12 @@ DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
 """More than so many times a time, all times together and so much: a way to keep this busy."""
-BEGINS = ("P1c", "P2a", "P3", "start")
-"""What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
-MODULE_KEYS = (
-    "system",
-    "module",
-    "plants",
-    "parameters",
-    "times",
-    "inputs",
-    "cases",
-    "claims",
-    "assumptions",
-    "recover_ns",
-)
-
-__all__ = ["TIME_KEYS", "RecheckedModule", "Report", "recheck"]
+MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
-def recheck(
-    folder: Path, progress: Callable[[float], None] | None = None, workers: int | None = None
-) -> Report:
+def recheck(folder: Path, progress: Progress | None = None, workers: int | None = None) -> Report:
     """Check the certificate in a folder; `NotACertificateError` where there is none.
 
     `progress` is called with the share that is done; `workers`: processes, else one a processor.
@@ -94,29 +95,45 @@ def recheck(
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
-        report.conclude()
-    except (RejectedError, DiffersError) as error:
+        _conclude(report)
+    except NotACertificateError:
+        raise
+    except RejectedError as error:
         report.verdict, report.reason = REJECTED, str(error)
     except SoterError as error:
         if any(d.code == "D007" for d in error.diagnostics):
             raise  # nothing is known of the certificate
         report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
-    except GIVING_UP as error:
+    except Exception as error:  # noqa: BLE001 - whatever it is, nothing is accepted
         report.reason = in_words(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
 
 
-def _check(
-    certificate: Certificate, report: Report, progress: Callable[[float], None], workers: int
-) -> None:
+def _conclude(report: Report) -> None:
+    """Where nothing was found to be false: what follows from what was said of the modules."""
+    left = [f"{m.name}: {m.not_rechecked}" for m in report.modules if m.not_rechecked]
+    report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
+
+
+def in_words(error: Exception) -> str:
+    """Why something was not re-checked."""
+    if isinstance(error, NotRecheckedError):
+        return str(error)
+    if isinstance(error, StepFault):
+        return f"a step that faults whatever it reads ({error})"
+    if isinstance(error, (BrokenExecutor, OSError)):
+        return f"the system ended a part of it: {error}"
+    name = type(error).__name__
+    if isinstance(error, (RecursionError, MemoryError)):
+        return f"{name.lower()}: {error}"
+    return f"the re-checker itself failed ({name}: {error})"
+
+
+def _check(certificate: Certificate, report: Report, progress: Progress, workers: int) -> None:
     manifest = certificate.manifest
-    _keys(
-        manifest,
-        ("schema", "soter", "files", "main", "params", "modules", "program_sha256"),
-        "the manifest",
-    )
+    _keys(manifest, MANIFEST_KEYS, "the manifest")
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
@@ -126,29 +143,18 @@ def _check(
     report.program_sha256 = checked.program.sha256
     covered: list[Covered] = []
     for k, entry in enumerate(modules):
-        share = partial(_share, progress, k, len(modules))
         phase(f"checking module {k + 1} of {len(modules)}")
-        facts: Covered
-        whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
+        share = partial(_share, progress, k, len(modules))
         try:
-            if whole:
-                with _understood("a module"):
-                    facts, module_report = whole[0].check(_system(checked, overrides, entry), entry)
-            else:
-                facts = _facts(checked, overrides, entry)
-            if any(_key(f) == _key(facts) for f in covered):
-                raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
-            covered.append(facts)
-            if isinstance(facts, Facts):
-                module_report = _module(certificate, facts, entry, share, workers)
-        except GIVING_UP as error:
-            gave_up(report, entry, error)
-            continue
-        module_report.parameters = parameters_of(facts.flying)
-        module_report.otherwise, module_report.contradicted = otherwise_in_program(
-            checked, facts.flying
-        )
-        report.enter(module_report)
+            module = _entry(certificate, checked, overrides, covered, entry, share, workers)
+        except (RejectedError, SoterError):
+            raise
+        except Exception as error:  # noqa: BLE001 - the others are checked all the same
+            view = f" as {entry['view']}" if entry.get("view") else ""
+            name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
+            module = RecheckedModule(name, {}, system=system, not_rechecked=in_words(error))
+        if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
+            report.modules.append(module)
     of_those_above(report.modules)
     report.not_covered = uncovered(checked, overrides, covered)
     if any(m.not_rechecked for m in report.modules):
@@ -159,6 +165,35 @@ def _check(
         raise RejectedError(f"no claim rests on `{name}`")
 
 
+def _entry(
+    certificate: Certificate,
+    checked: CheckResult,
+    overrides: dict[str, Any],
+    covered: list[Covered],
+    entry: dict[str, Any],
+    progress: Progress,
+    workers: int,
+) -> RecheckedModule:
+    """What is confirmed of the module of an entry, which is added to what is covered."""
+    facts: Covered
+    whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
+    if whole:
+        with _understood("a module"):
+            facts, report = whole[0].check(_system(checked, overrides, entry), entry)
+    else:
+        _keys(entry, MODULE_KEYS, "a module", "tables view law")
+        with _understood("a module"):
+            facts = facts_of(_system(checked, overrides, entry), entry)
+    if any(_key(f) == _key(facts) for f in covered):
+        raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+    covered.append(facts)
+    if isinstance(facts, Facts):
+        report = _module(certificate, facts, entry, progress, workers)
+    report.parameters = parameters_of(facts.flying)
+    report.otherwise, report.contradicted = otherwise_in_program(checked, facts.flying)
+    return report
+
+
 def _key(facts: Covered) -> tuple[str, str, str]:
     view = facts.view if isinstance(facts, Facts) else ""
     return facts.flying.name, facts.flying_module.name, view
@@ -166,16 +201,14 @@ def _key(facts: Covered) -> tuple[str, str, str]:
 
 def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
     """A module that is proved in views is proved in all of them, or not at all."""
-    if not isinstance(facts, Facts) or not facts.view:
-        return
-    views = [f.view for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
-    assert facts.whole is not None
-    why = left_out(facts.whole, views)
-    if why:
-        raise RejectedError(why)
+    if isinstance(facts, Facts) and facts.view:
+        same = [f for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
+        assert facts.whole is not None
+        if why := left_out(facts.whole, [f.view for f in same]):
+            raise RejectedError(why)
 
 
-def _share(progress: Callable[[float], None], k: int, count: int, done: float) -> None:
+def _share(progress: Progress, k: int, count: int, done: float) -> None:
     progress((k + done) / count)
 
 
@@ -188,22 +221,12 @@ def _understood(what: str) -> Iterator[None]:
         raise RejectedError(f"{what} of the manifest is not as it should be: {error}") from None
 
 
-def _keys(entry: object, names: tuple[str, ...], what: str) -> None:
+def _keys(entry: object, names: str, what: str, optional: str = "") -> None:
     if not isinstance(entry, dict):
         raise RejectedError(f"{what} is not as it should be")
-    for name in sorted(entry.keys() ^ set(names)):
-        raise RejectedError(f"{what} has {'no' if name in names else 'an unknown'} `{name}`")
-
-
-# ---------------------------------------------------------------- a module
-
-
-def _facts(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> Facts:
-    """The problem of a module, which is the whole of what is understood of it."""
-    given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
-    _keys(entry, (*MODULE_KEYS, *given), "a module")
-    with _understood("a module"):
-        return facts_of(_system(checked, overrides, entry), entry)
+    allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
+    for name in sorted(entry.keys() ^ allowed):
+        raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")
 
 
 def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
@@ -212,16 +235,30 @@ def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, An
     return system_to_prove(checked, entry["system"], overrides, exact=False)
 
 
+# ---------------------------------------------------------------- a module
+
+
+def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
+    """The problem of the module of an entry in a system, all of which is understood.
+
+    RejectedError where there is none, NotRecheckedError where it is not understood.
+    """
+    facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
+    if len(facts.tower) > 1:
+        read_above(facts)
+    check_supported(facts)
+    setting = facts.setting
+    if facts.above is not None or setting.first_available(0, setting.by_sc) != setting.sc.phase:
+        survives_the_start(facts)  # else every read of SC shows a state
+    return facts
+
+
 def _module(
-    certificate: Certificate,
-    facts: Facts,
-    entry: dict[str, Any],
-    progress: Callable[[float], None],
-    workers: int,
+    certificate: Certificate, facts: Facts, entry: dict[str, Any], progress: Progress, workers: int
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
-        extents = compare(facts, entry)
+        compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
@@ -232,12 +269,8 @@ def _module(
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    groups = []
-    for case in entry["cases"]:
-        _keys(case, ("parameter", "groups"), "a case")
-        with _understood("a group"):
-            refuse_unclaimed(case["groups"], claims, computed=facts.computed)
-            groups.append(groups_of(certificate, facts, extents, case["groups"]))
+    read = partial(read_case, certificate, facts)
+    groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
@@ -247,10 +280,11 @@ def _module(
     refuse_cells(cells, claims, entry["recover_ns"])
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
-    if "failsafe" in claims and {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
-        raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
-    law = _law(certificate, facts, extents, entry) if "law" in entry else None
-    asked = partial(partial(_cases, facts, groups, extents, entry), claims, progress, workers, law)
+    law = None
+    if "law" in entry:
+        with _understood("a law"):
+            law = law_in(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
+    asked = partial(_cases, facts, groups, entry, claims, progress, workers, law)
     try:  # where there is a choice, with reads that are older than any
         asked()
     except (RejectedError, NotRecheckedError):
@@ -259,9 +293,9 @@ def _module(
         facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
         phase(f"{name}: again, with reads as old as there are", anew=True)
         asked()
-    jumps = jumps_of(facts, groups, extents, claims)
+    jumps = jumps_of(facts, groups, claims) if facts.view else {}
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
-    report.vacuous, report.unseen = vacuous(facts, groups, extents)
+    report.vacuous, report.unseen = vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     for g in (g for of_case in groups for g in of_case):
         g.tell(report)
@@ -272,56 +306,40 @@ def _module(
 def _cases(
     facts: Facts,
     groups: list[list[Group]],
-    extents: Extents,
     entry: dict[str, Any],
     claims: set[str],
-    progress: Callable[[float], None],
+    progress: Progress,
     workers: int,
     law: Law | None,
 ) -> None:
     """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, own) in enumerate(zip(cases, groups, strict=True)):
-        ranges = narrowed(extents, [g.part(errors=False) for g in own])
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in own])
         share = partial(_share, progress, k, len(cases))
         case = CaseCheck(CaseModel(facts, values, ranges), own, claims, entry, share, workers)
         if law is not None:
-            of_law, kept = law[0], law[1][k]
-            ruled = CaseModel(of_law, values, ranges)
-            CaseCheck(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
-            case.lawful = [g.kept_by(kept) for g in own]
+            case.lawful = kept_by_law(law, k, case)
         case.check()
 
 
-Law = tuple[Facts, list[list["Group"]]]
-"""The problem of the fail-safe law, and the groups with their K_fs, for every case."""
-
-
-def _law(
+def read_case(
     certificate: Certificate,
     facts: Facts,
-    extents: Extents,
-    entry: dict[str, Any],
-) -> Law:
-    """What a certificate says of the fail-safe law."""
-    with _understood("a law"):
-        if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
-            raise RejectedError("the cases of the law are not those of the module")
-        groups = []
-        for case in entry["law"]:
-            _keys(case, ("parameter", "groups"), "a case of the law")
-            refuse_unclaimed(case["groups"], {"P2a"}, computed=False)
-            groups.append(groups_of(certificate, facts, extents, case["groups"]))
-            for g in groups[-1]:
-                g.kept_by(groups[-1])
-    return law_of(facts), groups
+    case: dict[str, Any],
+    claims: set[str],
+    *,
+    computed: bool,
+) -> list[Group]:
+    """The groups of a case, of which each part is one that a claim rests on."""
+    _keys(case, "parameter groups", "a case")
+    with _understood("a group"):
+        refuse_unclaimed(case["groups"], claims, computed=computed)
+        return groups_of(certificate, facts, case["groups"])
 
 
 def compare_tables(
-    certificate: Certificate,
-    facts: Facts,
-    cases: list[list[Group]],
-    entries: list[dict[str, Any]],
+    certificate: Certificate, facts: Facts, cases: list[list[Group]], entries: list[dict[str, Any]]
 ) -> None:
     """What the DM holds of each group against the sets of all cases, or RejectedError."""
     if len(entries) != len(cases[0]):
@@ -332,11 +350,11 @@ def compare_tables(
         same[0].compare(certificate, facts, same, entry)
 
 
-def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
-    """Every figure of the manifest against the program, or RejectedError; the grid's extents."""
+def compare(facts: Facts, entry: dict[str, Any]) -> None:
+    """Every figure of the manifest against the program, or RejectedError; extents are entered."""
+    parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
-    parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["parameters"] != parameters:
         raise RejectedError("the parameters are others in the program")
     _compare_times(facts, entry["times"])
@@ -347,7 +365,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
         raise RejectedError("the inputs are others in the program")
     extents = []
     for i, (given, known) in enumerate(zip(inputs, [*facts.states, *others], strict=True)):
-        _keys(given, ("name", "kind", "low", "high"), "an input")
+        _keys(given, "name kind low high", "an input")
         if (given["name"], given["kind"]) != (known.name, known.kind):
             raise RejectedError(f"input {given['name']} is {known.name} by the program")
         low, high = (hexadecimal(given[k], known.name) for k in ("low", "high"))
@@ -357,7 +375,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
             extents.append((low, high))
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
-    return tuple(extents)
+    facts.extents = tuple(extents)
 
 
 def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
@@ -365,7 +383,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
 
     Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
     """
-    _keys(given, TIME_KEYS, "`times`")
+    _keys(given, " ".join(TIME_KEYS), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
     together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
     for key in TIME_KEYS:
@@ -380,12 +398,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         facts.times[key] = value
 
 
-def groups_of(
-    certificate: Certificate,
-    facts: Facts,
-    extents: Extents,
-    entries: list[dict[str, Any]],
-) -> list[Group]:
+def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
     """The groups of a case, in the order of the methods.
 
     RejectedError where they do not fit the program, NotRecheckedError of another kind.
@@ -396,16 +409,15 @@ def groups_of(
         if entry.get("kind") not in list(GROUPS):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
         method = GROUPS[entry["kind"]]
-        given = [k for k in method.optional if k in entry]
-        _keys(entry, (*method.required, *given), "a group")
+        _keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
-            _keys(axis, ("state", "edges"), "an axis")
+            _keys(axis, "state edges", "an axis")
             if axis["state"] not in names:
                 raise RejectedError(f"there is no state `{axis['state']}`")
             states.append(names[axis["state"]])
             edges.append(certificate.edges(axis["edges"]))
-            if (edges[-1][0], edges[-1][-1]) != extents[states[-1]]:
+            if (edges[-1][0], edges[-1][-1]) != facts.extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         unbounded = tuple(s in facts.unbounded for s in states)
         grid = Grid(tuple(edges), unbounded if any(unbounded) else ())

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.reading.problem import DiffersError
+from soter.certificate.reading.module_facts import DiffersError
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

@@ -25,9 +25,9 @@ from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import recheck
-from soter.certificate.report import RecheckedModule, Report, of_those_above
+from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.vacuous_proofs import _of_tables
+from soter.certificate.vacuous_proofs import _of_tables, of_those_above
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.front_end import check_file

@@ -226,7 +226,7 @@ def test_both_derivations_of_a_hand_back_agree() -> None:
             (read,),
         )
         setting = TimingSetting(
-            setting.dm, setting.sc, (read,), (read,), (type(setting.effects[0])((), 0, acts),)
+            setting.dm, setting.sc, (read,), (read,), (type(setting.effects[0])(0, acts),)
         )
         if sum(slow) > upper or setting.starts_by(phase) + response > phase + sc:
             continue

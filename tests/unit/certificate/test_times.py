@@ -17,12 +17,12 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import (
     Clock,
     DerivedTimes,
-    Effect,
     TimingSetting,
     TopicPath,
     TopicReading,
     derive,
 )
+from soter.certificate.time.node_paths import NodeEffect, NodePath
 
 SYSTEMS = 30
 PLAYS = 150
@@ -39,15 +39,15 @@ def drawn(dice: random.Random) -> TimingSetting:
 
     def path() -> TopicPath:
         sensor = Clock("sensor", dice.choice((2, 3, 4, 6)))
-        return TopicPath(
-            sensor, tuple(clock(f"n{i}", (3, 4, 6)) for i in range(dice.choice((0, 1, 2))))
-        )
+        nodes = tuple(clock(f"n{i}", (3, 4, 6)) for i in range(dice.choice((0, 1, 2))))
+        return NodePath(sensor, nodes) if nodes else TopicPath(sensor)
 
     dm = clock("dm", (8, 12))
     sc = clock("sc", tuple(p for p in (4, 6, 8, 12) if p <= dm.period), 1)
     read = TopicReading("x", (path(),), 20)
     behind = tuple(clock(f"a{i}", (1, 2, 3), 1) for i in range(dice.choice((0, 0, 1))))
-    return TimingSetting(dm, sc, (read,), (read,), (Effect(behind, 0, dice.choice((0, 1))),))
+    effect = NodeEffect(0, dice.choice((0, 1)), behind)
+    return TimingSetting(dm, sc, (read,), (read,), (effect,))
 
 
 @dataclass
@@ -65,11 +65,11 @@ class Run:
 
     def publications(self, path: TopicPath, until: int) -> list[tuple[int, int, int | None]]:
         """(start, published, state time) of the last publisher on a path."""
-        if not path.nodes:
+        if not isinstance(path, NodePath):
             times = range(path.sensor.phase, until, path.sensor.period)
             return [(t, t, t) for t in times]
         node = path.nodes[-1]
-        before = self.publications(TopicPath(path.sensor, path.nodes[:-1]), until + 20)
+        before = self.publications(path.before, until + 20)
         publications = []
         for t in range(node.phase, until, node.period):
             start = t + self.some(node.late)
@@ -99,7 +99,7 @@ class Run:
         """When an output acts, over the nodes behind."""
         (effect,) = self.setting.effects
         at, first = published, True
-        for node in effect.nodes:
+        for node in effect.clocks:
             t = node.phase
             while True:
                 start = t + self.some(node.late)
@@ -116,7 +116,7 @@ class Run:
         until = 150  # and what comes before goes on for longer
         (path,) = s.by_sc[0].paths
         published = self.publications(path, until)
-        sensor = not path.nodes
+        sensor = not path.clocks[1:]
         verdicts = [
             (t, t + self.some(s.dm.late), self.some(s.dm.response))
             for t in range(s.dm.phase, until, s.dm.period)
@@ -169,7 +169,7 @@ def claimed(setting: TimingSetting, times: DerivedTimes) -> dict[str, int]:
         "jitter": times.jitter,
         "handed": times.h_star - times.age,
         "h_0": times.h_0,
-        "lag": path.lag(),
+        "lag": path.lag(0),
     }
 
 
@@ -215,14 +215,14 @@ def test_sc_is_late_because_the_dm_is() -> None:
 def test_the_first_output_that_counts_reads_a_state() -> None:
     """SC steps before the node in one instant: at 0 it reads the default."""
     node = Clock("n", 50, 0, 0, 0)
-    read = TopicReading("x", (TopicPath(Clock("p", 10), (node,)),), 60)
+    read = TopicReading("x", (NodePath(Clock("p", 10), (node,)),), 60)
     assert derive(plain(by_sc=(read,))).h_0 == 50
     assert derive(plain(by_sc=(read,), silent=60)).start == 150
 
 
 def test_ac_may_be_called_on_what_was_made_of_a_default() -> None:
     """Two nodes in one instant: the second may publish before the first has, with a fresh stamp."""
-    path = TopicPath(Clock("p", 10), (Clock("a", 50), Clock("b", 50)))
+    path = NodePath(Clock("p", 10), (Clock("a", 50), Clock("b", 50)))
     read = TopicReading("x", (path,), 60)
     times = derive(plain(dm=Clock("dm", 100, 40), by_dm=(read,), by_sc=(read,)))
     assert path.may_publish_nothing()
@@ -233,7 +233,7 @@ def test_a_silent_sensor_makes_reads_older() -> None:
     still, silent = derive(plain()), derive(plain(silent=30))
     assert silent.delay == still.delay + 30
     assert silent.age == still.age  # enforced, where nobody stands between
-    node = TopicReading("x", (TopicPath(Clock("p", 10), (Clock("n", 50),)),), 60)
+    node = TopicReading("x", (NodePath(Clock("p", 10), (Clock("n", 50),)),), 60)
     with_node = [derive(plain(by_dm=(node,), silent=k)).age for k in (0, 30)]
     assert with_node[1] == with_node[0] + 30
 

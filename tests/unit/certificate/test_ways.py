@@ -10,7 +10,7 @@ from bench.recheck.small_modules import PROGRAMS
 import soter
 from soter.api import recheck
 from soter.certificate.assumptions import assumptions_of, p1c_of
-from soter.certificate.reading.problem import DiffersError
+from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from unit.certificate import small_proofs
 
@@ -35,10 +35,10 @@ def test_times_of_nodes_on_the_way_count(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
     (read,) = facts.setting.by_sc
     (path,) = read.paths
-    assert [n.name for n in path.nodes] == ["Estimate"]
+    assert [n.name for n in path.clocks[1:]] == ["Estimate"]
     (effect,) = facts.setting.effects
-    assert [n.name for n in effect.nodes] == ["Driver"]
-    assert facts.times["A_ns"] == 30 * MS + path.lag() == 32 * MS
+    assert [n.name for n in effect.clocks] == ["Driver"]
+    assert facts.times["A_ns"] == 30 * MS + path.lag(0) == 32 * MS
     # SC waits 3 ms, takes 1; the driver steps by 5 and takes 1; 1 until it acts
     assert facts.times["j_ns"] == 7 * MS
     assert p1c_of(facts) == "proved"
@@ -47,7 +47,7 @@ def test_times_of_nodes_on_the_way_count(tmp_path: Path) -> None:
 def test_a_driver_without_times_runs_behind_sc(tmp_path: Path) -> None:
     facts = facts_of(tmp_path, (", Driver 0ms", ""), (", Driver 1ms", ""))
     (effect,) = facts.setting.effects
-    assert not effect.nodes
+    assert not effect.clocks
     assert "in step Driver" in {a.key for a in assumptions_of(facts)}
 
 

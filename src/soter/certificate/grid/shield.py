@@ -23,7 +23,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.estimates import drifts
 from soter.certificate.grid.group_claims import FreeCheck
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.problem import number_of
+from soter.certificate.reading.module_facts import number_of
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
 from soter.language.model.tree_walk import topic_reads
 
@@ -47,7 +47,7 @@ def cells_of(facts: Facts) -> int:
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.view or any(e.nodes for e in facts.setting.effects) or not _passed_on(facts):
+    if facts.view or any(e.clocks for e in facts.setting.effects) or not _passed_on(facts):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
     if facts.kind == "map" and not _in_the_instants(facts):
         raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")

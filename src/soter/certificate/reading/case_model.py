@@ -3,17 +3,21 @@
 Purpose: `CaseModel`: for one combination of parameter values the driven topics, the commands of SC,
 the predicates, and the derivative or the next state, each read off the checked tree.
 Non-goals: time (`linear_flows.py`, `map_steps.py`), sets.
+
+The argument: a term stands for every value that an expression may have. The states and whatever
+else is not known (disturbances, errors, what others publish) are inputs with their ranges; what
+must hold for an expression to have a value at all is an obligation, asked where the term is used.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.modes_of_other_modules import any_mode, every_mode
-from soter.certificate.reading.module_facts import topics_of_others
-from soter.certificate.reading.problem import driven_topics
-from soter.certificate.reading.sc_locals import combinations, one_of
+from soter.certificate.reading.modes_of_other_modules import any_mode
+from soter.certificate.reading.module_facts import driven_topics, modes_read, topics_of_others
+from soter.certificate.reading.sc_locals import every_step, one_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
 from soter.certificate.reading.symbolic_values import filled, flat, truth_of
 from soter.certificate.terms.arb_balls import ONE, exact, greatest_below
@@ -26,16 +30,16 @@ from soter.certificate.terms.terms import (
     both,
     negation,
 )
-from soter.language.evaluate import arithmetic
+from soter.language.evaluate.arithmetic import seconds
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BoolType, FloatType, leaves
+from soter.language.model.types import BoolType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from flint import arb
 
-    from soter.certificate.reading.problem import Facts, Input
+    from soter.certificate.reading.module_facts import Facts, Input
     from soter.language.model import typed
     from soter.language.model.system import Component
 
@@ -54,36 +58,28 @@ class CaseModel:
         states = []
         for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
             a, b = exact(low), exact(high)
+            ends = a - (b - a), b + (b - a)
             if farthest is not None and i in self.facts.unbounded:
-                states.append(terms.input("state", s.name, -farthest, farthest))
-                continue
-            states.append(terms.input("state", s.name, a - (b - a), b + (b - a)))
+                ends = -farthest, farthest
+            states.append(terms.input("state", s.name, *ends))
         return terms, states
 
     # ------------------------------------------------------------ plants
 
-    def _variables(
-        self, c: Component, values: Sequence[Linear], extra: Mapping[typed.Variable, Any]
-    ) -> dict[typed.Variable, Any]:
+    def _variables(self, c: Component, values: Sequence[Linear]) -> dict[typed.Variable, Any]:
         """The states of a plant: some are inputs, some parameters."""
         assert c.plant is not None
-        value_by_variable: dict[typed.Variable, Any] = dict(extra)
-        by_state = {
+        known: dict[tuple[int, str, int], Any] = {
             (s.owner, s.variable, s.leaf): x for s, x in zip(self.facts.states, values, strict=True)
         }
-        by_parameter = {
-            (p.owner, p.variable, p.leaf): v
-            for p, v in zip(self.facts.parameters, self.parameter, strict=True)
-        }
+        for p, v in zip(self.facts.parameters, self.parameter, strict=True):
+            known[p.owner, p.variable, p.leaf] = v
+        value_by_variable: dict[typed.Variable, Any] = {}
         for variable in c.plant.states:
-            parts: list[Any] = []
+            parts = []
             for k, (_, of) in enumerate(leaves(variable.type)):
-                key = (c.index, variable.name, k)
-                if isinstance(of, FloatType):
-                    parts.append(by_state[key])
-                else:
-                    value = by_parameter[key]
-                    parts.append(bool(value) if isinstance(of, BoolType) else value)
+                value = known[c.index, variable.name, k]
+                parts.append(bool(value) if isinstance(of, BoolType) else value)
             value_by_variable[variable] = filled(variable.type, parts)
         return value_by_variable
 
@@ -101,38 +97,26 @@ class CaseModel:
         """The driven topics in these states; as estimates where `errors`. Then others, too."""
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
-            around = Surroundings(c.scope.params, {}, _seconds(c.period_ns))
-            reader = SymbolicReader(terms, around)
-            variables = self._with_lets(reader, c, self._variables(c, states, {}))
+            reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
+            variables = self._with_lets(reader, c, self._variables(c, states))
             value = reader.expression(expr, variables)
             if errors:
                 value = self._with_errors(terms, index, value)
             value_by_topic[index] = value
-        for other in self.facts.others:
-            if other.owner not in value_by_topic:
-                value_by_topic[other.owner] = self._free_topic(
-                    terms, other.owner, self.facts.others
-                )
+        for index in dict.fromkeys(x.owner for x in self.facts.others):
+            if index not in value_by_topic:
+                parts = free(terms, (x for x in self.facts.others if x.owner == index))
+                value_by_topic[index] = filled(self.facts.system.topics[index].type, parts)
         return value_by_topic
 
     def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
+        """The sum of value and error is rounded once."""
         parts = flat(value)
-        for e in self.facts.errors:
-            if e.owner != index:
-                continue
-            error = terms.input("box", e.name, exact(e.low), exact(e.high))
+        for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
-            if isinstance(x, float):
-                x = terms.constant(x)
+            (error,) = free(terms, [e])
+            x = terms.constant(x) if isinstance(x, float) else x
             parts[e.leaf] = terms.rounded(terms.add(x, error))
-        return filled(self.facts.system.topics[index].type, parts)
-
-    def _free_topic(self, terms: Terms, index: int, inputs: Sequence[Input]) -> Any:  # noqa: ANN401
-        parts = [
-            terms.input("box", x.name, exact(x.low), exact(x.high))
-            for x in inputs
-            if x.owner == index
-        ]
         return filled(self.facts.system.topics[index].type, parts)
 
     # ------------------------------------------------------------ SC and predicates
@@ -140,36 +124,19 @@ class CaseModel:
     def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
         """What SC publishes after a sample of these states, whatever its locals and others' modes.
 
-        Obligations are those of its step, for every value of its locals and of every mode.
-        NotRecheckedError where a step may publish no command.
+        Obligations are those of its step, and that a command lies in its set, for every value of
+        its locals and of every mode. NotRecheckedError where a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None
         values = self.topics(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
-        published = []
-        for modes in every_mode(sc.node.step):
-            around = Surroundings(sc.scope.params, known, _seconds(sc.period_ns), modes=modes)
-            reader = SymbolicReader(terms, around)
-            published += [
-                {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, known_locals).items()}
-                for known_locals in combinations(terms, sc.node.locals)
-            ]
-        commands = []
-        for control in self.facts.controls:
-            alternatives = []
-            for by_index in published:
-                if control.owner not in by_index:
-                    raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
-                value = flat(by_index[control.owner])[control.leaf]
-                alternatives.append(terms.constant(value) if isinstance(value, float) else value)
-            command = one_of(terms, alternatives)
-            low = terms.combine(((ONE, command),), -exact(control.low))
-            high = terms.combine(((-ONE, command),), exact(control.high))
-            terms.oblige(negation(terms.below(low)))
-            terms.oblige(negation(terms.below(high)))
-            commands.append(command)
-        return commands
+        with_modes = partial(stepping, terms, sc, known)
+        if sc.node.locals or modes_read(sc.node.step):
+            published = list(every_step(terms, sc.node, with_modes))
+        else:
+            published = [with_modes({})({})]
+        return [commanded(terms, control, published) for control in self.facts.controls]
 
     def predicate(
         self, terms: Terms, states: Sequence[Linear], expr: typed.TypedExpr, *, errors: bool
@@ -178,10 +145,10 @@ class CaseModel:
         values = self.topics(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
-        modes = any_mode(terms, [expr])
-        reader = SymbolicReader(terms, Surroundings(scope.params, known, modes=modes))
-        value = reader.expression(expr)
-        return truth_of(value)
+        modes = any_mode(terms, [expr]) if modes_read([expr]) else {}
+        return truth_of(
+            SymbolicReader(terms, Surroundings(scope.params, known, modes=modes)).expression(expr)
+        )
 
     def limits(
         self, terms: Terms, states: Sequence[Linear], topic: int
@@ -193,16 +160,15 @@ class CaseModel:
         """
         declared = self.facts.system.topics[topic]
         parts = flat(self.topics(terms, states, errors=False)[topic])
-        errors = dict.fromkeys(range(len(parts)), 0.0)
-        for c in self.facts.plants:
-            errors.update({m.leaf: m.bound for m in c.measured if m.topic == topic})
+        measured = [m for c in self.facts.plants for m in c.measured if m.topic == topic]
+        errors = {m.leaf: m.bound for m in measured}
         limits = []
         for k, (x, bound) in enumerate(zip(parts, declared.bounds, strict=True)):
             if bound is None or isinstance(x, (bool, Proposition)):
                 continue
             value = x if isinstance(x, Linear) else terms.constant(float(x))
-            high = greatest_below(float(bound.high), errors[k])
-            low = -greatest_below(-float(bound.low), errors[k])
+            high = greatest_below(float(bound.high), errors.get(k, 0.0))
+            low = -greatest_below(-float(bound.low), errors.get(k, 0.0))
             limits.append((value, low, high))
         return limits
 
@@ -238,26 +204,21 @@ class CaseModel:
         disturbances = []
         for c in self.facts.plants:
             assert c.plant is not None
-            extra = {}
+            variables = self._variables(c, states)
             for d in c.disturbances:
-                parts = []
-                for _ in leaves(d.variable.type):
-                    x = terms.input("box", d.variable.name, exact(d.low), exact(d.high))
-                    disturbances.append(x)
-                    parts.append(x)
-                extra[d.variable] = filled(d.variable.type, parts)
+                name, low, high = d.variable.name, exact(d.low), exact(d.high)
+                parts = [terms.input("box", name, low, high) for _ in leaves(d.variable.type)]
+                disturbances += parts
+                variables[d.variable] = filled(d.variable.type, parts)
             topics = self._inputs_of_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
-                of_others = [
-                    terms.input("box", x.name, exact(x.low), exact(x.high))
-                    for x in self.facts.disturbances
-                    if x.of_others and (x.owner, x.variable) == (c.index, symbol.name)
-                ]
-                disturbances += of_others
-                topics[symbol] = filled(symbol.type, of_others)
-            around = Surroundings(c.scope.params, topics, _seconds(c.period_ns))
+                own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
+                parts = free(terms, (x for x in own if x.variable == symbol.name))
+                disturbances += parts
+                topics[symbol] = filled(symbol.type, parts)
+            around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
-            variables = self._with_lets(reader, c, self._variables(c, states, extra))
+            self._with_lets(reader, c, variables)
             moves = c.plant.der if flow else c.plant.next
             for variable, expr in moves.items():
                 for k, x in enumerate(flat(reader.expression(expr, variables))):
@@ -274,13 +235,10 @@ class CaseModel:
     ) -> dict[typed.TopicSymbol, Any]:
         value_by_topic: dict[typed.TopicSymbol, Any] = {}
         assert c.plant is not None
-        for topic in c.plant.reads:
-            if topic in topics_of_others(c, self.facts.module):
-                continue
-            index = c.scope.topics[topic]
-            parts = [
-                x for s, x in zip(self.facts.controls, controls, strict=True) if s.owner == index
-            ]
+        of_others = topics_of_others(c, self.facts.module)
+        pairs = list(zip(self.facts.controls, controls, strict=True))
+        for topic in (t for t in c.plant.reads if t not in of_others):
+            parts = [x for s, x in pairs if s.owner == c.scope.topics[topic]]
             if not parts:
                 raise NotRecheckedError(
                     f"plant `{c.name}` reads `{topic.name}`, which is no output of the module"
@@ -289,10 +247,41 @@ class CaseModel:
         return value_by_topic
 
 
+def stepping(
+    terms: Terms, sc: Component, known: Mapping[typed.TopicSymbol, Any], modes: Mapping[Any, Any]
+) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
+    """By the values of its locals what a step of SC publishes, where all that it reads is known."""
+    around = Surroundings(sc.scope.params, known, seconds(sc.period_ns), modes=modes)
+    reader = SymbolicReader(terms, around)
+
+    def published(own: Mapping[typed.Variable, Any]) -> dict[int, Any]:
+        assert sc.node is not None
+        return {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, own).items()}
+
+    return published
+
+
+def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
+    """A command that one of some steps publishes; that it lies in its set is an obligation."""
+    alternatives = []
+    for by_index in published:
+        if control.owner not in by_index:
+            raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
+        value = flat(by_index[control.owner])[control.leaf]
+        alternatives.append(terms.constant(value) if isinstance(value, float) else value)
+    command = alternatives[0] if len(alternatives) == 1 else one_of(terms, alternatives)
+    low = terms.combine(((ONE, command),), -exact(control.low))
+    high = terms.combine(((-ONE, command),), exact(control.high))
+    terms.oblige(negation(terms.below(low)))
+    terms.oblige(negation(terms.below(high)))
+    return command
+
+
+def free(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
+    """Inputs that may be anything in their ranges."""
+    return [terms.input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
+
+
 def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
     """Commands that may be anything in their sets."""
-    return [terms.input("box", c.name, exact(c.low), exact(c.high)) for c in facts.controls]
-
-
-def _seconds(period_ns: int) -> float:
-    return arithmetic.seconds(period_ns)
+    return free(terms, facts.controls)

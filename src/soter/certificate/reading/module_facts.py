@@ -10,37 +10,42 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.view_predicates import without_ages
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.system import tower_of
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.typed import AgeRead, ModeRead
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
-    from soter.certificate.time.sensor_paths import ModulePaths
+    from soter.certificate.time.sensor_paths import Ways
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
-
+    from soter.language.model.types import Type
 
 InputKind = Literal["state", "control", "disturbance", "error", "other"]
 
 
-class DiffersError(Exception):
+class DiffersError(RejectedError):
     """The certificate says something else than the program."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Input:
     """One scalar input: `owner` is a component for states and disturbances, else a topic."""
 
     kind: InputKind
     name: str
     owner: int
-    variable: str
     leaf: int
     low: float
     high: float
+    variable: str = ""
     moves: bool = True
     of_others: bool = False
     """A disturbance: what somebody else publishes, and a plant of the proof reads."""
@@ -86,7 +91,7 @@ class Facts:
     flying: System
     """The system that runs, and the module in it; `system` is another one for an abstraction."""
     flying_module: Module
-    ways: ModulePaths = field(init=False)
+    ways: Ways = field(init=False)
     setting: TimingSetting = field(init=False)
     own: DerivedTimes = field(init=False)
     """The times that this room derives."""
@@ -98,6 +103,8 @@ class Facts:
     parameters: list[StateParameter] = field(default_factory=list)
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
+    extents: tuple[tuple[float, float], ...] = ()
+    """Of the grid of each state, as a certificate has it: that, where one is declared."""
     open_ends: set[int] = field(default_factory=set)
     """States of which nothing is claimed above that extent, and no run is taken to get there."""
     unbounded: set[int] = field(default_factory=set)
@@ -160,6 +167,34 @@ class Facts:
         """Whether `ttf` and `safer` are left to the prover."""
         return self.symbol.ttf is None and self.symbol.safer is None
 
+    @property
+    def ttf(self) -> typed.TypedExpr | None:
+        """`ttf` without the parts that ask for an age, which no state decides."""
+        ttf = self.symbol.ttf
+        return ttf if ttf is None or not reads(AgeRead, [ttf]) else without_ages(ttf)
+
+    @property
+    def modes(self) -> bool:
+        """Whether SC or a predicate looks at the mode of a module."""
+        code = () if self.sc.node is None else self.sc.node.step
+        return modes_read([*code, *self.symbol.predicates])
+
+    @property
+    def tower(self) -> tuple[Module, ...]:
+        """The module with those above and below it."""
+        return tower_of(self.flying, self.flying_module.index)
+
+    @property
+    def commanding(self) -> list[Component]:
+        """All controllers that may command what it commands."""
+        own = {m.index for m in self.tower}
+        flying = self.flying.components
+        return [c for c in flying if c.module in own and c.role in ("ac", "sc")]
+
+    def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
+        """What `safer`, and this form of `ttf`, read; nothing where they are computed."""
+        return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
+
     def cases(self) -> Iterator[tuple[int, ...]]:
         """Every combination of parameter values."""
         return product(*(p.values for p in self.parameters))
@@ -175,6 +210,16 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
     }
 
 
+def read_by(facts: Facts) -> tuple[list[int], list[int]]:
+    """The topics that plants drive and the DM reads, and those that SC reads."""
+    driven = driven_topics(facts)
+    by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
+    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
+    if facts.computed:  # computed predicates read what carries the axes
+        by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
+    return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
+
+
 def bounded_topics(facts: Facts) -> list[int]:
     """Topics with a declared set that plants drive: what they publish outside of it stops them.
 
@@ -185,6 +230,22 @@ def bounded_topics(facts: Facts) -> list[int]:
         for index in driven_topics(facts)
         if any(b is not None for b in facts.system.topics[index].bounds)
     ]
+
+
+def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
+    """Number, name and type of each leaf of something."""
+    for k, (path, leaf) in enumerate(leaves(of)):
+        yield k, ".".join((name, *path)), leaf
+
+
+def reads(kind: type, code: Iterable[object]) -> bool:
+    """Whether a piece of code has an expression of that kind."""
+    return any(isinstance(node, kind) for node in nodes(code))
+
+
+def modes_read(code: Iterable[object]) -> bool:
+    """Whether it looks at the mode of a module."""
+    return reads(ModeRead, code)
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:

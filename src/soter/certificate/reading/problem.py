@@ -9,7 +9,7 @@ problem has no certificate: `NotRecheckedError` or `DiffersError`).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.reading.module_facts import (
     DiffersError,
@@ -17,38 +17,28 @@ from soter.certificate.reading.module_facts import (
     Input,
     StateParameter,
     driven_topics,
+    named,
     number_of,
     read_by_sc,
     topics_of_others,
 )
 from soter.certificate.reading.symbolic_values import flat
-from soter.certificate.reading.verification_system import as_it_runs, verification_system_of
-from soter.certificate.reading.view_predicates import seen, ttf_of_states
+from soter.certificate.reading.verification_system import abstracted, as_it_runs, flown
+from soter.certificate.reading.view_predicates import seen
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.module_times import read_times
-from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model import typed
+from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from soter.certificate.reading.module_facts import InputKind
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
 
-__all__ = [
-    "DiffersError",
-    "Facts",
-    "Input",
-    "StateParameter",
-    "driven_topics",
-    "error_of",
-    "followed",
-    "number_of",
-    "read_facts",
-]
 PARAMETER_VALUES_MAX = 4096
 
 
@@ -66,23 +56,49 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
         runs = seen(runs, view)
     elif runs.symbol.verify.views:
         raise NotRecheckedError(f"`{name}` is proved in views")
-    system, module, plants = verification_system_of(flat_system, runs)
-    sc = system.components[module.sc]
+    if runs.symbol.verify.abstracts:
+        system, module, plants = abstracted(flat_system, runs)
+    else:
+        system, module, plants = flat_system, runs, _plants_of(flat_system, runs)
     if not plants:
         raise NotRecheckedError("no verification plant drives what the module reads")
     kinds = {_kind(c) for c in plants}
     if len(kinds) != 1:
         raise NotRecheckedError("flows and maps in one module")
+    sc = system.components[module.sc]
     facts = Facts(system, module, sc, plants, kinds.pop(), flat_system, runs)
     facts.view, facts.whole = view, modules[0].symbol
-    as_it_runs(facts)
-    _read_states(facts)
+    if system is flat_system:
+        facts.running = {topic.index: topic.index for topic in system.topics}
+    else:
+        as_it_runs(facts)
+    for c in plants:
+        _read_states(facts, c)
+        _read_disturbances(facts, c)
     _read_axes(facts)
     _read_topics(facts)
     read_times(facts)
     levels = module.symbol.verify.levels
     facts.levels = 3 if levels is None else number_of(facts, levels)
     return facts
+
+
+def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
+    """Those that drive what SC, a predicate or an axis reads, or that an axis names."""
+    sc = system.components[module.sc]
+    wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
+    wanted |= {module.scope.topics[t] for t in topic_reads(*module.symbol.predicates)}
+    axes = [a for group in module.symbol.verify.groups for a in group.axes]
+    for scope in (module.scope.topics, sc.scope.topics):
+        wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}
+    home = holder_of(system, module)
+    names = {f"{home}.{a.instance}" if home else a.instance for a in axes if a.instance}
+    return tuple(
+        c
+        for c in system.components
+        if c.plant is not None
+        and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
+    )
 
 
 def _kind(c: Component) -> Literal["flow", "map"]:
@@ -98,77 +114,47 @@ def _kind(c: Component) -> Literal["flow", "map"]:
 # ---------------------------------------------------------------- inputs
 
 
-def _flown(facts: Facts, name: str) -> Sequence[Any] | None:
-    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
-    links = facts.symbol.verify.abstracts
-    for link in links:
-        if link.name == name:
-            return start_behind(facts.flying, facts.flying_module, link)
-    return None
-
-
-def _read_states(facts: Facts) -> None:
-    for c in facts.plants:
-        plant = c.plant
-        assert plant is not None
-        flown = _flown(facts, c.name)
-        every = zip(plant.states, c.initial, c.initial_range, flown or c.initial, strict=True)
-        for variable, initial, drawn, real in every:
-            moves = variable in plant.der or variable in plant.next
-            if any("[]" in path for path, _ in leaves(variable.type)):
-                raise NotRecheckedError(f"a list in the state `{variable.name}`")
-            values, reals = flat(initial), flat(real)
-            for k, (path, of) in enumerate(leaves(variable.type)):
-                name = ".".join((c.name, variable.name, *path))
-                if isinstance(of, FloatType):
-                    low, high = drawn if drawn is not None else (values[k], values[k])
-                    if flown is not None:
-                        low, high = min(low, reals[k]), max(high, reals[k])
-                    facts.states.append(
-                        Input(
-                            kind="state",
-                            name=name,
-                            owner=c.index,
-                            variable=variable.name,
-                            leaf=k,
-                            low=low,
-                            high=high,
-                            moves=moves,
-                        )
-                    )
-                elif moves:
-                    raise NotRecheckedError(f"the state `{name}` moves and is no float")
-                else:
-                    facts.parameters.append(
-                        StateParameter(name, c.index, variable.name, k, _values_of(of, name))
-                    )
-        for d in c.disturbances:
-            for k, (path, of) in enumerate(leaves(d.variable.type)):
-                name = ".".join((c.name, d.variable.name, *path))
-                if not isinstance(of, FloatType):
-                    raise NotRecheckedError(f"the disturbance `{name}` is no float")
-                facts.disturbances.append(
-                    Input(
-                        kind="disturbance",
-                        name=name,
-                        owner=c.index,
-                        variable=d.variable.name,
-                        leaf=k,
-                        low=d.low,
-                        high=d.high,
-                        unit=of.unit,
-                    )
+def _read_states(facts: Facts, c: Component) -> None:
+    """Numbers that move, with the range of their initial values; all else is a parameter."""
+    plant = c.plant
+    assert plant is not None
+    begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
+    every = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
+    for variable, initial, drawn, real in every:
+        moves = variable in plant.der or variable in plant.next
+        if any("[]" in path for path, _ in leaves(variable.type)):
+            raise NotRecheckedError(f"a list in the state `{variable.name}`")
+        values, reals = flat(initial), flat(real)
+        for k, name, of in named(f"{c.name}.{variable.name}", variable.type):
+            if isinstance(of, FloatType):
+                low, high = drawn if drawn is not None else (values[k], values[k])
+                if begun is not None:
+                    low, high = min(low, reals[k]), max(high, reals[k])
+                state = Input("state", name, c.index, k, low, high, variable.name, moves)
+                facts.states.append(state)
+            elif moves:
+                raise NotRecheckedError(f"the state `{name}` moves and is no float")
+            else:
+                facts.parameters.append(
+                    StateParameter(name, c.index, variable.name, k, _values_of(of, name))
                 )
-        facts.disturbances += _of_others(facts, c)
 
 
-def _of_others(facts: Facts, c: Component) -> Iterator[Input]:
-    """Leaves of topics that somebody else publishes: they move the plant as disturbances do."""
+def _read_disturbances(facts: Facts, c: Component) -> None:
+    """Its own, and what somebody else publishes: that moves the plant as disturbances do."""
+    for d in c.disturbances:
+        for k, name, of in named(f"{c.name}.{d.variable.name}", d.variable.type):
+            if not isinstance(of, FloatType):
+                raise NotRecheckedError(f"the disturbance `{name}` is no float")
+            own = Input("disturbance", name, c.index, k, d.low, d.high, d.variable.name)
+            facts.disturbances.append(replace(own, unit=of.unit))
     for symbol in topics_of_others(c, facts.module):
         for x in _leaves_of(facts, c.scope.topics[symbol], "disturbance"):
             path = x.name.removeprefix(facts.system.topics[x.owner].name)
             name = f"{c.name}.{symbol.name}{path}"
-            yield replace(x, name=name, owner=c.index, variable=symbol.name, of_others=True)
+            facts.disturbances.append(
+                replace(x, name=name, owner=c.index, variable=symbol.name, of_others=True)
+            )
 
 
 def _values_of(of: Type, name: str) -> tuple[int, ...]:
@@ -182,66 +168,39 @@ def _values_of(of: Type, name: str) -> tuple[int, ...]:
 
 
 def _read_topics(facts: Facts) -> None:
-    module, sc = facts.module, facts.sc
-    read = [sc.scope.topics[t] for t in read_by_sc(sc)]
-    predicates = [p for p in (module.symbol.ttf, module.symbol.safer) if p is not None]
-    driven = driven_topics(facts)
-    seen = {*read, *(module.scope.topics[t] for t in topic_reads(*predicates))}
-    shown = [p for p in (ttf_of_states(module.symbol.ttf), module.symbol.safer) if p is not None]
-    read += [module.scope.topics[t] for t in topic_reads(*shown)]
-    read = list(dict.fromkeys(read))
-    if not predicates:  # computed predicates read what carries the axes
+    """Commands, errors of what is read, and what is read and no plant drives."""
+    module, sc, symbol = facts.module, facts.sc, facts.symbol
+    by_sc = [sc.scope.topics[t] for t in read_by_sc(sc)]
+    errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
+    if facts.computed:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
-        seen |= {topic for topic, _ in facts.leaves.values()} or known
+        errors_of |= {topic for topic, _ in facts.leaves.values()} or known
     for index in module.outputs:
         facts.controls += _leaves_of(facts, index, "control")
-    for c in facts.plants:
-        for m in c.measured:
-            if m.topic in seen and m.bound > 0.0:
-                topic = facts.system.topics[m.topic]
-                path, of = list(leaves(topic.type))[m.leaf]
-                name = ".".join((topic.name, *path))
-                facts.errors.append(
-                    Input(
-                        kind="error",
-                        name=name,
-                        owner=m.topic,
-                        variable="",
-                        leaf=m.leaf,
-                        low=-m.bound,
-                        high=m.bound,
-                        unit=of.unit if isinstance(of, FloatType) else "",
-                    )
-                )
-    for index in read:
+    for m in (m for c in facts.plants for m in c.measured):
+        if m.topic in errors_of and m.bound > 0.0:
+            topic = facts.system.topics[m.topic]
+            _, name, of = list(named(topic.name, topic.type))[m.leaf]
+            unit = of.unit if isinstance(of, FloatType) else ""
+            error = Input("error", name, m.topic, m.leaf, -m.bound, m.bound, unit=unit)
+            facts.errors.append(error)
+    driven = driven_topics(facts)
+    by_dm = [module.scope.topics[t] for t in facts.read_by_dm(facts.ttf)]
+    for index in dict.fromkeys([*by_sc, *by_dm]):
         if index not in driven:
             facts.others += _leaves_of(facts, index, "other")
 
 
-def _leaves_of(facts: Facts, index: int, kind: InputKind) -> list[Input]:
+def _leaves_of(facts: Facts, index: int, kind: InputKind) -> Iterator[Input]:
     topic = facts.system.topics[index]
     if topic.queue_of is not None:
         raise NotRecheckedError(f"`{topic.name}` is a queue")
-    inputs = []
-    for k, ((path, of), bound) in enumerate(zip(leaves(topic.type), topic.bounds, strict=True)):
-        name = ".".join((topic.name, *path))
+    for (k, name, of), bound in zip(named(topic.name, topic.type), topic.bounds, strict=True):
         if not isinstance(of, FloatType):
             raise NotRecheckedError(f"the {kind} `{name}` is no float")
         if bound is None:
             raise NotRecheckedError(f"`{name}` has no value set")
-        inputs.append(
-            Input(
-                kind=kind,
-                name=name,
-                owner=index,
-                variable="",
-                leaf=k,
-                low=bound.low,
-                high=bound.high,
-                unit=of.unit,
-            )
-        )
-    return inputs
+        yield Input(kind, name, index, k, bound.low, bound.high, unit=of.unit)
 
 
 # ---------------------------------------------------------------- axes
@@ -259,11 +218,9 @@ def _read_axes(facts: Facts) -> None:
             if axis.unbounded:
                 facts.unbounded.add(state)
             elif axis.low is not None and axis.high is not None:
-                high = axis.high if axis.open is None else axis.open
-                facts.axes[state] = (
-                    float(number_of(facts, axis.low)),
-                    float(number_of(facts, high)),
-                )
+                ends = axis.low, axis.high if axis.open is None else axis.open
+                low, high = (float(number_of(facts, e)) for e in ends)
+                facts.axes[state] = low, high
                 if axis.open is not None:
                     facts.open_ends.add(state)
 
@@ -276,11 +233,9 @@ def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
         named = [i for i, s in enumerate(facts.states) if ("." + s.name).endswith("." + wanted)]
         return named[0] if len(named) == 1 else None
     driven = driven_topics(facts)
-    index = _topic_of_axis(facts, axis.topic)
-    if index not in driven:
+    if (index := _topic_of_axis(facts, axis.topic)) not in driven:
         return None
-    component, expr = driven[index]
-    return followed(facts, component, expr, axis.path)
+    return followed(facts, *driven[index], axis.path)
 
 
 def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
@@ -299,14 +254,9 @@ def error_of(facts: Facts, state: int) -> float:
     if state not in facts.leaves:
         raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
     topic, path = facts.leaves[state]
-    paths = [p for p, _ in leaves(facts.system.topics[topic].type)]
-    bounds = [
-        m.bound
-        for c in facts.plants
-        for m in c.measured
-        if (m.topic, paths[m.leaf]) == (topic, path)
-    ]
-    return max(bounds, default=0.0)
+    leaf = [at for at, _ in leaves(facts.system.topics[topic].type)].index(path)
+    measured = [m for c in facts.plants for m in c.measured]
+    return max((m.bound for m in measured if (m.topic, m.leaf) == (topic, leaf)), default=0.0)
 
 
 def followed(

@@ -1,7 +1,7 @@
-"""Locals of SC: every value they may have.
+"""An SC with locals, or that looks at modes of other modules: an extra.
 
-Purpose: the values of the locals of a step, one combination after the other (`combinations`), and a
-term for whatever one of several steps publishes (`one_of`).
+Purpose: every step that it may take (`every_step`), one combination of modes and values of its
+locals after the other, and a term for whatever one of several steps publishes (`one_of`).
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 
@@ -15,13 +15,14 @@ from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.reading.modes_of_other_modules import every_mode
 from soter.certificate.reading.symbolic_values import filled, whole
 from soter.certificate.terms.arb_balls import ONE, exact, key_of
 from soter.certificate.terms.terms import Atom, NotRecheckedError
 from soter.language.model.types import BoolType, EnumType, IntType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from soter.certificate.terms.terms import Linear, Proposition, Terms
     from soter.language.model import typed
@@ -32,13 +33,20 @@ WIDEST = 2**31
 """Longer ranges than this are no bounded ints for us."""
 
 
-def combinations(
+def every_step(
+    terms: Terms, sc: typed.NodeSymbol, with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]]
+) -> Iterator[dict[int, Any]]:
+    """What it may publish; `with_modes`: by modes, and then by values of its locals."""
+    for modes in every_mode(sc.step):
+        published = with_modes(modes)
+        for known_locals in _combinations(terms, sc.locals):
+            yield published(known_locals)
+
+
+def _combinations(
     terms: Terms, variables: Sequence[typed.Variable]
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Every combination of values; without locals the empty one.
-
-    Also for what is no local and may change from step to step as it likes.
-    """
+    """Every combination of values; without locals the empty one."""
     parts = [of for v in variables for _, of in _leaves(v)]
     sizes = [_size(of) for of in parts]
     by_size = sorted(range(len(parts)), key=lambda k: sizes[k])

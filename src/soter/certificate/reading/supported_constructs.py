@@ -13,9 +13,8 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
-from soter.certificate.reading.view_predicates import ttf_of_states
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.tower import commanding, refuse_unproved_towers
+from soter.certificate.tower import refuse_unproved_towers
 from soter.language.model import typed as t
 
 if TYPE_CHECKING:
@@ -96,20 +95,22 @@ def check_supported(facts: Facts) -> None:
         raise NotRecheckedError(
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
-    refuse_unproved_towers(facts.flying, module)
+    if len(facts.tower) > 1:
+        refuse_unproved_towers(facts)
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
-    only_modes_of_others(facts)
+    if facts.modes:
+        only_modes_of_others(facts)
     _topics(facts)
     for expr in facts.symbol.predicates:
-        read = ttf_of_states(expr) if expr is facts.symbol.ttf else expr
+        read = facts.ttf if expr is facts.symbol.ttf else expr
         _code(read, "the predicates of the module")
     if facts.above is not None:
         _code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:
-        if c.plant is not None and _chooses(c.plant):
+        if c.plant and any(isinstance(x, t.TypedChoose) for x in _parts(_equations(c.plant))):
             raise NotRecheckedError(f"the plant `{c.name}` chooses")
         if c.role not in ROLES:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
@@ -143,11 +144,9 @@ def _safe_controller(sc: t.NodeSymbol) -> None:
 
 def _topics(facts: Facts) -> None:
     """Nobody but the module publishes its outputs, and nothing that it reads is a queue."""
-    module, outputs = facts.flying_module, set(facts.flying_module.outputs)
-    own = commanding(facts.flying, module)
-    for c in facts.flying.components:
-        if c in own:
-            continue
+    outputs = set(facts.flying_module.outputs)
+    own = facts.commanding
+    for c in (c for c in facts.flying.components if c not in own):
         written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
         for topic in written:
             if c.scope.topics[topic] in outputs:
@@ -161,68 +160,51 @@ def _topics(facts: Facts) -> None:
 
 
 def _plant(c: Component) -> None:
-    plant = c.plant
-    assert plant is not None
-    if plant.extern:
+    assert c.plant is not None
+    if c.plant.extern:
         raise NotRecheckedError(f"the plant `{c.name}` is extern")
     if c.phase_ns != 0:
         raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
-    roots: list[object] = [e for _, e in plant.drives]
-    roots += [e for _, e in plant.lets]
-    roots += [*plant.der.values(), *plant.next.values()]
-    for root in roots:
+    for root in _equations(c.plant):
         _code(root, f"the plant `{c.name}`")
 
 
-def _chooses(plant: t.PlantSymbol) -> bool:
-    """Whether a plant leaves something open besides its disturbances."""
-    roots = [*plant.lets, *plant.next.items(), *plant.der.items(), *plant.drives]
-    todo: list[object] = [e for _, e in roots]
-    while todo:
-        part = todo.pop()
-        if isinstance(part, t.TypedChoose):
-            return True
-        todo += _parts(part)
-    return False
+def _equations(plant: t.PlantSymbol) -> list[object]:
+    pairs = (*plant.drives, *plant.lets, *plant.der.items(), *plant.next.items())
+    return [expr for _, expr in pairs]
 
 
 # ---------------------------------------------------------------- code
 
 
 def _code(root: object, where: str) -> None:
-    """Every part of a piece of code, and of every function that it calls."""
+    """Every part of a piece of code, and of every function that it calls, is on the list."""
+    for part in _parts([root]):
+        if type(part) not in CODE:
+            name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())
+            raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
+        if isinstance(part, t.FunSymbol) and (part.extern or part.body is None):
+            raise NotRecheckedError(f"`{part.name}` is an extern function: its values are unknown")
+
+
+def _parts(roots: list[object]) -> Iterator[object]:
+    """Each piece of code, what it is made of, and the functions that it calls; not their types."""
     seen: set[int] = set()
-    todo: list[object] = [root]
+    todo = list(roots)
     while todo:
         part = todo.pop()
         if id(part) in seen:
             continue
         seen.add(id(part))
-        if type(part) not in CODE:
-            name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())
-            raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
-        if isinstance(part, t.FunSymbol):
-            if part.extern or part.body is None:
-                raise NotRecheckedError(
-                    f"`{part.name}` is an extern function: its values are unknown"
-                )
-            todo += part.body
-            continue
-        todo += _parts(part)
-
-
-def _parts(part: object) -> Iterator[object]:
-    """What a piece of code is made of: of types, values and spans nothing is asked."""
-    for f in fields(part):  # type: ignore[arg-type]  # those of CODE are dataclasses
-        if f.name in ("type", "span"):
-            continue
-        stack: list[Any] = [getattr(part, f.name)]
+        yield part
+        names = [f.name for f in fields(part) if f.name not in ("type", "span")]  # type: ignore[arg-type]  # dataclasses
+        stack: list[Any] = [getattr(part, name) for name in names]
         while stack:
             v = stack.pop()
             if isinstance(v, tuple) and not isinstance(part, t.Literal):
                 stack.extend(v)
             elif isinstance(v, (t.TypedExpr, t.TypedStmt, t.Place, t.FunSymbol)):
-                yield v
+                todo.append(v)
 
 
 _SAID: dict[type, str] = {

@@ -1,7 +1,7 @@
-"""Where a module is proved: its verification system, beside the one that runs.
+"""Modules that are proved on an abstraction of their plants (`abstracts`): an extra.
 
-Purpose: the plants beside the module, or those that abstract them; that the module itself is the
-same in both.
+Purpose: `abstracted`: the system of the module and its `abstracts` plants; `as_it_runs`: that the
+module is the same there as in the system that flies; where runs of it begin.
 Non-goals: what the plants do (`problem.py`, `case_model.py`).
 """
 
@@ -9,72 +9,97 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.module_facts import Facts, read_by_sc
+from soter.certificate.reading.module_facts import DiffersError, driven_topics, read_by
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once
 from soter.language.elaborate.elaborator import Elaborator
+from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.certificate.assumptions import Said
+    from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Module, System
 
 
-def verification_system_of(
-    system: System, module: Module
-) -> tuple[System, Module, tuple[Component, ...]]:
-    """The system to prove in, and its verification plants.
+def abstracted(system: System, module: Module) -> tuple[System, Module, tuple[Component, ...]]:
+    """The system to prove in, the module there, and its plants.
 
     SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
     """
     symbol = module.symbol
-    sc = system.components[module.sc]
-    links = symbol.verify.abstracts
-    if links:
-        ac = system.components[module.ac].node
-        assert ac is not None
-        assert sc.node is not None
-        span = symbol.span
-        parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in links]
-        own = _with_controllers(symbol, ac, sc.node)
-        instances = tuple(
-            typed.InstanceSymbol(n, what, {}, {}, span) for n, what in [*parts, (symbol.name, own)]
-        )
-        made = typed.SystemSymbol(
-            name="recheck",
-            span=span,
-            default=False,
-            instances=instances,
-            sets=_own_parameters(module, instances),
-        )
-        diagnostics = Diagnostics()
-        around = {p.name: v for p, v in module.around.items()}
-        elaborator = Elaborator(system.program, made, around, diagnostics)
-        elaborator.partial = True
-        flattened = elaborator.run()
-        if flattened is None or diagnostics.has_errors:
-            raise SoterError(diagnostics.items)
-        flattened = at_once(flattened)
-        plants = tuple(c for c in flattened.components if c.role == "plant")
-        return flattened, flattened.modules[0], plants
-    wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
-    wanted |= {module.scope.topics[t] for t in topic_reads(*symbol.predicates)}
-    named = {a.instance for g in symbol.verify.groups for a in g.axes if a.instance}
-    for group in symbol.verify.groups:
-        for axis in group.axes:
-            scopes = (module.scope.topics, sc.scope.topics)
-            wanted |= {s[axis.topic] for s in scopes if axis.topic is not None and axis.topic in s}
-    home = holder_of(system, module)
-    names = {f"{home}.{n}" if home else n for n in named}
-    plants = tuple(
-        c
-        for c in system.components
-        if c.plant is not None
-        and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
+    ac, sc = (system.components[i].node for i in (module.ac, module.sc))
+    assert ac is not None
+    assert sc is not None
+    parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in symbol.verify.abstracts]
+    parts.append((symbol.name, _with_controllers(symbol, ac, sc)))
+    instances = tuple(typed.InstanceSymbol(n, what, {}, {}, symbol.span) for n, what in parts)
+    made = typed.SystemSymbol(
+        name="recheck",
+        span=symbol.span,
+        default=False,
+        instances=instances,
+        sets=_own_parameters(module, instances),
     )
-    return system, module, plants
+    diagnostics = Diagnostics()
+    around = {p.name: v for p, v in module.around.items()}
+    elaborator = Elaborator(system.program, made, around, diagnostics)
+    elaborator.partial = True
+    flattened = elaborator.run()
+    if flattened is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    flattened = at_once(flattened)
+    plants = tuple(c for c in flattened.components if c.role == "plant")
+    return flattened, flattened.modules[0], plants
+
+
+def flown(facts: Facts, name: str) -> Sequence[Any] | None:
+    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
+    for link in facts.symbol.verify.abstracts:
+        if link.name == name:
+            return start_behind(facts.flying, facts.flying_module, link)
+    return None
+
+
+def seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
+    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
+    outer = holder_of(facts.flying, facts.flying_module)
+    driven = driven_topics(facts)
+    for index in topics:
+        model = driven[index][0].name
+        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
+        real = f"{outer}.{real}" if outer else real
+        paths = facts.ways.to(facts.running[index])
+        if not any(p.sensor.name == real for p in paths):
+            name = facts.system.topics[index].name
+            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
+
+
+def assumed(facts: Facts) -> Said:
+    """That the vehicle behaves like what abstracts it."""
+    for link in facts.symbol.verify.abstracts:
+        known = start_behind(facts.flying, facts.flying_module, link) is not None
+        begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
+        text = f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance"
+        key = f"conforms {link.instance} {link.name}"
+        yield key, f"{text} within its bounds, from {begins} on"
+
+
+def judged(facts: Facts) -> Said:
+    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+    read = {i for of in read_by(facts) for i in of}
+    driven = driven_topics(facts)
+    for symbol in topic_reads(facts.symbol.safe):
+        index = facts.module.scope.topics.get(symbol, -1)
+        if index in driven and index not in read:
+            name, plant = facts.system.topics[index].name, driven[index][0].name
+            text = f"what `safe` says of {name} is judged on what {plant} drives: what is published"
+            yield f"judged {name} {plant}", f"{text} there is not looked at"
 
 
 def _own_parameters(

@@ -1,7 +1,7 @@
 """One view of a module: the parts of its predicates that its plants show, and that states decide.
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
-view of a certificate shows), `ttf_of_states` (`ttf` without the parts that ask for an age).
+view of a certificate shows), `without_ages` (`ttf` without the parts that ask for an age).
 Non-goals: sharing code with `language/elaborate/views.py` and `verify/problem/age_disjuncts.py`,
 which the prover goes by.
 
@@ -98,13 +98,11 @@ def said_of(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.T
     return conjunction
 
 
-def ttf_of_states(ttf: typed.TypedExpr | None) -> typed.TypedExpr | None:
-    """`ttf` without what reads an age; as it is where that is nothing, or all.
+def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
+    """`ttf` without what reads an age; as it is where that is all.
 
     "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
     """
-    if ttf is None or not _aged(ttf):
-        return ttf
     rest = [part for part in _parts(ttf, wanted=False) if not _aged(part[0])]
     if not rest:
         return ttf

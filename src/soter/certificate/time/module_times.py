@@ -7,6 +7,7 @@ Non-goals: the derivation (`derived_times.py`), the nodes (`sensor_paths.py`).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.module_facts import (
@@ -14,15 +15,15 @@ from soter.certificate.reading.module_facts import (
     Facts,
     driven_topics,
     number_of,
-    read_by_sc,
+    read_by,
 )
+from soter.certificate.reading.verification_system import seen_from_what_is_abstracted
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import derive
-from soter.certificate.time.sensor_paths import ModulePaths, setting_of
+from soter.certificate.time.node_paths import NodeWays
+from soter.certificate.time.sensor_paths import Ways, nodes_between, setting_of
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
-from soter.language.model.system import holder_of
-from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from soter.certificate.time.derived_times import TimingSetting
@@ -55,7 +56,12 @@ def read_times(facts: Facts) -> None:
         for together in (by_dm, by_sc):
             if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
                 raise DiffersError("what is read together is published at different times")
-    facts.ways = ModulePaths(facts.flying, facts.flying_module, lambda e: int(number_of(facts, e)))
+    running = {facts.running[i] for i in (*by_dm, *by_sc)}
+    if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
+        number = partial(number_of, facts)
+        facts.ways = NodeWays(facts.flying, facts.flying_module, number)
+    else:
+        facts.ways = Ways(facts.flying, facts.flying_module)
     more = {"silent_ns": number_of(facts, verify.dropout), "instants": int(facts.kind == "map")}
     setting = setting_of(
         facts.ways,
@@ -64,7 +70,7 @@ def read_times(facts: Facts) -> None:
         {**time_by_name, **more},
     )
     if verify.abstracts:
-        _seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
+        seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
     if facts.kind == "map" and _has_nodes(setting):
         raise NotRecheckedError("nodes between a map and its module")
     own = derive(setting)
@@ -80,38 +86,14 @@ def read_times(facts: Facts) -> None:
     if verify.horizon is not None:
         time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
-    facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
+    if any(c.wcet_ns is not None or c.jitter_ns for c in facts.flying.components):
+        facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
     facts.times, facts.own, facts.setting = time_by_name, own, setting
-
-
-def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
-    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
-    outer = holder_of(facts.flying, facts.flying_module)
-    driven = driven_topics(facts)
-    for index in topics:
-        model = driven[index][0].name
-        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
-        real = f"{outer}.{real}" if outer else real
-        paths = facts.ways.to(facts.running[index])
-        if not any(p.sensor.name == real for p in paths):
-            name = facts.system.topics[index].name
-            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
 
 
 def _has_nodes(setting: TimingSetting) -> bool:
     paths = [p for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
-    return any(p.nodes for p in paths) or any(e.nodes for e in setting.effects)
-
-
-def read_by(facts: Facts) -> tuple[list[int], list[int]]:
-    """The topics that plants drive and the DM reads, and those that SC reads."""
-    driven = driven_topics(facts)
-    predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
-    by_dm = [facts.module.scope.topics[t] for t in topic_reads(*predicates)]
-    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
-    if not predicates:  # computed predicates read what carries the axes
-        by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
-    return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
+    return any(p.clocks[1:] for p in paths) or any(e.clocks for e in setting.effects)
 
 
 def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:

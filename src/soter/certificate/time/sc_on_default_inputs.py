@@ -1,8 +1,8 @@
 """What SC does before anything was published: it must not fault, or it never steps again.
 
 Purpose: `survives_the_start`: SC's step on the default values of its topics, and on what a node
-makes of a default, publishes values in their sets and cannot fault; `answers_all`: so it does on
-all that may ever be published.
+makes of a default, publishes values in their sets and cannot fault; below
+another module so it does on all that may ever be published.
 Non-goals: which of its outputs count (`derived_times.py`: the first one on a state does).
 """
 
@@ -11,14 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.cells.predicates import both_all
+from soter.certificate.reading.case_model import commanded, stepping
 from soter.certificate.reading.modes_of_other_modules import any_mode
 from soter.certificate.reading.module_facts import read_by_sc
-from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
-from soter.certificate.reading.symbolic_values import filled, flat
-from soter.certificate.terms.arb_balls import ONE, exact
+from soter.certificate.reading.symbolic_values import filled
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of, negation
-from soter.language.evaluate import arithmetic
+from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
@@ -32,10 +31,16 @@ READ_ELSEWHERE = "what is published while it has no control"
 
 
 def survives_the_start(facts: Facts) -> None:
-    """`NotRecheckedError` where it is not certain that the first steps are harmless."""
+    """`NotRecheckedError` where steps before all shows a state, or without control, may do harm."""
     setting = facts.setting
-    if setting.first_available(0, setting.by_sc) == setting.sc.phase:
-        return  # every read of SC shows a state
+    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+        _harmless_before(facts)
+    if facts.above is not None:
+        _answers_all(facts)
+
+
+def _harmless_before(facts: Facts) -> None:
+    setting = facts.setting
     sc = facts.sc
     assert sc.node is not None
     if sc.node.locals:
@@ -54,7 +59,7 @@ def survives_the_start(facts: Facts) -> None:
         )
 
 
-def answers_all(facts: Facts) -> None:
+def _answers_all(facts: Facts) -> None:
     """Below another module SC steps wherever that one leads the state, too, and must not fault.
 
     `NotRecheckedError` where that is not certain for all that may be published.
@@ -75,20 +80,9 @@ def _harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -
     """Whether a step of SC on these values surely publishes all it should, in its sets."""
     sc = facts.sc
     assert sc.node is not None
-    seconds, modes = arithmetic.seconds(sc.period_ns), any_mode(terms, sc.node.step)
-    reader = SymbolicReader(terms, Surroundings(sc.scope.params, known, seconds, modes=modes))
-    published = {
-        sc.scope.topics[topic]: value for topic, value in reader.step(sc.node.step, {}).items()
-    }
+    published = stepping(terms, sc, known, any_mode(terms, sc.node.step))({})
     for control in facts.controls:
-        if control.owner not in published:
-            raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
-        value = flat(published[control.owner])[control.leaf]
-        command = terms.constant(value) if isinstance(value, float) else value
-        low = terms.combine(((ONE, command),), -exact(control.low))
-        high = terms.combine(((-ONE, command),), exact(control.high))
-        terms.oblige(negation(terms.below(low)))
-        terms.oblige(negation(terms.below(high)))
+        commanded(terms, control, [published])
     fine = both_all(terms.obligations)
     places = sorted(inputs_of(terms, [fine]))
     box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]

@@ -102,9 +102,9 @@ def _there(c: Component) -> bool:
 def _nodes(setting: TimingSetting) -> Iterable[Clock]:
     for read in (*setting.by_dm, *setting.by_sc):
         for path in read.paths:
-            yield from path.nodes
+            yield from path.clocks[1:]
     for effect in setting.effects:
-        yield from effect.nodes
+        yield from effect.clocks
 
 
 def _turns(thread: list[Component]) -> list[ThreadRelease]:

@@ -80,11 +80,10 @@ def test_what_is_beyond_the_rechecker_is_said_by_verify(name: str, tmp_path: Pat
 
 STAGES = {
     "read_times": ("soter.certificate.reading.problem", "a grid"),
-    "survives_the_start": ("soter.certificate.understood", "a grid"),
+    "check_supported": ("soter.certificate.rechecker", "a grid"),
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
-    "nothing_reads": ("soter.certificate.case_check", "a grid"),
     "_looked_at": ("soter.certificate.grid.grid_group", "computed"),
     "linear_law": ("soter.certificate.polytope.polytope_check", "half-spaces"),
     "affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),

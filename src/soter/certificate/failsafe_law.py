@@ -1,23 +1,66 @@
-"""The fail-safe law of a module in the place of its SC.
+"""The fail-safe law of a module in the place of its SC: an extra.
 
 Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
-part stops"): the same module, plants and times, with constants for what SC computes.
-Non-goals: what K_fs is good for (`rechecker.py`); sharing code with the prover's
-`verify/problem/failsafe_problem.py`.
+part stops"): the same module, plants and times, with constants for what SC computes; `law_in`,
+`kept_by_law`: what a certificate says of it, and that the law keeps it: SC has to stay in it.
+Non-goals: sharing code with the prover's `verify/problem/failsafe_problem.py`.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from soter.certificate.allowed_claims import missing_of
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.language.model import typed
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.certificate.cells.cell_sets import Cells
+    from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
+
+    Law = tuple[Facts, list[list[Group]]]
+    """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
+
+BEGINS = ("P1c", "P2a", "P3", "start")
+"""What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
+
+
+def law_in(
+    facts: Facts,
+    entry: dict[str, Any],
+    claims: set[str],
+    read: Callable[[dict[str, Any]], list[Group]],
+) -> Law:
+    """What a certificate says of the law, in the entry of a module; `read`: the groups of a case.
+
+    RejectedError where nothing says that the law begins in K, or its cells are others than SC's.
+    """
+    if {*BEGINS} & {*missing_of(entry["claims"], [*claims])}:
+        raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
+    if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
+        raise RejectedError("the cases of the law are not those of the module")
+    groups = [read(case) for case in entry["law"]]
+    for of_case in groups:
+        for g in of_case:
+            g.kept_by(of_case)
+    return law_of(facts), groups
+
+
+def kept_by_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
+    """K_fs of each group of case k, of which it is shown that the law keeps it."""
+    facts, groups = law[0], law[1][k]
+    model = CaseModel(facts, of_sc.model.parameter, of_sc.model.extents)
+    CaseCheck(model, groups, {"P2a"}, of_sc.entry, lambda _: None, of_sc.workers).check()
+    return [g.kept_by(groups) for g in of_sc.groups]
 
 
 def law_of(facts: Facts) -> Facts:
