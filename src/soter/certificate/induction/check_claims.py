@@ -8,9 +8,10 @@ Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), ex
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
+
+import z3
 
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
 from soter.certificate.assumptions import RecheckAssumption, acknowledged
@@ -21,10 +22,11 @@ from soter.certificate.induction.induction_problem import (
     nanoseconds,
     read_induction,
 )
+from soter.certificate.induction.solver_values import both, negation, one_of
+from soter.certificate.induction.transition_system import TransitionSystem, calendar_of
 from soter.certificate.report import HOLDS_ANYWAY, READS_NOTHING, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, KEEPS
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
@@ -32,6 +34,7 @@ from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts
+    from soter.certificate.induction.transition_system import Instant
     from soter.language.model.system import System
 
 KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
@@ -49,11 +52,7 @@ RELEASES_MAX = 50_000
 def recheck_induction(
     flat: System, entry: dict[str, Any]
 ) -> tuple[InductionFacts, RecheckedModule]:
-    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed.
-
-    SoterError D007 where the solver is not installed.
-    """
-    _require_solver()
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
@@ -88,27 +87,11 @@ def read_all(flat: System, entry: dict[str, Any]) -> None:
 
     As `recheck_induction`.
     """
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
-    _require_solver()
     facts = read_induction(flat, entry["module"])
     k, _ = compare(facts, entry["induction"])
     _affordable(facts, k + 1)
     for first in (True, False):
         TransitionSystem(facts, first=first).run(facts.turn + 1)
-
-
-def _require_solver() -> None:
-    if find_spec("z3") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "inductions are checked with `z3-solver`, which is not installed",
-                    helps=("install it: pip install 'soter[induction]'",),
-                ),
-            )
-        )
 
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
@@ -127,8 +110,6 @@ def _static(facts: InductionFacts, said: dict[str, str]) -> None:
 
 def _induction(facts: InductionFacts, k: int) -> None:
     """Each instant of a turn after those before it; then as much of the start as that rests on."""
-    from soter.certificate.induction.transition_system import TransitionSystem, calendar_of  # noqa: PLC0415 - an extra
-
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
     rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
@@ -154,8 +135,6 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
 
     A few instants at first, from any state at all: what follows from them follows from more.
     """
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     before = [0, *(b for b in times if 0 < b < at)]
     many = 1
     while True:
@@ -168,24 +147,19 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         answer = _fails(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
             _refuse(answer, "the induction")
-        if last or str(answer) == "unsat":
+        if last or answer == z3.unsat:
             return at - begin
         many *= 2
 
 
 def _fails(
-    facts: InductionFacts,
-    solver: Any,  # noqa: ANN401 - see the import
-    instants: list[Any],
-    work: int = WORK,
-) -> Any:  # noqa: ANN401 - see the import
-    import z3  # noqa: PLC0415 - an extra
-
-    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in instants]))
+    facts: InductionFacts, solver: z3.Solver, instants: list[Instant], work: int = WORK
+) -> z3.CheckSatResult:
+    solver.add(one_of(*[negation(both(i.holds, i.always)) for i in instants]))
     return _answer(facts, solver, work)
 
 
-def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN401 - see the import
+def _answer(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
     """What the solver says with so much work at most; all queries have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
@@ -196,19 +170,13 @@ def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN4
     return verdict
 
 
-def _spent(solver: Any) -> int:  # noqa: ANN401 - see the import
+def _spent(solver: z3.Solver) -> int:
     """The solver's own count of its work, of all solvers since the process began."""
-    statistics = solver.statistics()
-    return (
-        int(statistics.get_key_value("rlimit count"))
-        if "rlimit count" in statistics.keys()  # noqa: SIM118
-        else 0
-    )
+    count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
+    return count
 
 
 def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
@@ -228,10 +196,6 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     Why that never is, and why it was not looked at; or "". As everything holds at every instant, no
     run has a decision that neither the first hyperperiods have nor one after k others.
     """
-    import z3  # noqa: PLC0415 - an extra
-
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""
     if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
@@ -246,7 +210,7 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
             solver = _solver(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
             since = 0 if first else k * facts.turn
-            solver.add(z3.Or(*[way for at, way in of(run) if at >= since]))
+            solver.add(one_of(*[way for at, way in of(run) if at >= since]))
             answers.add(str(_answer(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break
@@ -257,19 +221,17 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     return "", ""
 
 
-def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
-    import z3  # noqa: PLC0415 - an extra
-
+def _solver(run: TransitionSystem) -> z3.Solver:
     solver = z3.Solver()
     solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)
     return solver
 
 
-def _refuse(answer: Any, what: str) -> None:  # noqa: ANN401 - see the import
-    if str(answer) == "sat":
+def _refuse(answer: z3.CheckSatResult, what: str) -> None:
+    if answer == z3.sat:
         raise RejectedError(f"{what}: something fails in an execution")
-    if str(answer) != "unsat":
+    if answer != z3.unsat:
         raise NotRecheckedError(f"{what}: the solver does not decide it")
 
 
