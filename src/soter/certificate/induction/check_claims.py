@@ -113,9 +113,8 @@ def _induction(facts: InductionFacts, k: int) -> None:
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
     rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
-    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     run = TransitionSystem(facts, first=True)
-    run.run(settled + min(rests_on, k * facts.turn))
+    run.run(facts.settled + min(rests_on, k * facts.turn))
     _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
 
 
@@ -200,11 +199,11 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
         return READS_NOTHING, ""
     if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
         return HOLDS_ANYWAY, ""
-    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
+    ends = (False, (k + 1) * facts.turn), (True, facts.settled + k * facts.turn + last)
     for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
         answers = set()
-        for first, end in ((False, (k + 1) * facts.turn), (True, settled + k * facts.turn + last)):
+        for first, end in ends:
             run = TransitionSystem(facts, first=first)
             run.run(end)
             solver = _solver(run)
@@ -238,37 +237,27 @@ def _refuse(answer: z3.CheckSatResult, what: str) -> None:
 def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
-    assumptions = [
-        RecheckAssumption(
-            f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"
-        ),
-        RecheckAssumption("order", "steps of one instant come in any order; no release is skipped"),
-        RecheckAssumption("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
-        RecheckAssumption("z3", "z3 is right where it says that no counterexample exists"),
-        RecheckAssumption(
-            "machine", "the compiler and the hardware do what the C of the steps says"
-        ),
+    said = [
+        (f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"),
+        ("order", "steps of one instant come in any order; no release is skipped"),
+        ("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
+        ("z3", "z3 is right where it says that no counterexample exists"),
+        ("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
-    assumptions += acknowledged(facts.symbol)
+    said += [(a.key, a.text) for a in acknowledged(facts.symbol)]
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "
             "and nothing says that AC gets control back then"
         )
-        assumptions.append(RecheckAssumption("latching", text))
-    for name in modes_of_others(facts):
-        text = f"mode({name}): SC or AC, anew at every step that reads it"
-        assumptions.append(RecheckAssumption(f"mode {name}", text))
-    if facts.undeclared:
-        assumptions.append(
-            RecheckAssumption(
-                "undeclared", "undeclared times are zero: nobody is late, or takes time"
-            )
-        )
-    return assumptions + [
-        RecheckAssumption(
-            f"released {c.name}",
-            f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
-        )
-        for c in facts.actors
+        said.append(("latching", text))
+    said += [
+        (f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it")
+        for name in modes_of_others(facts)
     ]
+    if facts.undeclared:
+        said.append(("undeclared", "undeclared times are zero: nobody is late, or takes time"))
+    for c in facts.actors:
+        text = f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on"
+        said.append((f"released {c.name}", text))
+    return [RecheckAssumption(key, text) for key, text in said]

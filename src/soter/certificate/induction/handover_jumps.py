@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
+from soter.certificate.induction.induction_problem import written_by
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     both,
@@ -97,12 +98,7 @@ def _place(facts: Facts, topic: typed.TopicSymbol) -> int:
 
 def _writers(facts: Facts, index: int) -> list[Component]:
     """Nodes, controllers and plants that may publish a topic."""
-    writers = []
-    for c in facts.flying.components:
-        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
-        if index in [c.scope.topics[t] for t in written]:
-            writers.append(c)
-    return writers
+    return [c for c in facts.flying.components if index in written_by(c)]
 
 
 def _not_for_this(facts: Facts, c: Component, index: int) -> str:
