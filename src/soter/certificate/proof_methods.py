@@ -7,14 +7,16 @@ Non-goals: what a method is asked (`groups.py`).
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.certificate.grid.grid_group import GridGroup
-from soter.certificate.induction.check_claims import read_all, recheck_induction
 from soter.certificate.polytope.polytope_group import PolytopeGroup
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from types import ModuleType
 
     from soter.certificate.groups import Group
     from soter.certificate.report import RecheckedModule
@@ -31,5 +33,21 @@ class ModuleMethod(NamedTuple):
     """The same where not everything of it is understood."""
 
 
+def _inductions() -> ModuleType:
+    """What checks inductions; SoterError D007 where the solver is not installed."""
+    if find_spec("z3") is None:
+        what = "inductions are checked with `z3-solver`, which is not installed"
+        helps = ("install it: pip install 'soter[induction]'",)
+        raise SoterError((Diagnostic("D007", what, helps=helps),))
+    from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
+
+    return check_claims
+
+
 GROUPS: dict[str, type[Group]] = {g.kind: g for g in (GridGroup, PolytopeGroup)}
-MODULES = {"induction": ModuleMethod(recheck_induction, read_all)}
+MODULES = {
+    "induction": ModuleMethod(
+        lambda flat, entry: _inductions().recheck_induction(flat, entry),
+        lambda flat, entry: _inductions().read_all(flat, entry),
+    )
+}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import recheck
+from soter.certificate.format.errors import NotRecheckedError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
-from soter.language.model import typed
 from unit.certificate import small_proofs
 from unit.certificate.test_recheck_induction import PLANNER, certificate
 
@@ -22,8 +22,13 @@ if TYPE_CHECKING:
 
 z3 = pytest.importorskip("z3")
 
-from soter.certificate.induction.known_values import folded, known_value  # noqa: E402 - needs the solver
-from soter.certificate.induction.solver_reading import SolverReading, VisibleValues  # noqa: E402
+from soter.certificate.induction.solver_reading import (  # noqa: E402 - needs the solver
+    SolverReading,
+    VisibleValues,
+)
+from soter.certificate.induction.solver_values import flat as terms_of  # noqa: E402
+from soter.certificate.induction.solver_values import unknown  # noqa: E402
+from soter.certificate.reading.symbolic_reading import CallFrame  # noqa: E402
 
 # ---------------------------------------------------------------- constants
 
@@ -85,21 +90,62 @@ fun result(): float {{
     assert checked.program is not None
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs["result"]
-    reading = SolverReading(sight_of_nothing())
-    reading.run(fun.body or (), z3.BoolVal(True))
-    assert known_value(reading.result) == Evaluator({}).function(fun)(Environment(), ())
+    result = SolverReading(sight_of_nothing()).called(fun, ())
+    assert repr(result) == repr(Evaluator({}).function(fun)(Environment(), ()))
 
 
-def test_what_faults_or_may_be_no_number_is_not_folded(tmp_path: Path) -> None:
+def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None:
     path = tmp_path / "faults.soter"
     path.write_text("soter 1;\nfun faults(k: int): int { return k + 1 / (2 - 2); }\n")
     checked = check_file(str(path))
     assert checked.program is not None
-    (stated,) = checked.program.funs["faults"].body or ()
-    assert isinstance(stated, typed.TypedReturn)
-    (k,) = checked.program.funs["faults"].parameters
-    assert folded(stated.value, {k: z3.Int("k")}, {}, frozenset()) is None
-    assert folded(stated.value, {k: z3.IntVal(1)}, {}, frozenset()) is None
+    fun = checked.program.funs["faults"]
+    (k,) = fun.parameters
+    for given in (z3.Int("k"), 1):
+        reading = SolverReading(sight_of_nothing())
+        assert reading.run(fun.body or (), CallFrame({k: given})) is None
+        assert reading.make.fault is True
+
+
+def test_of_a_function_of_constants_that_faults_nothing_is_told(tmp_path: Path) -> None:
+    """It calculates with floats, so that it is not read: it may fault, and may give anything."""
+    path = tmp_path / "faults.soter"
+    text = "fun share(x: float): float { return 1.0 / x; }"
+    path.write_text(f"soter 1;\n{text}\n")
+    checked = check_file(str(path))
+    assert checked.program is not None
+    fun = checked.program.funs["share"]
+    for given, known in ((4.0, True), (0.0, False)):
+        reading = SolverReading(sight_of_nothing())
+        value = reading.called(fun, (given,))
+        assert (reading.make.fault, reading.make.doubt is False) == (False, known)
+        assert value == 0.25 if known else z3.is_expr(value)
+
+
+CALLS = {
+    "itself": 'extern fun asked(x: float): float from "c:drawn.c:drawn";',
+    "below": "fun asked(x: float): float { return 0.5 * drawn(x); }",
+    "far below": "fun asked(x: float): float { return 0.5 * half(x); }\n"
+    "fun half(x: float): float { for i in 0..2 { if x > 1.0 { return drawn(x); } } return x; }",
+    "in a record": "type Two = { a: float, b: float };\n"
+    "fun asked(x: float): Two { return { a: x, b: drawn(x) }; }",
+    "of what is exact": "fun asked(k: int): bool { return drawn(2.0) > 0.0 || k > 0; }",
+}
+
+
+@pytest.mark.parametrize("where", CALLS)
+def test_what_ends_in_an_extern_function_is_no_function(where: str, tmp_path: Path) -> None:
+    """It may give another value each time: nothing is the same for the same arguments."""
+    path = tmp_path / "extern.soter"
+    drawn = 'extern fun drawn(x: float): float from "c:drawn.c:drawn";'
+    path.write_text(f"soter 1;\n{drawn}\n{CALLS[where]}\n")
+    checked = check_file(str(path))
+    assert checked.program is not None
+    assert checked.ok, checked.diagnostics
+    fun, sight = checked.program.funs["asked"], sight_of_nothing()
+    (given,) = (unknown(p.type, p.name, sight.facts) for p in fun.parameters)
+    with pytest.raises(NotRecheckedError, match="extern"):
+        SolverReading(sight).called(fun, (given,))
 
 
 @pytest.mark.parametrize("age", ["0.1 - 0.09", "0.01 / 2.0", "most(3) - 0.02", "LIMITS[1] - 0.02"])
@@ -278,14 +324,16 @@ def test_arrays_are_read_as_they_are_evaluated(tmp_path: Path, name: str) -> Non
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs[name]
     a, b = z3.Ints("a b")
-    reading = SolverReading(sight_of_nothing(), dict(zip(fun.parameters, (a, b), strict=True)))
-    reading.run(fun.body or (), z3.BoolVal(True))
+    reading = SolverReading(sight_of_nothing())
+    result = reading.called(fun, (a, b))
+    (whole,), (wrong,) = terms_of(result), terms_of(reading.make.fault)
+    assert reading.make.doubt is False
     evaluate = Evaluator({}).function(fun)
     faults = 0
     for k in range(-1, 5):
         for n in range(-1, 5):
             at = [(a, z3.IntVal(k)), (b, z3.IntVal(n))]
-            fault = z3.simplify(z3.substitute(z3.Or(reading.fault, reading.doubt), *at))
+            fault = z3.simplify(z3.substitute(wrong, *at))
             try:
                 value = evaluate(Environment(), (k, n))
             except StepFault:
@@ -293,7 +341,7 @@ def test_arrays_are_read_as_they_are_evaluated(tmp_path: Path, name: str) -> Non
                 faults += 1
                 continue
             assert z3.is_false(fault), (k, n)
-            assert known_value(z3.simplify(z3.substitute(reading.result, *at))) == value, (k, n)
+            assert z3.simplify(z3.substitute(whole, *at)).as_long() == value, (k, n)
     assert 0 < faults < 36 or name == "each"
 
 
@@ -304,4 +352,4 @@ def sight_of_nothing() -> VisibleValues:
     def none(_: int) -> Any:
         raise AssertionError
 
-    return VisibleValues(scope, none, none, z3.IntVal(0), 0, z3.BoolVal(True), [])
+    return VisibleValues(scope, none, none, mode=0, module=0, in_control=True, facts=[])

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.polytope.certificate_tables import HalfSpaces
-from soter.certificate.polytope.dual_bounds import BoundedPolytope
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
+from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.sc_linear_law import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import ZERO, exact
@@ -155,7 +154,7 @@ def test_bounds_by_multipliers_hold_at_random_points() -> None:
     for _ in range(20):
         row = chance.normal(size=3)
         weights = [(int(k), float(chance.uniform(0, 2))) for k in chance.integers(8, size=3)]
-        bound = BoundedPolytope(p).bound([exact(float(x)) for x in row], weights)
+        bound = p.bound([exact(float(x)) for x in row], weights)
         assert (points @ row).max() <= float(bound)
     with pytest.raises(RejectedError):
-        BoundedPolytope(p).require("nothing", numbers(np.eye(3)), [ZERO] * 3, [[], [], []])
+        p.require("nothing", numbers(np.eye(3)), [ZERO] * 3, [[], [], []])

@@ -18,7 +18,7 @@ from long_tests import some
 from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.polytope import polytope_group
-from soter.certificate.polytope.certificate_tables import HalfSpaces
+from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import Report, recheck

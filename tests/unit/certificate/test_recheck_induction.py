@@ -13,6 +13,7 @@ from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
 from soter.language.front_end import check_file
+from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -291,6 +292,18 @@ def test_wrong_programs_of_what_is_opaque_are_rejected(tmp_path: Path, old: str,
     report = recheck(wrong)
     assert not report.accepted
     assert "something fails" in report.reason
+
+
+@pytest.mark.long
+def test_a_predicate_that_ends_in_an_extern_function_is_not_rechecked(tmp_path: Path) -> None:
+    """What was good may be bad when it is asked again."""
+    folder = certificate(tmp_path, OPAQUE)
+    drawn = 'extern fun drawn(x: float): float from "c:drawn.c:drawn";\nfun good'
+    asked = ("return most < 0.5;", "return drawn(most) < 0.5;")
+    small_proofs.edit_program(folder, ("fun good", drawn), asked)
+    report = recheck(folder)
+    assert report.verdict == "not re-checked"
+    assert "`good` is an extern function, or asks one" in report.reason
 
 
 VACUOUS = {

@@ -8,9 +8,10 @@ Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), ex
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
+
+import z3
 
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
 from soter.certificate.assumptions import RecheckAssumption, acknowledged
@@ -21,10 +22,11 @@ from soter.certificate.induction.induction_problem import (
     nanoseconds,
     read_induction,
 )
+from soter.certificate.induction.solver_values import both, negation, one_of
+from soter.certificate.induction.transition_system import TransitionSystem, calendar_of
 from soter.certificate.report import RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
@@ -32,6 +34,7 @@ from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts
+    from soter.certificate.induction.transition_system import Instant
     from soter.language.model.system import System
 
 KEYS = ("system", "module", "claims", "recover_ns", "induction")
@@ -49,11 +52,7 @@ RELEASES_MAX = 50_000
 def recheck_induction(
     flat: System, entry: dict[str, Any]
 ) -> tuple[InductionFacts, RecheckedModule]:
-    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed.
-
-    SoterError D007 where the solver is not installed.
-    """
-    _require_solver()
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
@@ -88,27 +87,11 @@ def read_all(flat: System, entry: dict[str, Any]) -> None:
 
     As `recheck_induction`.
     """
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
-    _require_solver()
     facts = read_induction(flat, entry["module"])
     k, _ = compare(facts, entry["induction"])
     _affordable(facts, k + 1)
     for first in (True, False):
         TransitionSystem(facts, first=first).run(facts.turn + 1)
-
-
-def _require_solver() -> None:
-    if find_spec("z3") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "inductions are checked with `z3-solver`, which is not installed",
-                    helps=("install it: pip install 'soter[induction]'",),
-                ),
-            )
-        )
 
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
@@ -127,14 +110,11 @@ def _static(facts: InductionFacts, said: dict[str, str]) -> None:
 
 def _induction(facts: InductionFacts, k: int) -> None:
     """Each instant of a turn after those before it; then as much of the start as that rests on."""
-    from soter.certificate.induction.transition_system import TransitionSystem, calendar_of  # noqa: PLC0415 - an extra
-
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
     rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
-    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     run = TransitionSystem(facts, first=True)
-    run.run(settled + min(rests_on, k * facts.turn))
+    run.run(facts.settled + min(rests_on, k * facts.turn))
     _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
 
 
@@ -154,8 +134,6 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
 
     A few instants at first, from any state at all: what follows from them follows from more.
     """
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     before = [0, *(b for b in times if 0 < b < at)]
     many = 1
     while True:
@@ -168,24 +146,19 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         answer = _fails(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
             _refuse(answer, "the induction")
-        if last or str(answer) == "unsat":
+        if last or answer == z3.unsat:
             return at - begin
         many *= 2
 
 
 def _fails(
-    facts: InductionFacts,
-    solver: Any,  # noqa: ANN401 - see the import
-    instants: list[Any],
-    work: int = WORK,
-) -> Any:  # noqa: ANN401 - see the import
-    import z3  # noqa: PLC0415 - an extra
-
-    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in instants]))
+    facts: InductionFacts, solver: z3.Solver, instants: list[Instant], work: int = WORK
+) -> z3.CheckSatResult:
+    solver.add(one_of(*[negation(both(i.holds, i.always)) for i in instants]))
     return _answer(facts, solver, work)
 
 
-def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN401 - see the import
+def _answer(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
     """What the solver says with so much work at most; all queries have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
@@ -196,19 +169,13 @@ def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN4
     return verdict
 
 
-def _spent(solver: Any) -> int:  # noqa: ANN401 - see the import
+def _spent(solver: z3.Solver) -> int:
     """The solver's own count of its work, of all solvers since the process began."""
-    statistics = solver.statistics()
-    return (
-        int(statistics.get_key_value("rlimit count"))
-        if "rlimit count" in statistics.keys()  # noqa: SIM118
-        else 0
-    )
+    count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
+    return count
 
 
 def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
@@ -228,25 +195,21 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     Why that never is, and why it was not looked at; or "". As everything holds at every instant, no
     run has a decision that neither the first hyperperiods have nor one after k others.
     """
-    import z3  # noqa: PLC0415 - an extra
-
-    from soter.certificate.induction.transition_system import TransitionSystem  # noqa: PLC0415 - an extra
-
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""
     if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
         return HOLDS_ANYWAY, ""
-    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
+    ends = (False, (k + 1) * facts.turn), (True, facts.settled + k * facts.turn + last)
     for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
         answers = set()
-        for first, end in ((False, (k + 1) * facts.turn), (True, settled + k * facts.turn + last)):
+        for first, end in ends:
             run = TransitionSystem(facts, first=first)
             run.run(end)
             solver = _solver(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
             since = 0 if first else k * facts.turn
-            solver.add(z3.Or(*[way for at, way in of(run) if at >= since]))
+            solver.add(one_of(*[way for at, way in of(run) if at >= since]))
             answers.add(str(_answer(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break
@@ -257,56 +220,44 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     return "", ""
 
 
-def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
-    import z3  # noqa: PLC0415 - an extra
-
+def _solver(run: TransitionSystem) -> z3.Solver:
     solver = z3.Solver()
     solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)
     return solver
 
 
-def _refuse(answer: Any, what: str) -> None:  # noqa: ANN401 - see the import
-    if str(answer) == "sat":
+def _refuse(answer: z3.CheckSatResult, what: str) -> None:
+    if answer == z3.sat:
         raise RejectedError(f"{what}: something fails in an execution")
-    if str(answer) != "unsat":
+    if answer != z3.unsat:
         raise NotRecheckedError(f"{what}: the solver does not decide it")
 
 
 def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
     flying, module = facts.flying, facts.flying_module
     ac = flying.components[module.ac].name
-    assumptions = [
-        RecheckAssumption(
-            f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"
-        ),
-        RecheckAssumption("order", "steps of one instant come in any order; no release is skipped"),
-        RecheckAssumption("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
-        RecheckAssumption("z3", "z3 is right where it says that no counterexample exists"),
-        RecheckAssumption(
-            "machine", "the compiler and the hardware do what the C of the steps says"
-        ),
+    said = [
+        (f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"),
+        ("order", "steps of one instant come in any order; no release is skipped"),
+        ("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
+        ("z3", "z3 is right where it says that no counterexample exists"),
+        ("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
-    assumptions += [RecheckAssumption(key, text) for key, text in acknowledged(facts.symbol)]
+    said += acknowledged(facts.symbol)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "
             "and nothing says that AC gets control back then"
         )
-        assumptions.append(RecheckAssumption("latching", text))
-    for name in modes_of_others(facts):
-        text = f"mode({name}): SC or AC, anew at every step that reads it"
-        assumptions.append(RecheckAssumption(f"mode {name}", text))
-    if facts.undeclared:
-        assumptions.append(
-            RecheckAssumption(
-                "undeclared", "undeclared times are zero: nobody is late, or takes time"
-            )
-        )
-    return assumptions + [
-        RecheckAssumption(
-            f"released {c.name}",
-            f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
-        )
-        for c in facts.actors
+        said.append(("latching", text))
+    said += [
+        (f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it")
+        for name in modes_of_others(facts)
     ]
+    if facts.undeclared:
+        said.append(("undeclared", "undeclared times are zero: nobody is late, or takes time"))
+    for c in facts.actors:
+        text = f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on"
+        said.append((f"released {c.name}", text))
+    return [RecheckAssumption(key, text) for key, text in said]

@@ -25,22 +25,12 @@ SHORT = 60
 """Nodes of the tree of a function that is read although its values are opaque."""
 LEAVES_MAX = 64
 """Numbers and truths of an array whose elements are told apart; of a larger one nothing is told."""
+LONGER = (typed.ForRange, typed.ForEach, typed.Index, typed.TypedLength, typed.Vector)
 
 
 def is_plain(t: Type) -> bool:
     """A type whose values are exact."""
     return isinstance(t, (BoolType, IntType, EnumType, DurationType))
-
-
-_SIMPLE = (
-    typed.Literal, typed.ParamRead, typed.VarRead, typed.Conditional, typed.TypedField,
-    typed.Narrow, typed.TypedCall, typed.TypedUnary, typed.TypedBinary, typed.TypedReturn,
-    typed.TypedIf, typed.TypedDeclare, typed.TypedAssign,
-    typed.Place, typed.Aggregate, typed.Builtin, typed.ForRange, typed.Assert,
-)  # fmt: skip
-
-
-_EXACT = (*_SIMPLE, typed.Index, typed.TypedLength, typed.ForEach)
 
 
 def parts_of_value(t: Type) -> tuple[Type, ...] | None:
@@ -61,52 +51,40 @@ def is_exact(t: Type) -> bool:
     return is_plain(t) if parts is None else all(is_exact(p) for p in parts)
 
 
-def is_simple(fun: typed.FunSymbol) -> bool:
-    """Whether its body is all of what is read here."""
-    parts = list(parts_of(fun.body or ()))
-    exact = all(is_exact(n.type) for n in parts if isinstance(n, typed.TypedExpr))
-    return exact and all(isinstance(n, _EXACT) for n in parts)
+def is_read(fun: typed.FunSymbol, *, deep: bool) -> bool:
+    """Whether a function is read wherever it is called; another one only where all is known.
 
-
-def is_short(fun: typed.FunSymbol) -> bool:
-    """Whether it only puts together what others found: then it is read, whatever its values."""
-    parts = list(parts_of(fun.body or ()))
-    return len(parts) <= SHORT and all(isinstance(n, _SIMPLE) and _joins(n) for n in parts)
-
-
-_PASSING = (
-    typed.Literal, typed.ParamRead, typed.VarRead, typed.TypedField, typed.TypedCall,
-    typed.TypedReturn, typed.Aggregate, typed.TypedUnary, typed.TypedBinary,
-)  # fmt: skip
-
-
-def passes_on(fun: typed.FunSymbol) -> bool:
-    """Whether it is one expression that asks other functions, and calculates what it asks them.
-
-    Where the same is asked in two places, such a function is read however long it is.
+    It is where all is exact; and where it is short and only puts together what others found.
+    `deep`, where the same is asked in two places: also one expression that asks other functions,
+    and calculates what it asks them, however long it is.
     """
-    body = fun.body or ()
-    if len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
-        return False
-    return all(isinstance(n, _PASSING) and _hands_on(n) for n in parts_of(body))
+    parts = list(parts_of(fun.body or ()))
+    types = [n.type for n in parts if isinstance(n, typed.TypedExpr)]
+    if all(is_exact(t) for t in (*types, fun.result, *(p.type for p in fun.parameters))):
+        return True
+    asks = deep and [type(s) for s in fun.body or ()] == [typed.TypedReturn]
+    return (asks or len(parts) <= SHORT) and all(_joins(n, asks=asks) for n in parts)
 
 
-def _hands_on(n: object) -> bool:
+def _joins(n: object, *, asks: bool) -> bool:
+    """Whether it makes no float or list of its own; `asks`: floats are added and multiplied."""
     if isinstance(n, typed.TypedBinary):
-        return n.op in ("&&", "||") or (isinstance(n.left.type, FloatType) and n.op != "/")
+        of, compares = n.left.type, isinstance(n.type, BoolType)
+        return is_plain(of) or (isinstance(of, FloatType) and (compares or (asks and n.op != "/")))
     if isinstance(n, typed.TypedUnary):
-        return n.op == "!" or isinstance(n.type, FloatType)
-    return not isinstance(n, typed.Aggregate) or isinstance(n.type, RecordType)
-
-
-def _joins(n: object) -> bool:
-    if isinstance(n, typed.TypedBinary):
-        t = n.left.type
-        return is_plain(t) or (isinstance(t, FloatType) and isinstance(n.type, BoolType))
+        return is_plain(n.type) or (asks and isinstance(n.type, FloatType))
     if isinstance(n, typed.Aggregate):
         return isinstance(n.type, RecordType)
     if isinstance(n, typed.Place):
         return all(isinstance(p, int) for p in n.path)
-    if isinstance(n, (typed.Builtin, typed.TypedUnary)):
-        return is_plain(n.type)
-    return not isinstance(n, typed.ForRange)
+    return is_plain(n.type) if isinstance(n, typed.Builtin) else not isinstance(n, LONGER)
+
+
+def asks_extern(fun: typed.FunSymbol) -> bool:
+    """Whether a call ends in an extern function, which may give another value each time."""
+    seen, todo = {fun}, [fun]
+    for f in todo:
+        below = [n.fun for n in parts_of(f.body or ()) if isinstance(n, typed.TypedCall)]
+        todo += [g for g in dict.fromkeys(below) if g not in seen]
+        seen.update(todo)
+    return any(f.extern or f.body is None for f in todo)

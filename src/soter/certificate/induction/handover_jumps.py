@@ -17,13 +17,23 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
+from soter.certificate.induction.induction_problem import written_by
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
-from soter.certificate.induction.solver_values import contents, either, flat, known, unknown
+from soter.certificate.induction.solver_values import (
+    both,
+    either,
+    flat,
+    negation,
+    one_of,
+    shaped,
+    unknown,
+)
+from soter.certificate.reading.symbolic_reading import CallFrame, part_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.tree_walk import nodes as parts_of
-from soter.language.model.types import MODE, RecordType
+from soter.language.model.types import MODE
 from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
@@ -35,7 +45,6 @@ if TYPE_CHECKING:
 
 Term = Any
 Path = tuple[int, ...]
-YES, NO = z3.BoolVal(True), z3.BoolVal(False)
 WORK, PATIENCE_MS = 100_000_000, 300_000
 IN_A_MAP = (
     typed.Literal, typed.ParamRead, typed.TopicRead, typed.TruthRead, typed.TypedUnary,
@@ -89,12 +98,7 @@ def _place(facts: Facts, topic: typed.TopicSymbol) -> int:
 
 def _writers(facts: Facts, index: int) -> list[Component]:
     """Nodes, controllers and plants that may publish a topic."""
-    writers = []
-    for c in facts.flying.components:
-        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
-        if index in [c.scope.topics[t] for t in written]:
-            writers.append(c)
-    return writers
+    return [c for c in facts.flying.components if index in written_by(c)]
 
 
 def _not_for_this(facts: Facts, c: Component, index: int) -> str:
@@ -166,19 +170,16 @@ class _Steps:
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
         anything = {v: unknown(v.type, v.name, self.known) for v in node.locals}
-        initial = {}
-        for v, value in zip(node.locals, self.c.initial, strict=True):
-            contents(v.type, value, self.known)
-            initial[v] = known(v.type, value)
-        contents(topic.type, topic.default, self.known)
-        default = known(topic.type, topic.default)
+        pairs = zip(node.locals, self.c.initial, strict=True)
+        initial = {v: shaped(v.type, value, self.known) for v, value in pairs}
+        default = shaped(topic.type, topic.default, self.known)
         before = self._step(anything)
         for what, last, fault, step in (
-            ("the first step", (YES, default), NO, self._step(initial)),
+            ("the first step", (True, default), False, self._step(initial)),
             ("a step", before.said.get(index), before.fault, self._step(before.env)),
         ):
             bad = self._bad(topic, paths, shown, last, step)
-            if not self._never(z3.And(z3.Not(fault), bad)):
+            if not self._never(both(negation(fault), bad)):
                 return (
                     f"{what} of {self.c.name} may change it where `enters` does not hold, or "
                     "without showing it to DM and SC"
@@ -195,15 +196,15 @@ class _Steps:
     ) -> Term:
         """That a step publishes another value than the last one did, and must not."""
         if topic.index not in step.said:
-            return NO
+            return False
         says, value = step.said[topic.index]
         old = unknown(topic.type, "before", self.known)
         if last is not None:
             old = either(last[0], last[1], old)
         same = [_equal(value, old, topic.type, p) for p in paths]
-        shows = [step.said[i][0] if i in step.said else NO for i in shown]
-        good = z3.Or(z3.And(*same), z3.And(self._enters(step), *shows))
-        return z3.And(z3.Not(step.fault), says, z3.Not(good))
+        shows = [step.said[i][0] if i in step.said else False for i in shown]
+        good = one_of(both(*same), both(self._enters(step), *shows))
+        return both(negation(step.fault), says, negation(good))
 
     def _never(self, what: Term) -> bool:
         solver = z3.Solver()
@@ -228,20 +229,22 @@ class _Steps:
             self.known.append(term >= 0)
             return term
 
-        return VisibleValues(
-            scope, topic, age, mode, self.facts.flying_module.index, YES, self.known
-        )
+        own = self.facts.flying_module.index
+        return VisibleValues(scope, topic, age, mode, own, in_control=True, facts=self.known)
 
     def _step(self, before: dict[typed.Variable, Term]) -> _Step:
-        node = self.c.node
+        node, topics = self.c.node, self.facts.flying.topics
         assert node is not None
         read: dict[int, Term] = {}
-        reading = SolverReading(self._sight(self.c.scope, read, unknown(MODE, "mode", self.known)))
-        reading.env, reading.deep = dict(before), True
-        reading.run(node.step, YES)
-        after = {v: reading.env[v] for v in node.locals}
-        said = {self.c.scope.topics[t]: value for t, value in reading.said.items()}
-        return _Step(after, said, z3.Or(reading.fault, reading.doubt), read)
+        sight = self._sight(self.c.scope, read, unknown(MODE, "mode", self.known))
+        reading, frame = SolverReading(sight, deep=True), CallFrame(dict(before))
+        reading.run(node.step, frame)
+        after = {v: shaped(v.type, frame.variables[v], self.known) for v in node.locals}
+        said = {}
+        for symbol, (says, value) in frame.published.items():
+            i = self.c.scope.topics[symbol]
+            said[i] = says, shaped(topics[i].type, value, self.known)
+        return _Step(after, said, one_of(reading.make.fault, reading.make.doubt), read)
 
     def _enters(self, step: _Step) -> Term:
         """Whether `enters` holds of what a step reads and publishes."""
@@ -254,12 +257,11 @@ class _Steps:
         scope = self.facts.flying_module.scope
         sight = self._sight(scope, seen, unknown(MODE, "mode", self.known))
         value, fault = SolverReading(sight, deep=True).truth(enters)
-        return z3.And(value, z3.Not(fault))
+        return both(value, negation(fault))
 
 
 def _equal(a: Term, b: Term, t: Type, path: Path) -> Term:
     """Whether a part of two values of a type is the same."""
     for k in path:
-        assert isinstance(t, RecordType)
-        a, b, t = a[k], b[k], t.fields[k][1]
-    return z3.And(*[x == y for x, y in zip(flat(a), flat(b), strict=True)])
+        a, b, t = a[k], b[k], part_of(t, k)
+    return both(*(x == y for x, y in zip(flat(a), flat(b), strict=True)))

@@ -8,18 +8,21 @@ Non-goals: what the nodes do (`solver_reading.py`), showing anything (`check.py`
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import gcd
+from math import lcm
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.modes_of_other_modules import modes_in
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.trusted_thread import delayed
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants import Calculator
-from soter.language.model import typed
-from soter.language.model.tree_walk import nodes as parts_of
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
 
 ROLES = ("dm", "sc", "ac", "node")
@@ -52,10 +55,12 @@ class InductionFacts:
     @property
     def turn(self) -> int:
         """All releases come again after so long."""
-        hyperperiod = 1
-        for c in self.actors:
-            hyperperiod = hyperperiod * c.period_ns // gcd(hyperperiod, c.period_ns)
-        return hyperperiod
+        return lcm(*(c.period_ns for c in self.actors))
+
+    @property
+    def settled(self) -> int:
+        """From this turn on nobody has yet to be released first."""
+        return -(-max(c.phase_ns for c in self.actors) // self.turn) * self.turn
 
 
 def read_induction(flat: System, name: str) -> InductionFacts:
@@ -79,12 +84,6 @@ def read_induction(flat: System, name: str) -> InductionFacts:
     return facts
 
 
-def reads_of(*roots: object) -> set[typed.TopicSymbol]:
-    """Topics whose value or age is read."""
-    kinds = (typed.TopicRead, typed.AgeRead)
-    return {n.topic for n in parts_of([r for r in roots if r is not None]) if isinstance(n, kinds)}
-
-
 def _gather(facts: InductionFacts) -> None:
     """The module's three, and every node that what is read rests on and that can be followed."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
@@ -92,18 +91,18 @@ def _gather(facts: InductionFacts) -> None:
     scope = module.scope.topics
     verify = symbol.verify
     roots = (symbol.safe, symbol.ttf, symbol.safer, *verify.lemmas, *verify.progress)
-    wanted = {scope[t] for t in reads_of(*roots)}
+    wanted = {scope[t] for t in topic_reads(*roots)}
     assert facts.sc.node is not None
-    wanted |= {facts.sc.scope.topics[t] for t in reads_of(*facts.sc.node.step)}
+    wanted |= {facts.sc.scope.topics[t] for t in topic_reads(*facts.sc.node.step)}
     changed = True
     while changed:
         changed = False
         for c in flat.components:
             if c in facts.actors or c.role != "node" or c.node is None:
                 continue
-            if wanted & {c.scope.topics[t] for t in c.node.publishes} and _plain(c):
+            if wanted & set(written_by(c)) and _plain(c):
                 facts.actors.append(c)
-                wanted |= {c.scope.topics[t] for t in reads_of(*c.node.step)}
+                wanted |= {c.scope.topics[t] for t in topic_reads(*c.node.step)}
                 changed = True
     facts.topics = _published(facts.actors)
     for index in facts.topics:
@@ -111,21 +110,25 @@ def _gather(facts: InductionFacts) -> None:
 
 
 def _published(actors: list[Component]) -> list[int]:
-    return sorted({c.scope.topics[t] for c in actors if c.node for t in c.node.publishes})
+    return sorted({i for c in actors for i in written_by(c)})
 
 
 def _plain(c: Component) -> bool:
     """A node of Soter code that publishes one value a step: any other may publish anything."""
     assert c.node is not None
-    modes = {n.module for n in parts_of(list(c.node.step)) if isinstance(n, typed.ModeRead)}
-    return not c.extern and not c.node.bursts and len(modes) < 2
+    return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
+
+
+def written_by(c: Component) -> list[int]:
+    """Topics that a node, a controller or a plant may publish."""
+    written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
+    return [c.scope.topics[t] for t in written]
 
 
 def _published_here_only(facts: InductionFacts, index: int) -> None:
     flat = facts.flying
     for c in flat.components:
-        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
-        if c not in facts.actors and index in [c.scope.topics[t] for t in written]:
+        if c not in facts.actors and index in written_by(c):
             raise NotRecheckedError(f"`{flat.topics[index].name}` has a second publisher")
     if index in {d.topic for d in flat.inputs}:
         raise NotRecheckedError(f"`{flat.topics[index].name}` is drawn as an input, too")
@@ -134,15 +137,10 @@ def _published_here_only(facts: InductionFacts, index: int) -> None:
 def modes_of_others(facts: InductionFacts) -> list[str]:
     """Modules whose modes the actors and the module's predicates read."""
     flat, own = facts.flying, facts.flying_module
-    predicates: list[object] = [facts.symbol.ttf, facts.symbol.safer]
-    asked = [(own.scope, [e for e in predicates if e is not None])]
-    asked += [(c.scope, list(c.node.step)) for c in facts.actors if c.node and c.role != "ac"]
-    read = {
-        scope.modules.get(n.module, own.index)
-        for scope, code in asked
-        for n in parts_of(code)
-        if isinstance(n, typed.ModeRead)
-    }
+    asked: list[tuple[Any, Sequence[object]]]
+    asked = [(own.scope, (facts.symbol.ttf, facts.symbol.safer))]
+    asked += [(c.scope, c.node.step) for c in facts.actors if c.node and c.role != "ac"]
+    read = {scope.modules.get(m, own.index) for scope, code in asked for m in modes_in(code)}
     return [flat.modules[i].name for i in sorted(read - {own.index})]
 
 

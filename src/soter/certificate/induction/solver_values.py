@@ -1,8 +1,10 @@
 """Values of programs as terms of a solver: exact, or elements of a sort of which nothing is known.
 
-Purpose: what a value of a type looks like (`unknown`, `known`), what the same function of the same
-values gives (`applied`), elements of lists and arrays.
-Non-goals: reading code (`solver_reading.py`).
+Purpose: what a value of a type looks like (`unknown`, `shaped`), what the same function of the same
+values gives (`applied`). A value is a bool, an int or a float of Python where it is known, else a
+term or an `Elapsed`; records and small arrays are tuples of values. Known lists and large arrays
+are tuples as long as a step is read, and one term in between (`shaped`).
+Non-goals: what operators give (`solver_operations.py`), reading code (`solver_reading.py`).
 """
 
 from __future__ import annotations
@@ -14,21 +16,14 @@ from typing import TYPE_CHECKING, Any
 import z3
 
 from soter.certificate.induction.exactness_rules import is_plain, parts_of_value
-from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    ListType,
-    leaves,
-)
+from soter.certificate.reading.symbolic_values import identical, is_known
+from soter.language.model.types import ArrayType, BoolType, EnumType, IntType, ListType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.language.model.system import Bound
-    from soter.language.model.types import Type, Value
+    from soter.language.model.types import Type
 
 Term = Any
 OPAQUE = z3.DeclareSort("opaque")
@@ -44,16 +39,31 @@ class Elapsed:
     ns: Term
 
 
-@dataclass(frozen=True)
-class Seconds:
-    """A float that is known."""
-
-    value: float
+# ---------------------------------------------------------------- truths
 
 
-def true(x: bool | Term) -> Term:
-    """A truth as a term."""
-    return z3.BoolVal(x) if isinstance(x, bool) else x
+def both(*truths: Term) -> Term:
+    """All of them."""
+    left = [x for x in truths if x is not True]
+    if any(x is False for x in left):
+        return False
+    return z3.And(*left) if len(left) > 1 else left[0] if left else True
+
+
+def one_of(*truths: Term) -> Term:
+    """Any of them."""
+    left = [x for x in truths if x is not False]
+    if any(x is True for x in left):
+        return True
+    return z3.Or(*left) if len(left) > 1 else left[0] if left else False
+
+
+def negation(a: Term) -> Term:
+    """`!a`."""
+    return (not a) if isinstance(a, bool) else z3.Not(a)
+
+
+# ---------------------------------------------------------------- values
 
 
 def unknown(t: Type, name: str, facts: list[Term]) -> Term:
@@ -61,14 +71,18 @@ def unknown(t: Type, name: str, facts: list[Term]) -> Term:
     parts = parts_of_value(t)
     if parts is not None:
         return tuple(unknown(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
-    if isinstance(t, BoolType):
-        return z3.FreshBool(name)
-    if is_plain(t):
-        constant = z3.FreshInt(name)
+    return _of_type(t, z3.FreshConst(_sort(t), name), facts)
+
+
+def _sort(t: Type) -> Any:  # noqa: ANN401 - a sort
+    return z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
+
+
+def _of_type(t: Type, x: Term, facts: list[Term]) -> Term:
+    if is_plain(t) and not isinstance(t, BoolType):
         low, high = extent(t)
-        facts.append(z3.And(constant >= low, constant <= high))
-        return constant
-    return z3.FreshConst(OPAQUE, name)
+        facts.append(z3.And(x >= low, x <= high))
+    return x
 
 
 def extent(t: Type) -> tuple[int, int]:
@@ -78,66 +92,51 @@ def extent(t: Type) -> tuple[int, int]:
     return (t.low, t.high) if isinstance(t, IntType) else (SMALLEST, LARGEST)
 
 
-def known(t: Type, value: Value) -> Term:
-    """A value of the program."""
+def shaped(t: Type, value: Term, facts: list[Term]) -> Term:
+    """A value that is one term where its type is; what is known of its elements goes to `facts`."""
     parts = parts_of_value(t)
     if parts is not None:
-        return tuple(known(p, v) for p, v in zip(parts, value, strict=True))
-    if isinstance(t, BoolType):
-        return z3.BoolVal(bool(value))
-    if is_plain(t):
-        return z3.IntVal(int(value))
-    if isinstance(t, FloatType):
-        return Seconds(value)
-    return z3.Const(f"{t!r}: {value!r}", OPAQUE)
+        return tuple(shaped(p, v, facts) for p, v in zip(parts, value, strict=True))
+    if not isinstance(value, tuple):
+        return value
+    whole = z3.Const(f"{t!r}: {value!r}", OPAQUE)
+    if isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
+        facts.append(length(whole, t, facts) == len(value))
+        for k, v in enumerate(value):
+            item, own = element(whole, k, t, facts), shaped(t.element, v, facts)
+            facts += [a == b for a, b in zip(flat(item), flat(own), strict=True)]
+    return whole
 
 
-def both(a: Term, b: Term) -> Term:
-    """`a && b`, which is one of them where the other is known."""
-    if z3.is_true(a) or z3.is_false(b):
-        return b
-    return a if z3.is_true(b) or z3.is_false(a) else z3.And(a, b)
+def flat(value: Term) -> list[Term]:
+    """Its leaves as terms."""
+    return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [term(value)]
 
 
-def negation(a: Term) -> Term:
-    """`!a`."""
-    return z3.BoolVal(z3.is_false(a)) if z3.is_true(a) or z3.is_false(a) else z3.Not(a)
-
-
-def one_of(a: Term, b: Term) -> Term:
-    """`a || b`, likewise."""
-    if z3.is_false(a) or z3.is_true(b):
-        return b
-    return a if z3.is_false(b) or z3.is_true(a) else z3.Or(a, b)
-
-
-def opaque(value: Term) -> Term:
-    """A float as an element of the sort."""
-    if isinstance(value, Seconds):
-        return z3.Const(f"float: {value.value!r}", OPAQUE)
+def term(value: Term) -> Term:
+    """A number or a truth as a term; floats are elements of the sort."""
+    if isinstance(value, bool):
+        return z3.BoolVal(value)
+    if isinstance(value, int):
+        return z3.IntVal(value)
+    if isinstance(value, float):
+        return z3.Const(f"float: {value!r}", OPAQUE)
     if isinstance(value, Elapsed):
         return z3.Function("age in seconds", z3.IntSort(), OPAQUE)(value.ns)
     return value
 
 
 def either(c: Term, a: Term, b: Term) -> Term:
-    """`c ? a : b`."""
-    if z3.is_true(c) or z3.is_false(c):
-        return a if z3.is_true(c) else b
+    """`c ? a : b`, of values of one shape."""
+    if isinstance(c, bool):
+        return a if c else b
     if isinstance(a, tuple):
         return tuple(either(c, x, y) for x, y in zip(a, b, strict=True))
-    if a is b:
+    if a is b or (is_known(a) and is_known(b) and identical(a, b)):
         return a
     if isinstance(a, Elapsed) and isinstance(b, Elapsed):
         return Elapsed(z3.If(c, a.ns, b.ns))
-    return z3.If(c, opaque(a), opaque(b))
-
-
-def flat(value: Term) -> list[Term]:
-    """Its leaves."""
-    if isinstance(value, tuple):
-        return [x for v in value for x in flat(v)]
-    return [opaque(value)]
+    return z3.If(c, term(a), term(b))
 
 
 def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
@@ -149,20 +148,19 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
             count = sum(1 for _ in leaves(p))
             conditions.append(inside(v, p, bounds[at : at + count]))
             at += count
-        return z3.And(*conditions) if conditions else z3.BoolVal(True)
+        return both(*conditions)
     if isinstance(t, (BoolType, EnumType)):
-        return z3.BoolVal(True)
+        return True
     if is_plain(t):
         low, high = extent(t)
         if bounds and bounds[0] is not None:
             low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
-        return z3.And(value >= low, value <= high)
+        return both(value >= low, value <= high)
     said = [None if b is None else (b.low, b.high) for b in bounds]
-    if isinstance(value, Seconds):
+    if isinstance(value, float):
         limits = said[0] or (float("-inf"), float("inf"))
-        finite = value.value - value.value == 0.0
-        return z3.BoolVal(finite and limits[0] <= value.value <= limits[1])
-    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(opaque(value))
+        return value - value == 0.0 and limits[0] <= value <= limits[1]
+    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(term(value))
 
 
 # ---------------------------------------------------------------- functions, lists
@@ -174,49 +172,27 @@ def applied(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Te
     if parts is not None:
         return tuple(applied(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
     arguments = [x for v in values for x in flat(v)]
-    sort = z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
     if not arguments:
-        return z3.Const(name, sort)
-    application = z3.Function(name, *[a.sort() for a in arguments], sort)(*arguments)
-    if is_plain(t) and not isinstance(t, BoolType):
-        low, high = extent(t)
-        facts.append(z3.And(application >= low, application <= high))
-    return application
+        return z3.Const(name, _sort(t))
+    function = z3.Function(name, *[a.sort() for a in arguments], _sort(t))
+    return _of_type(t, function(*arguments), facts)
 
 
 def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
     """How many elements a list or an array has."""
     if isinstance(t, ArrayType):
-        return z3.IntVal(t.size)
+        return t.size
     assert isinstance(t, ListType)
-    size = z3.Function("length", OPAQUE, z3.IntSort())(opaque(sequence))
+    size = z3.Function("length", OPAQUE, z3.IntSort())(sequence)
     facts.append(z3.And(size >= 0, size <= t.capacity))
     return size
 
 
 def element(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
     """The element of a list or an array at an index that it has."""
-    if isinstance(sequence, tuple):
-        if z3.is_int_value(index):
-            return sequence[min(max(index.as_long(), 0), len(sequence) - 1)]
-        value = sequence[-1]
-        for k in range(len(sequence) - 2, -1, -1):
-            value = either(index == k, sequence[k], value)
-        return value
-    return applied(f"element of {t!r}", [sequence, index], t.element, facts)
-
-
-def contents(t: Type, value: Value, facts: list[Term]) -> None:
-    """What is known of the lists and arrays in a value of the program goes to `facts`."""
-    parts = parts_of_value(t)
-    if parts is not None:
-        for p, v in zip(parts, value, strict=True):
-            contents(p, v, facts)
-    elif isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
-        whole = known(t, value)
-        facts.append(length(whole, t, facts) == len(value))
-        for k, v in enumerate(value):
-            item = element(whole, z3.IntVal(k), t, facts)
-            pairs = zip(flat(item), flat(known(t.element, v)), strict=True)
-            facts += [a == b for a, b in pairs]
-            contents(t.element, v, facts)
+    if not isinstance(sequence, tuple):
+        return applied(f"element of {t!r}", [sequence, index], t.element, facts)
+    value = sequence[-1]
+    for k in range(len(sequence) - 2, -1, -1):
+        value = either(index == k, sequence[k], value)
+    return value

@@ -1,6 +1,6 @@
 """Polytope groups as a certificate has them: sets, multipliers, and what these presuppose.
 
-Purpose: `HalfSpaces` and `PolytopeTables`, read off a manifest with every shape and number checked,
+Purpose: `PolytopeTables` and `HalfSpaces`, read off a manifest with every shape and number checked,
 and the box of C as a grid of one cell for whoever looks at predicates.
 Non-goals: believing any of it (`polytope_check.py`).
 """
@@ -16,6 +16,7 @@ import numpy as np
 
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.polytope.half_spaces import HalfSpaces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,30 +43,6 @@ TRIPLES_MAX = 2_000_000
 BOX = 2
 """Rows of a matrix that is a box: low and high."""
 TRIPLE = 3
-
-
-@dataclass(frozen=True, eq=False)
-class HalfSpaces:
-    """{x : low <= x <= high, rows x <= bounds}."""
-
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    rows: tuple[tuple[float, ...], ...]
-    bounds: tuple[float, ...]
-
-    @property
-    def faces(self) -> tuple[list[tuple[float, ...]], list[float]]:
-        """Every half-space: those of the box last, upper ends before lower ones."""
-        n = len(self.low)
-        units = [tuple(float(i == j) for j in range(n)) for i in range(n)]
-        below = [tuple(-x for x in row) for row in units]
-        return [*self.rows, *units, *below], [*self.bounds, *self.high, *(-x for x in self.low)]
-
-    def boxed_in(self, other: HalfSpaces) -> bool:
-        """Whether its box is part of another one."""
-        return all(a >= b for a, b in zip(self.low, other.low, strict=True)) and all(
-            a <= b for a, b in zip(self.high, other.high, strict=True)
-        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -42,10 +42,10 @@ from soter.certificate.terms.terms import NotRecheckedError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.certificate.polytope.half_spaces import Rows
     from soter.certificate.polytope.sc_linear_law import CommandLaw
     from soter.certificate.reading.linear_flows import LinearFlow
 
-    Rows = Sequence[Sequence[arb]]
     Moved = tuple[list[list[arb]], list[arb]]
     """Rows and losses."""
 
@@ -166,11 +166,24 @@ class BallFlow:
             suprema = [x.max(y) for x, y in zip(suprema, here, strict=True)]
         return [x * h * h / 8 for x in suprema]
 
-    def sags(self, rows: arb_mat, speed: arb_mat, times: Sequence[Fraction]) -> list[list[arb]]:
-        """At every instant the larger one of the two beside it."""
-        steps = [self.sag(rows, speed, a, b) for a, b in pairwise(times)]
-        sides = zip([steps[0], *steps], [*steps, steps[-1]], strict=True)
-        return [[x.max(y) for x, y in zip(a, b, strict=True)] for a, b in sides]
+    def between(
+        self,
+        c: arb_mat,
+        moved: Sequence[tuple[arb_mat, list[arb]]],
+        columns: arb_mat,
+        speed: arb_mat,
+        times: Sequence[Fraction],
+    ) -> list[Moved]:
+        """Rows and losses at instants, with noise, and with the larger sag of the two beside it."""
+        noise = self.noise(c, columns, times)
+        steps = [self.sag(c, speed, a, b) for a, b in pairwise(times)]
+        bounds = []
+        for (row, loss), later, before, after in zip(
+            moved, [*noise[1:], noise[-1]], [steps[0], *steps], [*steps, steps[-1]], strict=True
+        ):
+            parts = zip(loss, later, before, after, strict=True)
+            bounds.append((row.tolist(), [x + w + a.max(b) for x, w, a, b in parts]))
+        return bounds
 
 
 def _area(p: list[arb], q: list[arb], bend: list[arb], r: arb) -> arb:
@@ -197,15 +210,8 @@ class FreeImage:
     def everywhere(self, rows: Rows) -> list[Moved]:
         """For every instant (row, loss): the greatest of them bounds c x in between, too."""
         flow, c = self.flow, arb_mat(rows)
-        noise = flow.noise(c, self.columns, self.times)
-        sags = flow.sags(c, flow.calm, self.times)
-        bounds = []
-        for k, t in enumerate(self.times):
-            later = noise[min(k + 1, len(noise) - 1)]
-            loss = first(c * flow.summed(t) * flow.constant)
-            loss = [x + y + z for x, y, z in zip(loss, later, sags[k], strict=True)]
-            bounds.append(((c * flow.at(t)).tolist(), loss))
-        return bounds
+        still = [(c * flow.at(t), first(c * flow.summed(t) * flow.constant)) for t in self.times]
+        return flow.between(c, still, self.columns, flow.calm, self.times)
 
 
 class HoldImage:
@@ -293,15 +299,9 @@ class HoldImage:
     def everywhere(self, rows: Rows) -> list[Moved]:
         """For every instant (row, loss): the greatest of them bounds c x during the hold."""
         flow, c = self.flow, arb_mat(rows)
-        noise = flow.noise(c, flow.w, self.times)
-        sags, more = flow.sags(c, flow.speed, self.times), self._exchanged(c)
-        bounds = []
-        for k, t in enumerate(self.times):
-            row, loss = self._mapped(c, t)
-            later = noise[min(k + 1, len(noise) - 1)]
-            parts = zip(loss, later, sags[k], more, strict=True)
-            bounds.append((row.tolist(), [sum(p, ZERO) for p in parts]))
-        return bounds
+        moved, more = [self._mapped(c, t) for t in self.times], self._exchanged(c)
+        still = [(row, [a + b for a, b in zip(loss, more, strict=True)]) for row, loss in moved]
+        return flow.between(c, still, flow.w, flow.speed, self.times)
 
     def after(self, rows: Rows) -> Moved:
         """(row, loss): when the hold ends."""

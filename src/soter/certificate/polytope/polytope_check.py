@@ -18,9 +18,9 @@ import numpy as np
 from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces
-from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
+from soter.certificate.polytope.certificate_tables import INSTANTS
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
+from soter.certificate.polytope.half_spaces import HalfSpaces, less
 from soter.certificate.polytope.linear_with_noise import enclosed_flow
 from soter.certificate.polytope.published_value_ranges import all_published, starts_in_sets
 from soter.certificate.polytope.sc_linear_law import linear_law
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Task
     from soter.certificate.polytope.certificate_tables import PolytopeTables, Triples
+    from soter.certificate.polytope.half_spaces import Rows
     from soter.certificate.polytope.sc_linear_law import CommandLaw
     from soter.certificate.reading.case_model import CaseModel
     from soter.language.model import typed
@@ -123,11 +124,6 @@ class PolytopeCheck(GroupCheck):
         self.flow = BallFlow(flow, box, self.law.controls)
 
     @cached_property
-    def kernel(self) -> BoundedPolytope:
-        """K in balls."""
-        return BoundedPolytope(self.tables.core)
-
-    @cached_property
     def errors(self) -> list[arb]:
         """E."""
         return errors_of(self.model, self.tables)
@@ -180,19 +176,16 @@ class PolytopeCheck(GroupCheck):
     ) -> None:
         """SC keeps a set and, on the way, C and some half-spaces."""
         self._boxed_in(f"{what} in C", own, self.tables.constraint)
-        bounded = BoundedPolytope(own)
         if within_faces.rows:
-            rows = in_balls(within_faces.rows)
-            limits = [exact(x) for x in within_faces.bounds]
-            bounded.require(f"{what} in what it keeps", rows, limits, next(given))
+            own.require(f"{what} in what it keeps", *within_faces.own, next(given))
         for rows, limits in hold.linear():
-            bounded.require(f"{what}: SC is linear", rows, limits, next(given))
-        faces, ends = within_faces.faces
-        for row, loss in hold.everywhere(in_balls(faces)):
-            bounded.require(f"{what}: C during a period", row, within(ends, loss), next(given))
-        faces, ends = own.faces
-        row, loss = hold.after(in_balls(faces))
-        bounded.require(f"{what} after a period", row, within(ends, loss), next(given))
+            own.require(f"{what}: SC is linear", rows, limits, next(given))
+        faces, ends = within_faces.in_balls
+        for row, loss in hold.everywhere(faces):
+            own.require(f"{what}: C during a period", row, less(ends, loss), next(given))
+        faces, ends = own.in_balls
+        row, loss = hold.after(faces)
+        own.require(f"{what} after a period", row, less(ends, loss), next(given))
 
     @cached_property
     def hold_of_core(self) -> HoldImage:
@@ -206,7 +199,7 @@ class PolytopeCheck(GroupCheck):
         """
         certain = bool(cells.members.all()) or all_published(
             self.model,
-            [(c.tables, c.kernel, c.hold_of_core) for c in checks if isinstance(c, PolytopeCheck)],
+            [(c.tables, c.hold_of_core) for c in checks if isinstance(c, PolytopeCheck)],
             topic,
         )
         if not certain and not self.model.facts.symbol.verify.abstracts:
@@ -250,26 +243,25 @@ class PolytopeCheck(GroupCheck):
         inside = HalfSpaces(box.low, box.high, tuple(rows), tuple(bounds))
         self._kept("Q", self._hold("Q"), home, inside, given)
         hold = self.hold_of_core
-        faces, ends = home.faces
-        row, loss = in_balls(faces), [ZERO] * len(faces)
+        row, ends = home.in_balls
+        loss = [ZERO] * len(row)
         for _ in range(tables.periods):
             row, more = hold.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
-        self.kernel.require("K returns to Q", row, within(ends, loss), next(given))
+        tables.core.require("K returns to Q", row, less(ends, loss), next(given))
         self._spent("Q", given)
 
     @whole
     def _show_given_back(self) -> None:
         """Every estimate of a state in the target lies where the DM surely gives control back."""
-        tables, errors = self.tables, self.errors
+        tables = self.tables
         assert tables.target is not None
         if tables.gives_back is None:
             raise RejectedError("a claim needs the half-spaces of the DM, which are not there")
         faces, limits = tables.target.faces
         known = least(zip(faces, (exact(x) for x in limits), strict=True))
         for row, limit in tables.gives_back:
-            off = sum((abs(exact(a)) * e for a, e in zip(row, errors, strict=True)), ZERO)
-            if row not in known or not known[row] + off <= limit:
+            if row not in known or not known[row] + self._off([*map(exact, row)]) <= limit:
                 raise RejectedError(
                     "the DM is not certain to give control back where P2b returns to"
                 )
@@ -280,37 +272,31 @@ class PolytopeCheck(GroupCheck):
         self,
         what: str,
         start: HalfSpaces,
-        inner: tuple[Sequence[Sequence[float]], Sequence[arb]],
+        inner: tuple[Rows, Sequence[arb]],
         instants: Sequence[int],
         given: Iterator[Triples] | None,
     ) -> None:
         """From `start` the state is in `inner` for all of the time, whatever is commanded."""
         self._boxed_in(f"{what} in C", start, self.tables.constraint)
-        bounded = BoundedPolytope(start)
         faces, ends = inner
-        for row, loss in FreeImage(self.flow, instants).everywhere(in_balls(faces)):
-            limits = [a - b for a, b in zip(ends, loss, strict=True)]
-            bounded.require(what, row, limits, None if given is None else next(given))
+        for row, loss in FreeImage(self.flow, instants).everywhere(faces):
+            start.require(what, row, less(ends, loss), None if given is None else next(given))
 
-    def _plain(self, p: HalfSpaces) -> tuple[list[tuple[float, ...]], list[arb]]:
-        faces, ends = p.faces
-        return faces, [exact(x) for x in ends]
-
-    def _eroded(self, p: HalfSpaces) -> tuple[list[tuple[float, ...]], list[arb]]:
+    def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
         """{z : z + E in p}."""
-        faces, ends = p.faces
-        losses = [
-            sum((abs(exact(a)) * e for a, e in zip(row, self.errors, strict=True)), ZERO)
-            for row in faces
-        ]
-        return faces, within(ends, losses)
+        faces, ends = p.in_balls
+        return faces, less(ends, [self._off(row) for row in faces])
+
+    def _off(self, row: Sequence[arb]) -> arb:
+        """How far estimates may move a row."""
+        return sum((abs(a) * e for a, e in zip(row, self.errors, strict=True)), ZERO)
 
     @whole
     def free(self, horizon_ns: int) -> None:
         """From all of R."""
         instants = self._instants("R", horizon_ns)
         tables, given = self.tables, self._given("R")
-        self._free("R(H)", tables.free, self._plain(tables.core), instants, given)
+        self._free("R(H)", tables.free, tables.core.in_balls, instants, given)
         self._spent("R", given)
 
     @whole
@@ -320,7 +306,7 @@ class PolytopeCheck(GroupCheck):
         own = [self.model.facts.states[i] for i in self.tables.states]
         box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
         instants = self._instants("start", until_ns)
-        self._free("an initial state", box, self._plain(self.tables.core), instants, None)
+        self._free("an initial state", box, self.tables.core.in_balls, instants, None)
 
     @whole
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
@@ -371,17 +357,14 @@ class PolytopeCheck(GroupCheck):
             self._estimates(f"S_{k + 1}", after, carried, next(given))
             self._boxed_in(f"S_{k + 1} in S_{k}", after, before)
             if before.rows:
-                limits = [exact(x) for x in before.bounds]
-                rows = in_balls(before.rows)
-                BoundedPolytope(after).require(f"S_{k + 1} in S_{k}", rows, limits, next(given))
+                after.require(f"S_{k + 1} in S_{k}", *before.own, next(given))
         self._spent("S", given)
 
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples
     ) -> None:
         """Every state behind an estimate of the one set lies in the other."""
-        faces, limits = self._eroded(states)
-        BoundedPolytope(estimates).require(what, in_balls(faces), limits, weights)
+        estimates.require(what, *self._eroded(states), weights)
 
 
 def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:

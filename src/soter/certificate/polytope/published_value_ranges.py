@@ -5,7 +5,7 @@ a hold, and at all times of such a hold (`docs/verification.md`, section 10); an
 Non-goals: states on grids (`cells/predicates.py`); what is not affine in the states.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
-of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`dual_bounds.py`).
+of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`half_spaces.py`).
 Multipliers are HiGHS's where it is installed; any are right, and without them only the box of K is
 counted with.
 """
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from itertools import chain
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,12 +31,12 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
-    from soter.certificate.polytope.dual_bounds import BoundedPolytope
+    from soter.certificate.polytope.certificate_tables import PolytopeTables
     from soter.certificate.polytope.half_space_images import HoldImage
+    from soter.certificate.polytope.half_spaces import HalfSpaces, Weights
     from soter.certificate.terms.terms import Linear, Terms
 
-    Kept = tuple[PolytopeTables, BoundedPolytope, HoldImage]
+    Kept = tuple[PolytopeTables, HoldImage]
 
 INPUTS = ("state", "box")
 """Kinds of atoms that are affine in the states, and whose ranges are theirs."""
@@ -54,7 +54,7 @@ def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
     if terms.obligations:
         return False
     atoms = [next(iter(x.terms)) for x in states]
-    own = {atoms[s] for tables, _, _ in groups for s in tables.states}
+    own = {atoms[s] for tables, _ in groups for s in tables.states}
     elsewhere = {*atoms} - own
     for value, low, high in limits:
         if any(terms.atoms[atom].kind not in INPUTS for atom in value.terms):
@@ -73,53 +73,40 @@ def _greatest(
     """A number that sign * value does not exceed."""
     total = sign * value.const + value.radius
     left = {atom: sign * factor for atom, factor in value.terms.items()}
-    for tables, kernel, hold in groups:
+    for tables, hold in groups:
         row = [left.pop(atoms[s], ZERO) for s in tables.states]
         if not all(x.is_zero() for x in row):
-            total += _on_the_way(_Multipliers(tables.core), kernel, hold, row)
+            total += _on_the_way(tables.core, hold, row)
     for atom, factor in left.items():
         ends = terms.atoms[atom].low, terms.atoms[atom].high
         total += (factor * ends[0]).max(factor * ends[1])
     return total
 
 
-def _on_the_way(
-    hints: _Multipliers, kernel: BoundedPolytope, hold: HoldImage, row: list[arb]
-) -> arb:
+def _on_the_way(kernel: HalfSpaces, hold: HoldImage, row: list[arb]) -> arb:
     """No row x(t) is greater: in K, and while SC holds what it commanded there."""
-    bound = kernel.bound(row, hints.of(row))
+    bound = kernel.bound(row, _weights(kernel, row))
     for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.everywhere([row])):
-        bound = bound.max(kernel.bound(own, hints.of(own)) + loss)
+        bound = bound.max(kernel.bound(own, _weights(kernel, own)) + loss)
     return bound
 
 
-class _Multipliers:
-    """The hints of HiGHS for rows over one set of half-spaces; none where it is not installed."""
-
-    def __init__(self, p: HalfSpaces) -> None:
-        self.solver: Any = None
-        try:
-            self.solver = new_highs()
-        except ImportError:
-            return
-        self.n, self.faces = len(p.low), len(p.rows)
-        self.solver.addVars(self.n, np.array(p.low), np.array(p.high))
-        self.columns = np.arange(self.n, dtype=np.int32)
-        for row, limit in zip(p.rows, p.bounds, strict=True):
-            entries = np.array(row, dtype=np.float64)
-            self.solver.addRow(-np.inf, limit, self.n, self.columns, entries)
-
-    def of(self, row: Sequence[arb]) -> list[tuple[int, float]]:
-        """(half-space, weight >= 0), so that `Bounded.bound` of the row is small."""
-        if self.solver is None:
-            return []
-        self.solver.changeColsCost(self.n, self.columns, -np.array([float(x) for x in row]))
-        self.solver.clearSolver()  # the answer must not hang on what was asked before
-        self.solver.run()
-        if self.solver.getModelStatus().name != "kOptimal":
-            return []
-        duals = list(self.solver.getSolution().row_dual)[: self.faces]
-        return [(k, -d) for k, d in enumerate(duals) if isfinite(d) and d < 0.0]
+def _weights(p: HalfSpaces, row: Sequence[arb]) -> Weights:
+    """Multipliers by HiGHS, so that the bound of a row is small; none where it is not installed."""
+    try:
+        solver = new_highs()
+    except ImportError:
+        return []
+    n, columns = len(p.low), np.arange(len(p.low), dtype=np.int32)
+    solver.addVars(n, np.array(p.low), np.array(p.high))
+    for face, limit in zip(p.rows, p.bounds, strict=True):
+        solver.addRow(-np.inf, limit, n, columns, np.array(face, dtype=np.float64))
+    solver.changeColsCost(n, columns, -np.array([float(x) for x in row]))
+    solver.run()
+    if solver.getModelStatus().name != "kOptimal":
+        return []
+    duals = list(solver.getSolution().row_dual)[: len(p.rows)]
+    return [(k, -d) for k, d in enumerate(duals) if isfinite(d) and d < 0.0]
 
 
 def starts_in_sets(model: CaseModel) -> None:

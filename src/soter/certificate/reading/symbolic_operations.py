@@ -2,7 +2,8 @@
 
 Purpose: operators, built-in functions, choices and look-ups in tables: computed where all numbers
 are known, a term otherwise.
-Non-goals: expressions and statements (`symbolic_reading.py`).
+Non-goals: expressions and statements (`symbolic_reading.py`); terms of a solver
+(`certificate/induction/solver_operations.py`).
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ from soter.certificate.terms.terms import (
     NotRecheckedError,
     Proposition,
     Terms,
+    both,
     choice_of_truths,
+    either,
     negation,
 )
 from soter.language.evaluate import arithmetic as arith
@@ -34,6 +37,8 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from soter.language.model.types import Type
 
 
 class Operations:
@@ -43,12 +48,37 @@ class Operations:
         self.terms = terms
         self.is_rounded = rounded
 
-    def join(self, c: Proposition, a: Value, b: Value) -> Value:
+    @property
+    def path(self) -> Value:
+        """Under which condition the code being read runs."""
+        return plain(self.terms.path)
+
+    @path.setter
+    def path(self, condition: Value) -> None:
+        self.terms.path = truth_of(condition)
+
+    def oblige(self, what: Value) -> None:
+        """Demand it wherever the code being read runs."""
+        self.terms.oblige(truth_of(what))
+
+    def negation(self, a: Value) -> Value:
+        """Not a."""
+        return plain(negation(truth_of(a)))
+
+    def both(self, a: Value, b: Value) -> Value:
+        """A and b."""
+        return plain(both(truth_of(a), truth_of(b)))
+
+    def one_of(self, a: Value, b: Value) -> Value:
+        """A or b."""
+        return plain(either(truth_of(a), truth_of(b)))
+
+    def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """C ? a : b, leaf by leaf; NotRecheckedError for lists of two lengths."""
         if isinstance(a, tuple):
             if len(a) != len(b):
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
-            return tuple(self.join(c, x, y) for x, y in zip(a, b, strict=True))
+            return tuple(self.join(of, c, x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, (bool, Proposition)):
             return plain(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
@@ -72,7 +102,7 @@ class Operations:
         if isinstance(a, Linear) or isinstance(b, Linear):
             return plain(self.terms.compare(op, self._linear(a), self._linear(b)))
         _require_numbers(a, b)
-        return _COMPARED[op](a, b)
+        return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
         """+ - * / % on scalars; on real numbers where this reader does not round.
@@ -80,11 +110,9 @@ class Operations:
         NotRecheckedError for `/` and `%` of ints that depend on inputs.
         """
         if isinstance(a, int) and isinstance(b, int):
-            return _INTS[op](a, b)
+            return INTS[op](a, b)
         if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
-            if op == "/":
-                return arith.div_float(a, b)
-            return _FLOATS[op](a, b)
+            return FLOATS[op](a, b)
         whole = isinstance(a, int) or isinstance(b, int) or self._is_whole(a, b)
         x, y = self._linear(a), self._linear(b)
         if op == "+":
@@ -100,13 +128,6 @@ class Operations:
         if whole:
             return self.whole(result)
         return self._as_computed(result)
-
-    def dot(self, a: Sequence[Value], b: Sequence[Value]) -> Value:
-        """The sum of the products of scalars, from the left."""
-        total = self.arithmetic("*", a[0], b[0])
-        for x, y in zip(a[1:], b[1:], strict=True):
-            total = self.arithmetic("+", total, self.arithmetic("*", x, y))
-        return total
 
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
@@ -147,34 +168,27 @@ class Operations:
             error = 0 * error
         return self.terms.widened(value, error, *(exact(v) for v in bound.values))
 
-    def root(self, x: Value) -> Value:
-        """The square root; of what is not proved nonnegative, an obligation."""
+    def builtin(self, name: str, x: Value) -> Value:
+        """A built-in function of one scalar; NotRecheckedError where it is not understood."""
         if not isinstance(x, Linear):
-            return arith.sqrt(x)
-        if not x.nonnegative:
-            self.terms.oblige(negation(self.terms.below(x)))
-        return self._as_computed(self.terms.function("sqrt", x, nonnegative=True))
-
-    def _absolute(self, x: Value) -> Value:
-        if not isinstance(x, Linear):
-            return arith.abs_int(x) if isinstance(x, int) else abs(x)
-        absolute_value = self.terms.function("abs", x, nonnegative=True)
-        return self.whole(absolute_value) if isinstance(x, SymbolicInt) else absolute_value
-
-    def _floor(self, x: Value) -> Value:
-        if not isinstance(x, Linear):
-            return arith.floor(x)
+            return BUILTINS[name](x)
+        if name == "sqrt":
+            if not x.nonnegative:
+                self.terms.oblige(negation(self.terms.below(x)))
+            return self._as_computed(self.terms.function("sqrt", x, nonnegative=True))
+        if name == "abs":
+            size = self.terms.function("abs", x, nonnegative=True)
+            return self.whole(size) if isinstance(x, SymbolicInt) else size
+        if name == "float":
+            return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
+        if name == "int":
+            return self._truncated(x)
+        if name != "floor":
+            raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
         return self.terms.function("floor", x)
 
-    def _float(self, x: Value) -> Value:
-        if isinstance(x, Linear):
-            return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
-        return float(x)
-
-    def _int(self, x: Value) -> Value:
-        """Truncates towards zero."""
-        if not isinstance(x, Linear):
-            return arith.int_of_float(x)
+    def _truncated(self, x: Linear) -> Value:
+        """Towards zero."""
         if self._is_floor(x):
             return self.whole(x)
         down = self.terms.function("floor", x)
@@ -190,9 +204,6 @@ class Operations:
         ((atom, factor),) = x.terms.items()
         return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
 
-    def _seconds(self, x: Value) -> Value:
-        return arith.seconds(x)
-
     def row(self, rows: Rows) -> Value:
         """All numbers of a row at an index that depends on inputs.
 
@@ -202,6 +213,14 @@ class Operations:
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         width = range(len(rows.elements[0]))
         return tuple(self.selected([row[k] for row in rows.elements], rows.index) for k in width)
+
+    def narrowed(self, x: Value, low: int, high: int) -> Value:
+        """X, which faults unless it lies there."""
+        if not isinstance(x, Linear):
+            return arith.narrow(x, low, high)
+        for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):
+            self.terms.oblige(negation(self.terms.below(self.terms.combine(*short))))
+        return x
 
     def selected(self, elements: Sequence[Value], index: Linear) -> Value:
         """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
@@ -245,9 +264,12 @@ class Operations:
             raise NotRecheckedError(f"an infinite or undefined number {NOT_HERE}")
         return self.terms.constant(x)
 
-    def builtin(self, name: str, x: Value) -> Value:
-        """A built-in function of one scalar."""
-        return _UNARY_BUILTINS[name](self, x)
+
+def in_range(index: int, size: int) -> int:
+    """An index that there is; StepFault for any other."""
+    if 0 <= index < size:
+        return index
+    raise arith.StepFault(arith.FaultKind.INDEX)
 
 
 def _require_numbers(*compared: Value) -> None:
@@ -256,15 +278,7 @@ def _require_numbers(*compared: Value) -> None:
         raise NotRecheckedError(f"a NaN that is compared {NOT_HERE}")
 
 
-_UNARY_BUILTINS: dict[str, Callable[[Operations, Value], Value]] = {
-    "sqrt": Operations.root,
-    "abs": Operations._absolute,  # noqa: SLF001
-    "floor": Operations._floor,  # noqa: SLF001
-    "float": Operations._float,  # noqa: SLF001
-    "int": Operations._int,  # noqa: SLF001
-    "seconds": Operations._seconds,  # noqa: SLF001
-}
-_COMPARED: dict[str, Callable[[Any, Any], bool]] = {
+COMPARED: dict[str, Callable[[Any, Any], bool]] = {
     "<": lambda a, b: a < b,
     "<=": lambda a, b: a <= b,
     ">": lambda a, b: a > b,
@@ -272,15 +286,24 @@ _COMPARED: dict[str, Callable[[Any, Any], bool]] = {
     "==": lambda a, b: a == b,
     "!=": lambda a, b: a != b,
 }
-_INTS: dict[str, Callable[[int, int], int]] = {
+INTS: dict[str, Callable[[int, int], int]] = {
     "+": arith.add_int,
     "-": arith.sub_int,
     "*": arith.mul_int,
     "/": arith.div_int,
     "%": arith.mod_int,
 }
-_FLOATS: dict[str, Callable[[float, float], float]] = {
+FLOATS: dict[str, Callable[[float, float], float]] = {
     "+": lambda a, b: a + b,
     "-": lambda a, b: a - b,
     "*": lambda a, b: a * b,
+    "/": arith.div_float,
+}
+BUILTINS: dict[str, Callable[[Any], Value]] = {
+    "sqrt": arith.sqrt,
+    "abs": lambda x: arith.abs_int(x) if isinstance(x, int) else abs(x),
+    "floor": arith.floor,
+    "float": float,
+    "int": arith.int_of_float,
+    "seconds": arith.seconds,
 }

@@ -1,8 +1,10 @@
-"""A second reading of the checked tree: steps and predicates become terms.
+"""A second reading of the checked tree: steps and predicates become values.
 
 Purpose: evaluate typed expressions and statements once, with numbers where numbers are known and
-`terms.Linear` or `terms.Truth` where inputs are involved. Loops are unrolled, functions inlined,
-both sides of a branch that depends on inputs are read and joined.
+terms where inputs are involved. Loops are unrolled, functions inlined, both sides of a branch that
+depends on inputs are read and joined. Two kinds of terms there are: real ones (`SymbolicReader`,
+here) and those of a solver (`certificate/induction/solver_reading.py`); what the language is made
+of is read by one `CodeReader`.
 Non-goals: operations on values (`symbolic_operations.py`); sharing code with the interpreter, with
 the lowering, or with what verifies: this is written from docs/language.md and docs/semantics.md.
 """
@@ -10,9 +12,10 @@ the lowering, or with what verifies: this is written from docs/language.md and d
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, cast
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from soter.certificate.reading.symbolic_operations import Operations
+from soter.certificate.reading.symbolic_operations import Operations, in_range
 from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
     Rows,
@@ -20,32 +23,297 @@ from soter.certificate.reading.symbolic_values import (
     Value,
     flat,
     mapped,
-    plain,
-    replaced,
-    truth_of,
     zipped,
 )
-from soter.certificate.terms.arb_balls import ONE, PRELUDE, exact
-from soter.certificate.terms.terms import (
-    FALSE,
-    Linear,
-    NotRecheckedError,
-    Proposition,
-    Terms,
-    both,
-    either,
-    negation,
-)
+from soter.certificate.terms.arb_balls import PRELUDE
+from soter.certificate.terms.terms import Linear, NotRecheckedError, Proposition, Terms
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import ArrayType, BoolType, DurationType, IntType
+from soter.language.model.types import BOOL, ArrayType, BoolType, DurationType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.language.model.types import Type
+
 
 STEPS_MAX = 200_000
+
+
+@dataclass(eq=False)
+class CallFrame:
+    """Variables, and what was published: under which condition, and what then."""
+
+    variables: dict[t.Variable, Value]
+    published: dict[t.TopicSymbol, tuple[Value, Value]] = field(default_factory=dict)
+    result: Type = BOOL
+    """Of the function that is read."""
+
+    def copy(self) -> CallFrame:
+        """Its values may become others."""
+        return CallFrame(dict(self.variables), dict(self.published), self.result)
+
+
+class CodeReader:
+    """Reads code; `operations`: what operators give (`symbolic_operations.py`)."""
+
+    def __init__(self, operations: Any, params: Mapping[t.ParamSymbol, Value]) -> None:  # noqa: ANN401 - of either kind
+        self.operations, self.params = operations, params
+        self._steps = 0
+
+    def tried(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
+        """What is computed under a condition; False where it faults: then it must not hold."""
+        outside, self.operations.path = self.operations.path, path
+        try:
+            return True, run()
+        except arithmetic.StepFault:
+            self.operations.oblige(what=False)
+            return False, None
+        finally:
+            self.operations.path = outside
+
+    def _both_ways(
+        self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
+    ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
+        """Both sides of what is not decided, as `tried`; StepFault where both fault."""
+        path, make = self.operations.path, self.operations
+        first = self.tried(make.both(path, c), then)
+        second = self.tried(make.both(path, make.negation(c)), otherwise)
+        if not (first[0] or second[0]):
+            raise arithmetic.StepFault(arithmetic.FaultKind.ASSERT)
+        return first, second
+
+    def _counted(self) -> None:
+        self._steps += 1
+        if self._steps > STEPS_MAX:
+            raise NotRecheckedError("the step is too long to be read as one formula")
+
+    # ------------------------------------------------------------ statements
+
+    def block(self, body: Sequence[t.TypedStmt], frame: CallFrame) -> Value | None:
+        """Runs statements; gives what `return` left with, or None."""
+        todo = list(body)
+        while todo:
+            self._counted()
+            statement = todo.pop(0)
+            if isinstance(statement, t.TypedReturn):
+                return self.value(statement.value, frame)
+            if isinstance(statement, t.TypedIf):
+                (condition, then), *more = statement.arms
+                otherwise = statement.otherwise
+                if more:
+                    otherwise = (t.TypedIf(statement.span, tuple(more), otherwise),)
+                c = self.value(condition, frame)
+                if isinstance(c, bool):
+                    todo[:0] = then if c else otherwise
+                elif any(isinstance(n, t.TypedReturn) for n in nodes([statement])):
+                    return self.branch(c, (*then, *todo), (*otherwise, *todo), frame)
+                else:
+                    self.branch(c, then, otherwise, frame)
+            elif isinstance(statement, (t.ForRange, t.ForEach)):
+                todo[:0] = self._unrolled(statement, frame)
+            else:
+                self._simple(statement, frame)
+        return None
+
+    def branch(
+        self,
+        c: Value,
+        then: Sequence[t.TypedStmt],
+        otherwise: Sequence[t.TypedStmt],
+        frame: CallFrame,
+    ) -> Value | None:
+        """Both sides of a branch, joined at the single exit."""
+        other = frame.copy()
+        (fine, first), (well, second) = self._both_ways(
+            c, lambda: self.block(then, frame), lambda: self.block(otherwise, other)
+        )
+        if not fine:  # an obligation says that the other side is taken
+            frame.variables, frame.published = other.variables, other.published
+        if not (fine and well):
+            return first if fine else second
+        join, its = self.operations.join, other.variables
+        if first is None or second is None:
+            frame.variables = {
+                v: join(v.type, c, x, its[v]) for v, x in frame.variables.items() if v in its
+            }
+        for topic in dict.fromkeys([*frame.published, *other.published]):
+            says, x = frame.published.get(topic, (False, None))
+            tells, y = other.published.get(topic, (False, x))
+            joint = y if x is None else join(topic.type, c, x, y)
+            frame.published[topic] = join(BOOL, c, says, tells), joint
+        if first is None or second is None:
+            return None
+        return join(frame.result, c, first, second)
+
+    def _unrolled(self, loop: t.ForRange | t.ForEach, frame: CallFrame) -> list[t.TypedStmt]:
+        items: Any = (
+            range(loop.low, loop.high)
+            if isinstance(loop, t.ForRange)
+            else self.value(loop.sequence, frame)
+        )
+        if not isinstance(items, (range, tuple)):
+            raise NotRecheckedError(f"such a `for` {NOT_HERE}")
+        unrolled: list[t.TypedStmt] = []
+        for item in items:
+            value = t.Literal(loop.variable.type, loop.span, item)
+            unrolled += [t.TypedDeclare(loop.span, loop.variable, value), *loop.body]
+        return unrolled
+
+    def _simple(self, statement: t.TypedStmt, frame: CallFrame) -> None:
+        if isinstance(statement, t.TypedDeclare):
+            frame.variables[statement.variable] = self.value(statement.value, frame)
+        elif isinstance(statement, t.TypedAssign):
+            place = statement.place
+            keys = [k if isinstance(k, int) else self.value(k, frame) for k in place.path]
+            new, old = self.value(statement.value, frame), frame.variables[place.variable]
+            frame.variables[place.variable] = self.replaced(place.variable.type, old, keys, new)
+        elif isinstance(statement, t.TypedPublish):
+            frame.published[statement.topic] = True, self.value(statement.value, frame)
+        elif isinstance(statement, t.Assert):
+            self.operations.oblige(self.value(statement.condition, frame))
+        else:
+            raise NotRecheckedError(
+                f"`{type(statement).__name__.removeprefix('Typed').lower()}` {NOT_HERE}"
+            )
+
+    def replaced(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
+        """A value of a type with the part at these indices made new."""
+        if not keys:
+            return new
+        at, rest = keys[0], keys[1:]
+        if not isinstance(at, int):
+            raise NotRecheckedError(f"an assignment at an index that depends on inputs {NOT_HERE}")
+        part = whole[in_range(at, len(whole))]
+        return (*whole[:at], self.replaced(part_of(of, at), part, rest, new), *whole[at + 1 :])
+
+    # ------------------------------------------------------------ expressions
+
+    def expression(
+        self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
+    ) -> Value:
+        """The value of an expression."""
+        return self.value(expr, CallFrame(dict(variables or {})))
+
+    def value(self, e: t.TypedExpr, frame: CallFrame) -> Value:
+        """The value of an expression; NotRecheckedError for what is not understood."""
+        self._counted()
+        reading = self.readings.get(type(e))
+        if reading is None:
+            raise NotRecheckedError(f"`{type(e).__name__.removeprefix('Typed')}` {NOT_HERE}")
+        return reading(self, e, frame)
+
+    def _variable(self, e: t.VarRead, frame: CallFrame) -> Value:
+        if e.variable not in frame.variables:
+            raise NotRecheckedError(f"`{e.variable.name}` {NOT_HERE} where it is read")
+        return frame.variables[e.variable]
+
+    def _unary(self, e: t.TypedUnary, frame: CallFrame) -> Value:
+        x = self.value(e.operand, frame)
+        return self.operations.negation(x) if e.op == "!" else mapped(self.operations.negated, x)
+
+    def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
+        a = self.operand(e.left, frame)
+        if e.op in ("&&", "||"):
+            return self._short_circuit(e, a, frame)
+        b = self.operand(e.right, frame)
+        if e.op in ("<", "<=", ">", ">=", "==", "!="):
+            return self.operations.compared(e.op, a, b)
+        return self.operations.arithmetic(e.op, a, b)
+
+    def operand(self, e: t.TypedExpr, frame: CallFrame) -> Value:
+        """The value of what may be compared."""
+        return self.value(e, frame)
+
+    def _short_circuit(self, e: t.TypedBinary, a: Value, frame: CallFrame) -> Value:
+        going_on, make = e.op == "&&", self.operations
+        if isinstance(a, bool):
+            return self.value(e.right, frame) if a == going_on else a
+        path = make.both(make.path, a if going_on else make.negation(a))
+        fine, b = self.tried(path, lambda: self.value(e.right, frame))
+        if not fine:
+            return not going_on
+        return make.both(a, b) if going_on else make.one_of(a, b)
+
+    def _vector(self, e: t.Vector, frame: CallFrame) -> Value:
+        a, b = self.value(e.left, frame), self.value(e.right, frame)
+        of = partial(self.operations.arithmetic, e.op)
+        if isinstance(a, tuple) and isinstance(b, tuple):
+            return zipped(of, a, b)
+        return mapped(lambda x: of(x, b), a) if isinstance(a, tuple) else mapped(partial(of, a), b)
+
+    def _conditional(self, e: t.Conditional, frame: CallFrame) -> Value:
+        c = self.value(e.condition, frame)
+        if isinstance(c, bool):
+            return self.value(e.then if c else e.otherwise, frame)
+        (fine, a), (well, b) = self._both_ways(
+            c, lambda: self.value(e.then, frame), lambda: self.value(e.otherwise, frame)
+        )
+        return self.operations.join(e.type, c, a, b) if fine and well else (a if fine else b)
+
+    def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+        """What a function gives; NotRecheckedError for extern ones."""
+        if fun.body is None:
+            raise NotRecheckedError(f"`{fun.name}` is an extern function: its values are unknown")
+        inner = CallFrame(dict(zip(fun.parameters, arguments, strict=True)), result=fun.result)
+        value = self.block(fun.body, inner)
+        if value is None:
+            raise NotRecheckedError(f"`{fun.name}` {NOT_HERE}")
+        return value
+
+    def _builtin(self, e: t.Builtin, frame: CallFrame) -> Value:
+        x, *others = [self.operand(a, frame) for a in e.arguments]
+        make = self.operations
+        if e.name in ("dot", "norm"):
+            pairs = zip(flat(x), flat(*others or (x,)), strict=True)
+            total, *products = (make.arithmetic("*", a, b) for a, b in pairs)
+            for product in products:
+                total = make.arithmetic("+", total, product)
+            return make.builtin("sqrt", total) if e.name == "norm" else total
+        if e.name == "saturate":
+            negative = make.negated(others[0])
+            return mapped(
+                lambda v: make.extreme("min", make.extreme("max", v, negative), others[0]), x
+            )
+        if e.name in ("min", "max"):
+            return make.extreme(e.name, x, others[0])
+        return make.builtin(e.name, x)
+
+    def _length(self, e: t.TypedLength, frame: CallFrame) -> Value:
+        of = e.target.type
+        return of.size if isinstance(of, ArrayType) else len(self.value(e.target, frame))
+
+    def _aggregate(self, e: t.Aggregate, frame: CallFrame) -> Value:
+        values = [self.value(x, frame) for x in e.elements]
+        for where, value in zip(e.order or (), tuple(values), strict=False):
+            values[where] = value
+        return tuple(values)
+
+    def _narrow(self, e: t.Narrow, frame: CallFrame) -> Value:
+        of = cast("IntType", e.type)
+        return self.operations.narrowed(self.value(e.operand, frame), of.low, of.high)
+
+    readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
+        t.Literal: lambda _, e, __: e.value,
+        t.ParamRead: lambda self, e, _: self.params[e.param],
+        t.VarRead: _variable,
+        t.TypedUnary: _unary,
+        t.TypedBinary: _binary,
+        t.Vector: _vector,
+        t.Conditional: _conditional,
+        t.TypedCall: lambda self, e, frame: self.called(
+            e.fun, [self.value(a, frame) for a in e.arguments]
+        ),
+        t.Builtin: _builtin,
+        t.TypedField: lambda self, e, frame: self.value(e.target, frame)[e.index],
+        t.TypedLength: _length,
+        t.Aggregate: _aggregate,
+        t.Narrow: _narrow,
+    }
+
+
+# ---------------------------------------------------------------- real numbers
 
 
 @dataclass(eq=False)
@@ -60,369 +328,87 @@ class Surroundings:
     """Of other modules, where they may be read."""
 
 
-@dataclass(eq=False)
-class _CallFrame:
-    variables: dict[t.Variable, Value]
-    published: dict[t.TopicSymbol, Value]
-
-    def copy(self) -> _CallFrame:
-        return _CallFrame(dict(self.variables), dict(self.published))
-
-
-class SymbolicReader:
+class SymbolicReader(CodeReader):
     """Reads code into terms. `rounded`: as the machine computes it; else as real numbers."""
 
     def __init__(self, terms: Terms, around: Surroundings, *, rounded: bool = True) -> None:
-        self.terms = terms
+        super().__init__(Operations(terms, rounded=rounded), around.params)
         self.around = around
-        self.operations = Operations(terms, rounded=rounded)
-        self._steps = 0
-
-    # ------------------------------------------------------------ entry points
-
-    def expression(
-        self, expr: t.TypedExpr, variables: Mapping[t.Variable, Value] | None = None
-    ) -> Value:
-        """The value of an expression."""
-        return self._expr(expr, _CallFrame(dict(variables or {}), {}))
 
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
     ) -> dict[t.TopicSymbol, Value]:
         """What a step publishes; NotRecheckedError where it always faults."""
-        frame = _CallFrame(dict(variables), {})
-        if not self._tried(self.terms.path, lambda: self._block(tuple(body), frame))[0]:
+        frame = CallFrame(dict(variables))
+        if not self.tried(self.operations.path, lambda: self.block(body, frame))[0]:
             raise NotRecheckedError("SC faults wherever it steps")
-        return frame.published
+        if any(says is not True for says, _ in frame.published.values()):
+            raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
+        return {topic: value for topic, (_, value) in frame.published.items()}
 
-    def _tried(self, path: Proposition, run: Callable[[], Value]) -> tuple[bool, Value]:
-        """What is computed under a condition; False where it faults: then it must not hold."""
-        outside, self.terms.path = self.terms.path, path
-        try:
-            return True, run()
-        except arithmetic.StepFault:
-            self.terms.oblige(FALSE)
-            return False, None
-        finally:
-            self.terms.path = outside
+    def value(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
+        """By its static type an int stays an int, whatever it went through, and a bool is one.
 
-    # ------------------------------------------------------------ statements
-
-    def _block(self, body: tuple[t.TypedStmt, ...], frame: _CallFrame) -> Value | None:
-        """Runs statements; gives what `return` left with, or None."""
-        todo = list(body)
-        while todo:
-            self._steps += 1
-            if self._steps > STEPS_MAX:
-                raise NotRecheckedError("the step is too long to be read as one formula")
-            statement = todo.pop(0)
-            if isinstance(statement, t.TypedReturn):
-                return self._expr(statement.value, frame)
-            if isinstance(statement, t.TypedIf):
-                condition, then, otherwise = _first_arm(statement)
-                c = self._expr(condition, frame)
-                if isinstance(c, bool):
-                    todo[:0] = then if c else otherwise
-                    continue
-                if _returns(then) or _returns(otherwise):
-                    rest = tuple(todo)
-                    return self._both_ways(c, (*then, *rest), (*otherwise, *rest), frame)
-                self._both_ways(c, then, otherwise, frame)
-                continue
-            if isinstance(statement, (t.ForRange, t.ForEach)):
-                todo[:0] = self._unrolled(statement, frame)
-                continue
-            self._simple(statement, frame)
-        return None
-
-    def _both_ways(
-        self,
-        c: Proposition,
-        then: tuple[t.TypedStmt, ...],
-        otherwise: tuple[t.TypedStmt, ...],
-        frame: _CallFrame,
-    ) -> Value | None:
-        """Both sides of a branch, joined at the single exit."""
-        outside, other = self.terms.path, frame.copy()
-        fine, first = self._tried(both(outside, c), lambda: self._block(then, frame))
-        well, second = self._tried(
-            both(outside, negation(c)), lambda: self._block(otherwise, other)
-        )
-        if not (fine and well):  # an obligation says that the other side is taken
-            if not (fine or well):
-                raise arithmetic.StepFault(arithmetic.FaultKind.ASSERT)
-            if well:
-                frame.variables, frame.published = other.variables, other.published
-            return first if fine else second
-        for table, its in ((frame.variables, other.variables), (frame.published, other.published)):
-            joint: dict[Any, Value] = {}
-            for key in table.keys() & its.keys():
-                joint[key] = self.operations.join(c, table[key], its[key])  # type: ignore[index]
-            if table is frame.published and table.keys() != its.keys():
-                raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
-            table.clear()
-            table.update(joint)
-        if first is None or second is None:
-            return None
-        return self.operations.join(c, first, second)
-
-    def _unrolled(self, loop: t.ForRange | t.ForEach, frame: _CallFrame) -> list[t.TypedStmt]:
-        items: Sequence[Value]
-        if isinstance(loop, t.ForRange):
-            items = range(loop.low, loop.high)
-        else:
-            items = self._expr(loop.sequence, frame)
-        unrolled: list[t.TypedStmt] = []
-        for item in items:
-            unrolled.append(_Bind(loop.span, loop.variable, item))
-            unrolled.extend(loop.body)
-        return unrolled
-
-    def _simple(self, statement: t.TypedStmt, frame: _CallFrame) -> None:
-        if isinstance(statement, _Bind):
-            frame.variables[statement.variable] = statement.value
-        elif isinstance(statement, t.TypedDeclare):
-            frame.variables[statement.variable] = self._expr(statement.value, frame)
-        elif isinstance(statement, t.TypedAssign):
-            keys = [k if isinstance(k, int) else self._expr(k, frame) for k in statement.place.path]
-            if not all(isinstance(k, int) for k in keys):
-                raise NotRecheckedError(
-                    f"an assignment at an index that depends on inputs {NOT_HERE}"
-                )
-            value = self._expr(statement.value, frame)
-            whole = frame.variables[statement.place.variable]
-            frame.variables[statement.place.variable] = replaced(whole, keys, value)
-        elif isinstance(statement, t.TypedPublish):
-            frame.published[statement.topic] = self._expr(statement.value, frame)
-        elif isinstance(statement, t.Assert):
-            self.terms.oblige(truth_of(self._expr(statement.condition, frame)))
-        else:
-            raise NotRecheckedError(
-                f"`{type(statement).__name__.removeprefix('Typed').lower()}` {NOT_HERE}"
-            )
-
-    # ------------------------------------------------------------ expressions
-
-    def _expr(self, e: t.TypedExpr, frame: _CallFrame, *, rows: bool = False) -> Value:
-        """`rows`: a row of a table may stay unread, as one of its numbers is asked for next."""
-        self._steps += 1
-        if self._steps > STEPS_MAX:
-            raise NotRecheckedError("the step is too long to be read as one formula")
-        reading = _READINGS.get(type(e))
-        if reading is None:
-            raise NotRecheckedError(f"`{type(e).__name__.removeprefix('Typed')}` {NOT_HERE}")
-        value = reading(self, e, frame)
+        `rows`: a row of a table may stay unread, as one of its numbers is asked for next.
+        """
+        value = super().value(e, frame)
         if isinstance(value, Rows) and not rows:
             value = self.operations.row(value)
-        return self._typed(e, value)
-
-    def _typed(self, e: t.TypedExpr, value: Value) -> Value:
-        """By its static type an int stays an int, whatever it went through, and a bool is one."""
         if isinstance(e.type, (IntType, DurationType)) and isinstance(value, Linear):
             return value if isinstance(value, SymbolicInt) else self.operations.whole(value)
         if isinstance(e.type, BoolType) and not isinstance(value, (bool, Proposition)):
             raise NotRecheckedError(f"such a bool {NOT_HERE}")
         return value
 
-    def _literal(self, e: t.Literal, _: _CallFrame) -> Value:
-        return e.value
+    def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+        """Functions of the prelude by their tested bounds, where inputs are involved."""
+        if fun.prelude and fun.name in PRELUDE and isinstance(arguments[0], Linear):
+            return self.operations.prelude(fun.name, arguments[0])
+        return super().called(fun, arguments)
 
-    def _param(self, e: t.ParamRead, _: _CallFrame) -> Value:
-        return self.around.params[e.param]
-
-    def _variable(self, e: t.VarRead, frame: _CallFrame) -> Value:
-        value = frame.variables.get(e.variable, self)
-        if value is self:
-            raise NotRecheckedError(f"`{e.variable.name}` {NOT_HERE} where it is read")
-        return value
-
-    def _topic(self, e: t.TopicRead, _: _CallFrame) -> Value:
-        if e.topic not in self.around.topics:
-            raise NotRecheckedError(f"topic `{e.topic.name}` is read, but nobody says its values")
-        return self.around.topics[e.topic]
-
-    def _period(self, _: t.PeriodRead, __: _CallFrame) -> Value:
-        if self.around.period is None:
-            raise NotRecheckedError(f"`dt` {NOT_HERE} here")
-        return self.around.period
-
-    def _mode(self, e: t.ModeRead, _: _CallFrame) -> Value:
-        if e.module not in self.around.modes:
-            raise NotRecheckedError(f"`mode` {NOT_HERE}")
-        return self.around.modes[e.module]
-
-    def _in_control(self, _: t.InControl, __: _CallFrame) -> Value:
-        return True
-
-    def _unary(self, e: t.TypedUnary, frame: _CallFrame) -> Value:
-        x = self._expr(e.operand, frame)
-        if e.op == "!":
-            return (not x) if isinstance(x, bool) else plain(negation(x))
-        return mapped(self.operations.negated, x)
-
-    def _binary(self, e: t.TypedBinary, frame: _CallFrame) -> Value:
-        a = self._expr(e.left, frame)
-        if e.op in ("&&", "||"):
-            return self._short_circuit(e, a, frame)
-        b = self._expr(e.right, frame)
-        if e.op in ("<", "<=", ">", ">=", "==", "!="):
-            return self.operations.compared(e.op, a, b)
-        return self.operations.arithmetic(e.op, a, b)
-
-    def _short_circuit(self, e: t.TypedBinary, a: Value, frame: _CallFrame) -> Value:
-        going_on = e.op == "&&"
-        if isinstance(a, bool):
-            return self._expr(e.right, frame) if a == going_on else a
-        path = both(self.terms.path, a if going_on else negation(a))
-        fine, right_value = self._tried(path, lambda: self._expr(e.right, frame))
-        if not fine:
-            return not going_on
-        b = truth_of(right_value)
-        return plain(both(a, b) if going_on else either(a, b))
-
-    def _vector(self, e: t.Vector, frame: _CallFrame) -> Value:
-        a, b = self._expr(e.left, frame), self._expr(e.right, frame)
-        if isinstance(a, tuple) and isinstance(b, tuple):
-            return zipped(lambda x, y: self.operations.arithmetic(e.op, x, y), a, b)
-        if isinstance(a, tuple):
-            return mapped(lambda x: self.operations.arithmetic(e.op, x, b), a)
-        return mapped(lambda y: self.operations.arithmetic(e.op, a, y), b)
-
-    def _conditional(self, e: t.Conditional, frame: _CallFrame) -> Value:
-        c = self._expr(e.condition, frame)
-        if isinstance(c, bool):
-            return self._expr(e.then if c else e.otherwise, frame)
-        path = self.terms.path
-        fine, a = self._tried(both(path, c), lambda: self._expr(e.then, frame))
-        well, b = self._tried(both(path, negation(c)), lambda: self._expr(e.otherwise, frame))
-        if not (fine or well):
-            raise arithmetic.StepFault(arithmetic.FaultKind.ASSERT)
-        return self.operations.join(c, a, b) if fine and well else (a if fine else b)
-
-    def _call(self, e: t.TypedCall, frame: _CallFrame) -> Value:
-        arguments = [self._expr(a, frame) for a in e.arguments]
-        if e.fun.body is None:
-            raise NotRecheckedError(f"`{e.fun.name}` is an extern function: its values are unknown")
-        if e.fun.prelude and e.fun.name in PRELUDE and isinstance(arguments[0], Linear):
-            return self.operations.prelude(e.fun.name, arguments[0])
-        inner = _CallFrame(dict(zip(e.fun.parameters, arguments, strict=True)), {})
-        value = self._block(e.fun.body, inner)
-        if value is None:
-            raise NotRecheckedError(f"`{e.fun.name}` {NOT_HERE}")
-        return value
-
-    def _builtin(self, e: t.Builtin, frame: _CallFrame) -> Value:
-        arguments = [self._expr(a, frame) for a in e.arguments]
-        x = arguments[0]
-        if e.name in ("dot", "norm"):
-            y = x if e.name == "norm" else arguments[1]
-            total = self.operations.dot(flat(x), flat(y))
-            return self.operations.root(total) if e.name == "norm" else total
-        if e.name == "saturate":
-            limit = arguments[1]
-            extreme, negative = self.operations.extreme, self.operations.negated(limit)
-            return mapped(lambda v: extreme("min", extreme("max", v, negative), limit), x)
-        if e.name in ("min", "max"):
-            return self.operations.extreme(e.name, x, arguments[1])
-        return self.operations.builtin(e.name, x)
-
-    def _field(self, e: t.TypedField, frame: _CallFrame) -> Value:
-        target = self._expr(e.target, frame, rows=True)
+    def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
+        target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
             return self.operations.selected([row[e.index] for row in target.elements], target.index)
         return target[e.index]
 
-    def _index(self, e: t.Index, frame: _CallFrame) -> Value:
-        target = self._expr(e.target, frame, rows=True)
-        index = self._expr(e.index, frame)
+    def _index(self, e: t.Index, frame: CallFrame) -> Value:
+        target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
         if isinstance(target, Rows):
             return self.operations.selected_twice(target, index)
-        if not isinstance(index, Linear):
-            if not 0 <= index < len(target):
-                raise NotRecheckedError("an index outside its array")
-            return target[index]
-        return self.operations.selected(target, index)
+        if isinstance(index, Linear):
+            return self.operations.selected(target, index)
+        return target[in_range(index, len(target))]
 
-    def _length(self, e: t.TypedLength, frame: _CallFrame) -> Value:
-        of = e.target.type
-        return of.size if isinstance(of, ArrayType) else len(self._expr(e.target, frame))
+    def _topic(self, e: t.TopicRead, _: CallFrame) -> Value:
+        if e.topic not in self.around.topics:
+            raise NotRecheckedError(f"topic `{e.topic.name}` is read, but nobody says its values")
+        return self.around.topics[e.topic]
 
-    def _aggregate(self, e: t.Aggregate, frame: _CallFrame) -> Value:
-        values = [self._expr(x, frame) for x in e.elements]
-        if e.order is None:
-            return tuple(values)
-        placed: list[Value] = [None] * len(values)
-        for where, value in zip(e.order, values, strict=True):
-            placed[where] = value
-        return tuple(placed)
+    def _period(self, _: t.PeriodRead, __: CallFrame) -> Value:
+        if self.around.period is None:
+            raise NotRecheckedError(f"`dt` {NOT_HERE} here")
+        return self.around.period
 
-    def _narrow(self, e: t.Narrow, frame: _CallFrame) -> Value:
-        x = self._expr(e.operand, frame)
-        of = cast("IntType", e.type)
-        if not isinstance(x, Linear):
-            return arithmetic.narrow(x, of.low, of.high)
-        low = self.terms.combine(((ONE, x),), exact(-of.low))
-        high = self.terms.combine(((-ONE, x),), exact(of.high))
-        self.terms.oblige(negation(self.terms.below(low)))
-        self.terms.oblige(negation(self.terms.below(high)))
-        return x
+    def _mode(self, e: t.ModeRead, _: CallFrame) -> Value:
+        if e.module not in self.around.modes:
+            raise NotRecheckedError(f"`mode` {NOT_HERE}")
+        return self.around.modes[e.module]
 
-
-@dataclass(eq=False)
-class _Bind(t.TypedStmt):
-    """The next round of a loop: its variable takes a value."""
-
-    variable: t.Variable
-    value: Value
+    readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
+        **CodeReader.readings,
+        t.TopicRead: _topic,
+        t.PeriodRead: _period,
+        t.ModeRead: _mode,
+        t.InControl: lambda *_: True,
+        t.TypedField: _field,
+        t.Index: _index,
+    }
 
 
-_READINGS: dict[type[t.TypedExpr], Callable[[SymbolicReader, Any, _CallFrame], Value]] = {
-    t.Literal: SymbolicReader._literal,  # noqa: SLF001  a table of its own methods, and below
-    t.ParamRead: SymbolicReader._param,  # noqa: SLF001
-    t.VarRead: SymbolicReader._variable,  # noqa: SLF001
-    t.TopicRead: SymbolicReader._topic,  # noqa: SLF001
-    t.PeriodRead: SymbolicReader._period,  # noqa: SLF001
-    t.ModeRead: SymbolicReader._mode,  # noqa: SLF001
-    t.InControl: SymbolicReader._in_control,  # noqa: SLF001
-    t.TypedUnary: SymbolicReader._unary,  # noqa: SLF001
-    t.TypedBinary: SymbolicReader._binary,  # noqa: SLF001
-    t.Vector: SymbolicReader._vector,  # noqa: SLF001
-    t.Conditional: SymbolicReader._conditional,  # noqa: SLF001
-    t.TypedCall: SymbolicReader._call,  # noqa: SLF001
-    t.Builtin: SymbolicReader._builtin,  # noqa: SLF001
-    t.TypedField: SymbolicReader._field,  # noqa: SLF001
-    t.Index: SymbolicReader._index,  # noqa: SLF001
-    t.TypedLength: SymbolicReader._length,  # noqa: SLF001
-    t.Aggregate: SymbolicReader._aggregate,  # noqa: SLF001
-    t.Narrow: SymbolicReader._narrow,  # noqa: SLF001
-}
-
-
-# ---------------------------------------------------------------- helpers
-
-
-def _first_arm(
-    s: t.TypedIf,
-) -> tuple[t.TypedExpr, tuple[t.TypedStmt, ...], tuple[t.TypedStmt, ...]]:
-    """`if` with several arms as `if` with two sides."""
-    (condition, body), *more = s.arms
-    if not more:
-        return condition, body, s.otherwise
-    return condition, body, (t.TypedIf(s.span, tuple(more), s.otherwise),)
-
-
-def _returns(body: Sequence[t.TypedStmt]) -> bool:
-    """Whether a `return` stands anywhere in it."""
-    for s in body:
-        if isinstance(s, t.TypedReturn):
-            return True
-        if isinstance(s, t.TypedIf) and (
-            any(_returns(b) for _, b in s.arms) or _returns(s.otherwise)
-        ):
-            return True
-        if isinstance(s, (t.ForRange, t.ForEach)) and _returns(s.body):
-            return True
-    return False
+def part_of(of: Type, index: int) -> Type:
+    """The type of a part of a record, an array or a list."""
+    return of.fields[index][1] if isinstance(of, RecordType) else cast("ArrayType", of).element
 
 
 def variables_in(expr: t.TypedExpr) -> set[t.Variable]:

@@ -51,19 +51,14 @@ def plain(x: Proposition) -> bool | Proposition:
     return x.value if x.kind == "constant" else x
 
 
+def is_known(x: Value) -> bool:
+    """Whether all numbers and truths of a value are known."""
+    return all(map(is_known, x)) if isinstance(x, tuple) else isinstance(x, (bool, int, float))
+
+
 def identical(a: Value, b: Value) -> bool:
     """Whether two known numbers are the same, sign of zero and type included."""
     return bool(a == b) and repr(a) == repr(b)
-
-
-def replaced(whole: Value, keys: Sequence[int], new: Value) -> Value:
-    """A value with the part at these indices made new; NotRecheckedError where it has none."""
-    if not keys:
-        return new
-    at, rest = keys[0], keys[1:]
-    if not 0 <= at < len(whole):
-        raise NotRecheckedError("an index outside its array")
-    return (*whole[:at], replaced(whole[at], rest, new), *whole[at + 1 :])
 
 
 def mapped(f: Callable[[Value], Value], x: Value) -> Value:
