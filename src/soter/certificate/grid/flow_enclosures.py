@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.reading.linear_flows import LinearFlow, integrals
+from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
 from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.terms.arb_balls import (
     HALF,
@@ -92,15 +92,6 @@ class Enclosure:
         return all(isinstance(x, arb) and x.is_zero() for x in self.rates[i])
 
 
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """x(h) = state x + control u + constant, and noise, for u that is constant over the span h."""
-
-    state: Rows
-    control: Rows
-    constant: list[arb]
-
-
 class KeptEnds:
     """The grid of a group, and which ends of its axes the flow keeps."""
 
@@ -145,8 +136,8 @@ class SolvedFlow(KeptEnds):
         self.ranges = [flow.ranges[k] for k in self.moves]
         self.flow = replace(flow, b=self._felt(flow.b), ranges=tuple(self.ranges))
         self.disturbed = [total(map(abs, row)) for row in flow.noise]
-        self._motion = lru_cache(maxsize=None)(self.flow.motion)
-        self._gains = lru_cache(maxsize=None)(self._gains_within)
+        self._solution = lru_cache(maxsize=None)(self.flow.solution)
+        self._added = lru_cache(maxsize=None)(self._added_within)
 
     def steps(self, span: Fraction) -> int:
         """Into how many a span is cut at least."""
@@ -165,16 +156,15 @@ class SolvedFlow(KeptEnds):
         Commands may change at any time within their ranges: what they differ from the middle counts
         as noise.
         """
-        flow, motion, gains = self.flow, self._motion(start, end), self._gains(start, end)
+        flow, law = self.flow, self._solution(start, end)
         hulls = [applied("union", *ends) for ends in box]
         middles = [(low + high) * HALF for low, high in commands]
         radii = [(high - low) * HALF for low, high in commands]
         met = []
-        drift = plus(motion.state, units(self.n), -ONE)
+        drift, noise = plus(law.state, units(self.n), -ONE), self.noise(None, start, end, radii)
         for i, (low, high) in enumerate(box):
-            off = dot([*drift[i], *motion.control[i]], [*hulls, *middles]) + motion.constant[i]
-            size = dot(gains[i], radii) + motion.noise[i]
-            ends = low + off - size, high + off + size
+            off = dot([*drift[i], *law.control[i]], [*hulls, *middles]) + law.constant[i]
+            ends = low + off - noise[i], high + off + noise[i]
             met.append((applied("min", low, ends[0]), applied("max", high, ends[1])))
         met = self.clipped(met)
         held = [applied("union", *ends) for ends in (*met, *commands)]
@@ -185,13 +175,12 @@ class SolvedFlow(KeptEnds):
             rates.append((row[i] * held[i] + others[i],) * 2)
         return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, rates, others)
 
-    def _gains_within(self, start: Fraction, end: Fraction) -> Rows:
-        """What each command adds at most within [start, end] that is anything in [-1, 1]."""
-        columns = []
-        for k in range(len(self.moves)):
-            alone = replace(self.flow, noise=[[row[k]] for row in self.flow.b])
-            columns.append(alone.motion(start, end).noise)
-        return [[column[i] for column in columns] for i in range(self.n)]
+    def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
+        """What disturbances add at most, and each command that is anything in [-1, 1]."""
+        flow = self.flow
+        columns = [[[row[k]] for row in flow.b] for k in range(len(self.moves))]
+        gains = [flow.added(column, start, end) for column in columns]
+        return flow.added(flow.noise, start, end), [list(row) for row in zip(*gains, strict=True)]
 
     def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """Where the states are in the end, by `box` and by an enclosure of all of the span."""
@@ -201,19 +190,21 @@ class SolvedFlow(KeptEnds):
     def solved(self, enclosure: Enclosure, span: Fraction) -> Solution:
         """The solution over a span of time; the same for every enclosure."""
         del enclosure
-        motion = self._motion(span, span)
-        return Solution(motion.state, motion.control, motion.constant)
+        return self._solution(span, span)
 
     def noise(
-        self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
-    ) -> list[arb]:
+        self,
+        enclosure: Enclosure | None,
+        start: Fraction,
+        end: Fraction,
+        radii: Sequence[Any],
+    ) -> list[Any]:
         """What disturbances add, and commands that are so far off at any time, in [start, end]."""
         del enclosure
-        noise = self._motion(start, end).noise
-        if not radii:
-            return noise
-        gains = self._gains(start, end)
-        return [x + dot(row, radii) for x, row in zip(noise, gains, strict=True)]
+        noise, gains = self._added(start, end)
+        return (
+            [x + dot(row, radii) for x, row in zip(noise, gains, strict=True)] if radii else noise
+        )
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """That of e^{As} over [0, t], for all t in [start, end]."""
