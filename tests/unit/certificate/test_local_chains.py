@@ -439,7 +439,7 @@ def test_free_phases_enclose_runs(tmp_path: Path, name: str, pieces: int) -> Non
         block = tuple((i, i + 1) for i in cell)
         ends = [float(x) for interval in group.grid.box(block) for x in interval]
         form = form_of_box(group.grid.box(block), symbols=True)
-        (step,) = phase.steps
+        (step,) = phase
         image = step(form)
         assert image is not None
         for state in Runs(thing, model, ends, seed).free(80):
@@ -542,7 +542,7 @@ def test_ends_of_linear_flows_are_cut_off(tmp_path: Path) -> None:
     for k in range(3):
         form, boxes = sure((chain.later if k else chain.first)(form))
         assert min(boxes[0::4]) >= -2.0
-    (step,) = FreeCheck(model, group, 50 * 10**6).phase(4).steps
+    (step,) = FreeCheck(model, group, 50 * 10**6).phase(4)
     image = sure(step(form_of_box(group.grid.box(((0, 1), (20, 21))), symbols=True)))
     assert min(image[1][0::4]) == -2.0
 

@@ -1,6 +1,6 @@
 """Chains and free phases of flows: forms carried over steps of time.
 
-Purpose: the steps of `sc_chains.Chain` and `sc_chains.FreeChain` for a group whose flow is enclosed
+Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
 step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
 compute with balls; or with the values of a program, of a flow that is the same everywhere.
 Non-goals: maps (`map_steps.py`), sets (`group_claims.py`).

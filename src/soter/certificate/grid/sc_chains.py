@@ -1,7 +1,7 @@
 """Chains of SC periods and free phases, compiled for the states of one group.
 
 Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter,
-errors and disturbances inside; `FreeChain`: what any command makes of it (docs/verification.md,
+errors and disturbances inside; `free_phase`: what any command makes of it (docs/verification.md,
 section 3).
 Non-goals: which cells, and whether what comes out lies in a set (`group_claims.py`).
 
@@ -49,19 +49,10 @@ class Chain:
     no boxes, and what must hold was shown.
     """
 
-    dimension: int
     first: Step
     later: Step
     last: Step | None
     bare: tuple[Step, Step]
-
-
-@dataclass(frozen=True, eq=False)
-class FreeChain:
-    """Any commands: `steps` of them one after the other, each giving the boxes met."""
-
-    dimension: int
-    steps: tuple[Step, ...]
 
 
 @dataclass(frozen=True)
@@ -118,26 +109,27 @@ def sc_chain(
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
         step = map_step(model, members)
-        return Chain(len(members), step, step, None, (step, step))
-    d, j = (t * NANOSECOND for t in delays(model))
-    taken = window.taken(d)
-    times = Times(model.facts.times["delta_ns"] * NANOSECOND, d, *window.ends(j), taken)
+        return Chain(step, step, None, (step, step))
+    delta, d, j = (t * NANOSECOND for t in (model.facts.times["delta_ns"], *delays(model)))
+    times = Times(delta, d, *window.ends(j), window.taken(d))
     chain = FlowChain(model, members, _flow(model, members), times)
-    length = partial(chain.layout.length, fresh=False)
-    first, bare_first = _steps(chain, partial(chain.first, pieces), chain.layout.length(fresh=True))
-    later, bare_later = _steps(chain, partial(chain.later, pieces), length())
-    last = _steps(chain, partial(chain.last, pieces), length())[0] if chain.span else None
-    return Chain(len(members), first, later, last, (bare_first, bare_later))
+    cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
+    first, bare_first = _steps(chain, partial(chain.first, pieces), cell)
+    later, bare_later = _steps(chain, partial(chain.later, pieces), form)
+    last = _steps(chain, partial(chain.last, pieces), form)[0] if chain.span else None
+    return Chain(first, later, last, (bare_first, bare_later))
 
 
-def free_phase(model: CaseModel, members: Sequence[int], time_ns: int, pieces: int) -> FreeChain:
-    """Everything over [0, time] under any commands; for a map the instants within."""
+def free_phase(
+    model: CaseModel, members: Sequence[int], time_ns: int, pieces: int
+) -> tuple[Step, ...]:
+    """Steps over [0, time] under any commands, one after the other; for a map to its instants."""
     if model.facts.kind == "map":
-        return FreeChain(len(members), map_free(model, members, time_ns))
+        return map_free(model, members, time_ns)
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow(model, members), Times(delta))
     free = partial(chain.free, time_ns * NANOSECOND, pieces)
-    return FreeChain(len(members), (_steps(chain, free, chain.layout.length(fresh=True))[0],))
+    return (_steps(chain, free, chain.layout.length(fresh=True))[0],)
 
 
 def _flow(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
