@@ -50,7 +50,7 @@ def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[A
     grid = check.group.grid
     images_by_cell: dict[int, list[Any]] = {}
     chain = check.chain(1)
-    n = chain.dimension
+    n = len(check.group.states)
     for at, cell in enumerate(np.ndindex(grid.shape)):
         form = form_of_box(grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
         step, row = chain.first, []

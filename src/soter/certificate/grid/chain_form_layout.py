@@ -1,6 +1,6 @@
-"""Forms of a local chain, taken apart and put together again.
+"""Forms of a chain, taken apart and put together again.
 
-Purpose: `Layout.opened`: a form as generators of z (`nonlinear_chains.py`); `Layout.closed`: the
+Purpose: `FormLayout.opened`: a form as generators of z (`flow_chains.py`); `FormLayout.closed`: the
 form of what came of it; `StateRows` and `CommandRows`: states and commands as rows over z.
 Non-goals: what happens in between.
 """
@@ -8,47 +8,51 @@ Non-goals: what happens in between.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from flint import arb, arb_mat
-
-from soter.certificate.grid.nonlinear_flow import outwards
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, above, below
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
+from soter.certificate.terms.rows import dot, product, total, units
+from soter.certificate.terms.straight_line import applied
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.certificate.grid.nonlinear_flow import Interval
+    from soter.certificate.grid.flow_enclosures import Interval
+    from soter.certificate.terms.rows import Rows
 
-    Form = tuple[arb, ...]
+    Form = tuple[Any, ...]
 
 
 @dataclass(eq=False)
 class OpenedForm:
     """A form, taken apart. `ranges`: of states, then of old commands, the latest first."""
 
-    n: int
     ranges: list[Interval]
-    z: arb_mat
-    memories: list[list[arb]]
+    z: Rows
+    memories: Rows
     """Per old command its coefficients on the betas of the states."""
+
+    def rows(self, first: int, count: int) -> Rows:
+        """Rows that pick entries of z."""
+        return units(count, width=len(self.z), first=first)
 
 
 @dataclass(eq=False)
 class StateRows:
     """The states somewhere in a hold: rows over z, a rest each, and ranges."""
 
-    rows: arb_mat
-    rest: list[arb]
+    rows: Rows
+    rest: list[Any]
     box: list[Interval]
 
 
 @dataclass(eq=False)
 class CommandRows:
-    """The new commands: rows over z (their own unknowns among it), ranges."""
+    """Commands: rows over z, ranges, and what they may be off their rows, at any time."""
 
-    rows: arb_mat
+    rows: Rows
     ranges: list[Interval]
+    radii: Sequence[Any] = ()
 
 
 @dataclass(frozen=True)
@@ -59,171 +63,87 @@ class FormLayout:
     q: int
     depth: int
 
+    def length(self, *, fresh: bool) -> int:
+        """Of a form; `fresh`: of one without commands."""
+        n, memories = self.n, 0 if fresh else self.depth * self.q
+        return (4 + n) * (n + memories) + n * memories
+
     def opened(self, form: Form, before: list[Interval] | None) -> OpenedForm:
         """`before`: the ranges of what acted before, where the form does not have it."""
         n, q = self.n, self.q
         count = n + self.depth * q
-        width = 1 + 2 * n + self.depth * q + q
-        z = arb_mat(count + q + 1, width)
-        z[count + q, 0] = ONE
         given = n if before is not None else count
-        ranges = [outwards(form[2 * i], form[2 * i + 1]) for i in range(given)]
-        centre, symbols = 2 * given, 3 * given
-        rest = symbols + given * n
+        ranges = [(form[2 * i], form[2 * i + 1]) for i in range(given)]
+        centres, rests = form[2 * given :], form[(3 + n) * given :]
+        symbols = [form[3 * given + i * n : 3 * given + (i + 1) * n] for i in range(given)]
+        common = [form[(4 + n) * given + k * n :][:n] for k in range(given - n)]
+        z = [[ZERO] * (1 + n + count + q) for _ in range(count + q)]
+        z.append([ONE, *[ZERO] * (n + count + q)])
         for i in range(given):
-            z[i, 0] = form[centre + i]
-            for k in range(n):
-                z[i, 1 + k] = form[symbols + i * n + k]
-            z[i, 1 + n + i] = form[rest + i]
-        memories = []
-        if before is not None:
-            ranges += before
-            for k, (low, high) in enumerate(before):
-                z[n + k, 0] = (low + high) * HALF
-                z[n + k, 1 + 2 * n + k] = (high - low) * HALF
-                memories.append([ZERO] * n)
-        else:
-            common = rest + given
-            for k in range(count - n):
-                row = list(form[common + k * n : common + (k + 1) * n])
-                memories.append(row)
-                for i, a in enumerate(row):
-                    z[n + k, 1 + n + i] = a * form[rest + i]
-        return OpenedForm(n, ranges, z, memories)
+            z[i][: 1 + n] = centres[i], *symbols[i]
+            z[i][1 + n + i] = rests[i]
+            if i >= n:
+                z[i][1 + n : 1 + 2 * n] = (a * rests[j] for j, a in enumerate(common[i - n]))
+        for k, (low, high) in enumerate(before or ()):
+            z[n + k][0], z[n + k][1 + 2 * n + k] = (low + high) * HALF, (high - low) * HALF
+            common.append((ZERO,) * n)
+        return OpenedForm([*ranges, *(before or ())], z, list(map(list, common)))
 
     def begun(self, start: OpenedForm) -> StateRows:
         """The states at the beginning."""
-        n = self.n
-        return StateRows(rows_of(start, 0, n), [ZERO] * n, list(start.ranges[:n]))
+        return StateRows(start.rows(0, self.n), [ZERO] * self.n, list(start.ranges[: self.n]))
 
     def closed(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
-        """The form at the end; `Writer._in_common` says what commands share with the states."""
-        n, q = self.n, self.q
-        spread = way.rows * start.z
-        kept = [new.rows * start.z] if self.depth else []
-        old = (self.depth - 1) * q
-        if old > 0:
-            kept.append(rows_of(start, n, old) * start.z)
-        ranges = list(way.box)
-        betas = [size_from(spread, i, 1 + n) + way.rest[i] for i in range(n)]
-        centres = [spread[i, 0] for i in range(n)]
-        symbols = [spread[i, 1 + k] for i in range(n) for k in range(n)]
-        rests = list(betas)
-        common: list[arb] = []
-        turned = [[way.rows[i, k] for k in range(n)] for i in range(n)]
-        names = [(new.rows, kept[0], k) for k in range(q)] if self.depth else []
-        for rows, values, k in names:
-            coefficients = [rows[k, i] for i in range(n)]
-            self._remember(
-                values, k, coefficients, turned, spread, way, (centres, symbols, rests, common)
-            )
-            ranges.append(new.ranges[k])
-        for k in range(max(old, 0)):
-            self._remember(
-                kept[1],
-                k,
-                start.memories[k],
-                turned,
-                spread,
-                way,
-                (centres, symbols, rests, common),
-            )
-            ranges.append(start.ranges[n + k])
-        flat = [end for interval in ranges for end in interval]
-        return (*flat, *centres, *symbols, *rests, *common)
+        """The form at the end; the states are R times the old betas, and noise."""
+        n, old = self.n, (self.depth - 1) * self.q
+        spread = product(way.rows, start.z)
+        lines = [
+            [*row[: 1 + n], spread_of(row[1 + n :]) + rest]
+            for row, rest in zip(spread, way.rest, strict=True)
+        ]
+        ranges, common = list(way.box), []
+        if self.depth:
+            ranges += [*new.ranges, *start.ranges[n : n + old]]
+            commands = zip(product(new.rows, start.z), new.rows, strict=True)
+            kept = zip(start.z[n : n + old], start.memories[:old], strict=True)
+            for values, own in (*commands, *kept):
+                line, a = self._remembered(values, own[:n], spread, way)
+                lines.append(line)
+                common.append(a)
+        return (
+            *(end for interval in ranges for end in interval),
+            *(line[0] for line in lines),
+            *(x for line in lines for x in line[1 : 1 + n]),
+            *(line[-1] for line in lines),
+            *(x for a in common for x in a),
+        )
 
-    def _remember(
-        self,
-        values: arb_mat,
-        k: int,
-        own: Sequence[arb],
-        turned: Sequence[Sequence[arb]],
-        spread: arb_mat,
-        way: StateRows,
-        into: tuple[list[arb], list[arb], list[arb], list[arb]],
-    ) -> None:
-        """A command over the betas of the new states: `own` its coefficients on the old ones."""
+    def _remembered(
+        self, values: Sequence[Any], own: Sequence[Any], spread: Rows, way: StateRows
+    ) -> tuple[list[Any], list[Any]]:
+        """A command over the betas of the new states: its line, its coefficients on them.
+
+        With old betas B beta: states R B beta + noise, command S B beta + rest, S in `own`. For any
+        row a it is a (states) + (S - a R) B beta - a noise + rest; a = S (2 - R) is nearly S R^-1.
+        """
         n = self.n
-        a = []
-        for i in range(n):  # a = S (2 - R), nearly S R^-1
-            total = 2 * own[i]
-            for j in range(n):
-                total -= own[j] * turned[j][i]
-            a.append(total.mid())
-        rest = ZERO
-        for i in range(n):
-            rest += abs(a[i]) * way.rest[i]
-        for g in range(1 + n, values.ncols()):
-            left = values[k, g]
-            for i in range(n):
-                if not a[i].is_zero():
-                    left -= a[i] * spread[i, g]
-            rest += abs(left)
-        centres, symbols, rests, common = into
-        centres.append(values[k, 0])
-        symbols += [values[k, 1 + i] for i in range(n)]
-        rests.append(rest)
-        common += a
+        a = [applied("mid", 2 * own[i] - dot(own, [row[i] for row in way.rows])) for i in range(n)]
+        rest = dot(map(abs, a), way.rest)
+        left = (x - dot(a, column) for x, *column in zip(values, *spread, strict=True))
+        return [*values[: 1 + n], rest + spread_of(list(left)[1 + n :])], a
 
 
 # ---------------------------------------------------------------- helpers
 
 
-def rows_of(start: OpenedForm, first: int, count: int) -> arb_mat:
-    """Rows that pick entries of z."""
-    rows = arb_mat(count, start.z.nrows())
-    for k in range(count):
-        rows[k, first + k] = ONE
-    return rows
-
-
-def size_from(values: arb_mat, i: int, first: int) -> arb:
-    """The sum of the absolute values of a row from a column on."""
-    total = abs(values[i, first])
-    for g in range(first + 1, values.ncols()):
-        total += abs(values[i, g])
-    return total
-
-
-def propagated(state: arb_mat, rest: Sequence[arb], noise: Sequence[arb]) -> list[arb]:
-    """|state| rest + noise, without radius: nothing later may cancel it."""
-    radii = []
-    for i, more in enumerate(noise):
-        total = more
-        for j, r in enumerate(rest):
-            if not r.is_zero():
-                total += abs(state[i, j]) * r
-        radii.append(arb(total.upper()))
-    return radii
+def spread_of(row: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a value
+    """The sum of the absolute values of a row."""
+    return total(map(abs, row))
 
 
 def hull_of(intervals: Sequence[Interval]) -> Interval:
     """The smallest interval around all of them."""
     low, high = intervals[0]
     for a, b in intervals[1:]:
-        low, high = low.min(a), high.max(b)
+        low, high = applied("min", low, a), applied("max", high, b)
     return low, high
-
-
-def between(
-    before: Sequence[Interval], after: Sequence[Interval], rates: Sequence[Interval], span: arb
-) -> list[Interval]:
-    """The box of the states between two instants.
-
-    x(t) <= x(0) + t max x', and x(t) <= x(h) - (h - t) min x'.
-    """
-    intervals: list[Interval] = []
-    for (low, high), (a, b), (least, most) in zip(before, after, rates, strict=True):
-        if least >= 0:
-            intervals.append((low, b))
-        elif most <= 0:
-            intervals.append((a, high))
-        else:
-            up, down = span * most.max(ZERO), span * (-least).max(ZERO)
-            intervals.append(((low - down).max(a - up), (high + up).min(b + down)))
-    return intervals
-
-
-def flat_box(box: Sequence[Interval]) -> list[float]:
-    """Low, high, low, high, ..., outwards."""
-    return [end for low, high in box for end in (below(low), above(high))]

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.cells.cell_sets import Block
-    from soter.certificate.grid.sc_chains import Chain, FreeChain
+    from soter.certificate.grid.sc_chains import Chain
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
 
@@ -107,12 +107,6 @@ class ChainCheck:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
 
-    def failed(
-        self, unshown_cells: Iterator[Block], leads: Callable[[Block], bool]
-    ) -> Iterator[Block]:
-        """Of cells not shown as they are those not shown in parts."""
-        return (at for at in unshown_cells if not leads(at))
-
     def _tried(self) -> list[tuple[Window, ...]]:
         """Windows of which all together are all runs: one first, then several."""
         parts = windows(self.model, self.group.states, WINDOWS)
@@ -142,7 +136,7 @@ class ChainCheck:
         at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
         for k in range(holds):
             if k and k in at:
-                forms = [part for f in forms for part in self._parts(f, chain.dimension)]
+                forms = [part for f in forms for part in self._parts(f)]
             after = []
             for form in forms:
                 image = step(form)
@@ -189,12 +183,11 @@ class ChainCheck:
                 if ends is not None:
                     yield k, ends
 
-    @staticmethod
     def _after(
-        chain: Chain, form: tuple[arb, ...], within: _Within
+        self, chain: Chain, form: tuple[arb, ...], within: _Within
     ) -> list[tuple[float, ...]] | None:
         """The boxes in which everything may be when the last command ends; None: not within."""
-        n = chain.dimension
+        n = len(self.group.states)
         if chain.last is None:
             end = _box_of(form, n)
             return [end] if within.follows(end) else None
@@ -228,8 +221,9 @@ class ChainCheck:
             for splits, cuts in LED_IN
         )
 
-    def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
+    def _parts(self, form: tuple[arb, ...]) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
+        n = len(self.group.states)
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
         count = states_of(len(form), n)
         rest = 2 * count + count + count * n
@@ -271,7 +265,8 @@ def witnessed(
         holds = int(witnesses[block_index(cell)].flat[0])
         return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
 
-    return check.failed(unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE), leads)
+    waiting = unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
+    return (cell for cell in waiting if not leads(cell))
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -313,7 +308,8 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
         )
 
-    return check.failed(unshown(todo, block, attempt, CELLS_AT_ONCE), leads)
+    waiting = unshown(todo, block, attempt, CELLS_AT_ONCE)
+    return (cell for cell in waiting if not leads(cell))
 
 
 # ---------------------------------------------------------------- free phases
@@ -324,9 +320,9 @@ class FreeCheck:
 
     def __init__(self, model: CaseModel, group: GroupTables, time_ns: int) -> None:
         self.model, self.group, self.time_ns = model, group, time_ns
-        self._phases: dict[int, FreeChain] = {}
+        self._phases: dict[int, tuple[Step, ...]] = {}
 
-    def phase(self, pieces: int) -> FreeChain:
+    def phase(self, pieces: int) -> tuple[Step, ...]:
         """Compiled when it is first needed."""
         if pieces not in self._phases:
             self._phases[pieces] = free_phase(self.model, self.group.states, self.time_ns, pieces)
@@ -334,14 +330,13 @@ class FreeCheck:
 
     def stays(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
         """At every time in [0, time], the beginning included."""
-        phase = self.phase(pieces)
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
-        start = _box_of(form, phase.dimension)
+        start = _box_of(form, len(self.group.states))
         set_ = _Within(within, box)
         if not within.contains(start):
             return False
-        for step in phase.steps:
+        for step in self.phase(pieces):
             image = step(form)
             if image is None or not set_.contains_all(image[1]):
                 return False

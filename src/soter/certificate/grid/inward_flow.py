@@ -1,7 +1,7 @@
 """Ends of a grid that the flow keeps, whatever is commanded: there it points inwards.
 
-Purpose: which ends of the axes of a group no run crosses (`uncrossed_ends`), what that says about
-boxes (`clipping`), and groups that no command moves and no run leaves (`points_inwards`).
+Purpose: which ends of the axes of a group no run crosses (`uncrossed_ends`), and groups that no
+command moves and no run leaves (`points_inwards`).
 Non-goals: ends that only SC keeps: chains show those (`sc_chains.py`).
 
 Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for
@@ -18,13 +18,13 @@ holds of the whole grid, with no condition.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.certificate.cells.cell_sets import finer
-from soter.certificate.grid.nonlinear_flow import LocalFlow
+from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.operations import NotCertainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from flint import arb
 
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.compile_terms import Step
 
     Kept = list[tuple[bool, bool]]
     Side = list[tuple[float, float]]
@@ -115,8 +114,9 @@ def _local(model: CaseModel, members: Sequence[int]) -> Test:
         fixed = exact(side[i][0]), exact(side[i][1])
 
         def holds(others: list[tuple[arb, arb]]) -> bool:
-            lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
-            if lines is None:
+            try:
+                lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
+            except NotCertainError:
                 return False
             low, high = flow.rates(lines)[i]
             return bool(low >= 0 if sign > 0 else high <= 0)
@@ -125,39 +125,3 @@ def _local(model: CaseModel, members: Sequence[int]) -> Test:
         return finer(others, holds, SPLITS * len(others)) if others else holds([])
 
     return inwards
-
-
-def clipping(model: CaseModel, members: Sequence[int], kept: Kept) -> Callable[[Step], Step] | None:
-    """What makes a step cut off its boxes at ends that the flow keeps; None where there is none."""
-    if not any(end for ends in kept for end in ends):
-        return None
-    return partial(ClippedStep, kept, [model.extents[i] for i in members])
-
-
-class ClippedStep:
-    """A step whose boxes are cut off at ends that the flow keeps."""
-
-    def __init__(self, kept: Kept, grid: Sequence[tuple[float, float]], step: Step) -> None:
-        self._step, self._n = step, len(grid)
-        self._ends = [
-            (i, low if first else None, high if last else None)
-            for i, ((low, high), (first, last)) in enumerate(zip(grid, kept, strict=True))
-        ]
-
-    def __call__(self, form: tuple[arb, ...]) -> tuple[tuple[arb, ...], tuple[float, ...]] | None:
-        """Of one form."""
-        image = self._step(form)
-        if image is None:
-            return None
-        after, boxes = list(image[0]), list(image[1])
-        for i, low, high in self._ends:
-            lows, highs = slice(2 * i, None, 2 * self._n), slice(2 * i + 1, None, 2 * self._n)
-            if low is not None:
-                boxes[lows] = [max(x, low) for x in boxes[lows]]
-            if high is not None:
-                boxes[highs] = [min(x, high) for x in boxes[highs]]
-            if after and low is not None:
-                after[2 * i] = after[2 * i].max(exact(low))
-            if after and high is not None:
-                after[2 * i + 1] = after[2 * i + 1].min(exact(high))
-        return tuple(after), tuple(boxes)

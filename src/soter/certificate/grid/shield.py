@@ -21,10 +21,11 @@ import numpy as np
 from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.estimates import drifts
+from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.group_claims import FreeCheck
-from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import number_of
-from soter.certificate.terms.terms import NotRecheckedError, inputs_of
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
@@ -95,15 +96,6 @@ def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:
     return set(c.node.publishes) <= set(shown)
 
 
-def felt_by(model: CaseModel, group: GroupTables) -> list[int]:
-    """The controls that move a group."""
-    terms, states = model.new_terms()
-    controls = control_inputs(model.facts, terms)
-    rates, _ = model.rates(terms, states, controls)
-    felt = inputs_of(terms, [rates[i] for i in group.states])
-    return [k for k, u in enumerate(controls) if next(iter(u.terms)) in felt]
-
-
 def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple[str, Show]]:
     """What is to be shown of the table of a group, besides that S_0 is inside R(H).
 
@@ -112,7 +104,7 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
     n, tops = cells_of(model.facts), group.tops
     if tops is None:
         raise RejectedError("the table of the shield is not there")
-    moving = felt_by(model, group)
+    moving = LocalFlow(model, group.states).moves
     beyond = ~group.levels[0]
     if moving != ([] if group.command is None else [group.command]):
         raise RejectedError("a shield is of a group that one command moves, and says which")

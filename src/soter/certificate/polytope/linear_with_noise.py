@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow
-from soter.certificate.reading.linearisation import TAIL, compile_lines
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
+from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 Purpose: `rates_are_defined`: every obligation of the rates (a divisor is not 0, an index is there,
 an assertion holds) that no group shows cell by cell is shown over the whole grid at once.
 Non-goals: the rates' values. A group that is not linear, and that runs could leave, shows those
-obligations itself that concern a state of its own (`nonlinear_flow.py`).
+obligations itself that concern a state of its own (`flow_enclosures.py`).
 """
 
 from __future__ import annotations

@@ -10,21 +10,20 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, key_of, magnitude
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, exact, magnitude
+from soter.certificate.terms.rows import beside, plus, product, total, units
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.certificate.reading.case_model import CaseModel
-
-    Matrix = list[list[arb]]
+    from soter.certificate.terms.rows import Rows
 
 PIECES = 16
 """Into how many pieces a span of time is cut where a kernel may change its sign."""
@@ -36,87 +35,63 @@ the series of the solution up to h^p and no other polynomial. Others are not rec
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
-    """States at a time t within a span, from those at time 0.
+class Solution:
+    """x(t) = state x + control u + constant for u that is constant up to t, for all t of a span."""
 
-    x(t) in state x + control u + constant +- noise, the coefficients being balls over the span.
-    """
-
-    state: Matrix
-    control: Matrix
+    state: Rows
+    control: Rows
     constant: list[arb]
-    noise: list[arb]
 
 
 @dataclass(frozen=True, eq=False)
 class LinearFlow:
-    """One group. `members`: its states; `noise`: columns W; `controls` with their ranges."""
+    """One group. `members`: its states; `noise`: columns W; `ranges`: of the controls."""
 
     members: tuple[int, ...]
-    a: Matrix
-    b: Matrix
+    a: Rows
+    b: Rows
     constant: list[arb]
-    noise: Matrix
+    noise: Rows
     ranges: tuple[tuple[arb, arb], ...]
 
-    def free(self) -> LinearFlow:
-        """The same with every control an arbitrary measurable function into its set."""
-        constant = list(self.constant)
-        noise = [list(row) for row in self.noise]
-        for k, (low, high) in enumerate(self.ranges):
-            for i, row in enumerate(self.b):
-                constant[i] += row[k] * (low + high) * HALF
-                noise[i].append(row[k] * (high - low) * HALF)
-        empty: Matrix = [[] for _ in self.members]
-        return LinearFlow(self.members, self.a, empty, constant, noise, ())
-
-    def motion(self, start: Fraction, end: Fraction) -> Motion:
+    def solution(self, start: Fraction, end: Fraction) -> Solution:
         """For all times in [start, end], in s; both may be negative."""
         n, m = len(self.members), len(self.ranges)
-        size = n + m + 1
-        full = [[ZERO] * size for _ in range(size)]
         # the last column of e^{At} is linear in the constants: large ones make no long series
         largest = max((float(abs(c).upper()) for c in self.constant), default=0.0)
         unit = exact(2.0 ** math.frexp(largest)[1])
-        for i in range(n):
-            full[i][:n] = self.a[i]
-            full[i][n : n + m] = self.b[i]
-            full[i][n + m] = self.constant[i] / unit
-        e = exponential(full, start, end)
-        longest = max(abs(start), abs(end))
-        backwards = start < 0
-        if backwards and end > 0:
-            sides = [self._noise(-start, backwards=True), self._noise(end, backwards=False)]
-            noise = [x.max(y) for x, y in zip(*sides, strict=True)]
-        else:
-            noise = self._noise(longest, backwards=backwards)
-        return Motion(
-            [row[:n] for row in e[:n]],
-            [row[n : n + m] for row in e[:n]],
-            [row[n + m] * unit for row in e[:n]],
-            noise,
+        full = [[*a, *b, c / unit] for a, b, c in zip(self.a, self.b, self.constant, strict=True)]
+        full += [[ZERO] * (n + m + 1) for _ in range(m + 1)]
+        e = exponential(full, start, end)[:n]
+        return Solution(
+            [row[:n] for row in e], [row[n : n + m] for row in e], [row[-1] * unit for row in e]
         )
 
-    def _noise(self, time: Fraction, *, backwards: bool) -> list[arb]:
-        """The integral of |e^{As} W| over [0, time], for each state."""
-        n = len(self.members)
-        if time == 0:
-            return [ZERO] * n
-        a = [[-x for x in row] for row in self.a] if backwards else self.a
-        count = len(self.noise[0])
-        if count == 0:
-            return [ZERO] * n
-        whole = integral(a, time)
-        pieces = [exponential(a, time * k / PIECES, time * (k + 1) / PIECES) for k in range(PIECES)]
-        noise_integrals = []
-        for i in range(n):
-            total = ZERO
-            for k in range(count):
-                column = [row[k] for row in self.noise]
-                over = [_dot(piece[i], column) for piece in pieces]
-                total += _absolute_integral(_dot(whole[i], column), over, exact(time) / PIECES)
-            noise_integrals.append(arb(total.upper()))
-        return noise_integrals
+    def added(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
+        """What each state has of |w| <= 1, through columns like those of W, in [start, end]."""
+        most = [ZERO] * len(columns)
+        back = [[-x for x in row] for row in self.a]
+        for time, a in ((-start, back), (end, self.a)):
+            if time > 0 and any(columns):
+                most = [x.max(y) for x, y in zip(most, _sizes(a, columns, time), strict=True)]
+        return most
+
+
+def _sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
+    """The integral of |e^{As} W| over [0, time], for each state the sum of all columns."""
+    share = time / PIECES
+    whole, around = product(integral(a, time), columns), _around(a, share / 2)
+    pieces = [
+        product(_exponential(a, share * k + share / 2, around), columns) for k in range(PIECES)
+    ]
+    sizes = []
+    for i, row in enumerate(whole):
+        size = total(
+            _absolute_integral(x, [piece[i][k] for piece in pieces], exact(share))
+            for k, x in enumerate(row)
+        )
+        sizes.append(arb(size.upper()))
+    return sizes
 
 
 def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
@@ -133,17 +108,10 @@ def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
     return min((arb(b.upper()) for b in bounds), key=float)
 
 
-def _dot(a: Sequence[arb], b: Sequence[arb]) -> arb:
-    total = ZERO
-    for x, y in zip(a, b, strict=True):
-        total += x * y
-    return total
-
-
 # ---------------------------------------------------------------- matrices
 
 
-def _reach(a: Matrix) -> list[list[bool]]:
+def _reach(a: Rows) -> list[list[bool]]:
     """Which entries of e^{At} can differ from the identity's: paths of the graph of A."""
     n = len(a)
     closure = [[not a[i][j].is_zero() for j in range(n)] for i in range(n)]
@@ -155,7 +123,7 @@ def _reach(a: Matrix) -> list[list[bool]]:
     return closure
 
 
-def _cleaned(a: Matrix, e: Matrix) -> Matrix:
+def _cleaned(a: Rows, e: Rows) -> Rows:
     """What is 0 or 1 by structure is exactly that."""
     reach = _reach(a)
     return [
@@ -164,84 +132,60 @@ def _cleaned(a: Matrix, e: Matrix) -> Matrix:
     ]
 
 
-def _times(a: Matrix, b: Matrix) -> Matrix:
-    return (arb_mat(a) * arb_mat(b)).tolist()
-
-
-def exponential(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
+def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
     """e^{At} for all t in [start, end]: exact in the middle, a Taylor series around it.
 
     NotRecheckedError where the span is too long for the series.
     """
-    middle = exact((start + end) / 2)
-    at_middle = (arb_mat(a) * middle).exp().tolist()
-    if start == end:
-        return _cleaned(a, at_middle)
-    return _cleaned(a, _times(at_middle, _around(_MatrixKey(a), (end - start) / 2)))
+    around = units(len(a)) if start == end else _around(a, (end - start) / 2)
+    return _exponential(a, (start + end) / 2, around)
 
 
-class _MatrixKey:
-    """A matrix that is equal to one whose balls are equal, bit by bit."""
-
-    def __init__(self, a: Matrix) -> None:
-        self.a = a
-        self._key = tuple(tuple(map(key_of, row)) for row in a)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _MatrixKey) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
+def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
+    """e^{A middle} times what is around it; what is 0 or 1 by structure is exactly that."""
+    e = product((arb_mat(a) * exact(middle)).exp().tolist(), around)
+    reach = _reach(a)
+    return [
+        [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
+        for i, row in enumerate(e)
+    ]
 
 
-@lru_cache(maxsize=256)
-def _around(matrix: _MatrixKey, width: Fraction) -> Matrix:
-    """e^{At} for all t in [-width, width]; of equal spans of one flow computed once.
+def _around(a: Rows, width: Fraction) -> Rows:
+    """e^{At} for all t in [-width, width].
 
     As many terms as make the rest a series that is at least halved from term to term.
     """
-    a, half = matrix.a, exact(width)
-    n = len(a)
-    around = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
-    power, absolute = a, [[magnitude(x) for x in row] for row in a]
-    size = max((float(sum(row, ZERO).upper()) for row in absolute), default=0.0)
+    half, absolute = exact(width), [list(map(magnitude, row)) for row in a]
+    size = max((float(total(row).upper()) for row in absolute), default=0.0)
     last = TAYLOR
     while not exact(size) * half / (last + 2) < HALF:
         if last == TAYLOR_MAX:
             raise NotRecheckedError("a span of time too long for these rates")
         last += 1
-    reached = absolute
-    factor = ONE
+    around, power, reached, factor = units(len(a)), a, absolute, ONE
     for k in range(1, last + 1):
         factor = factor * half / k
         # t^k over [-half, half]: all of [-1, 1] for odd k, [0, 1] for even k
-        span = arb(0, 1) if k % 2 else arb(0.5, 0.5)
-        for i in range(n):
-            for j in range(n):
-                around[i][j] += power[i][j] * (factor * span)
-        power = _times(power, a)
-        reached = _times(reached, absolute)
-    tail = factor * half / (last + 1) * 2
-    for i in range(n):
-        for j in range(n):
-            # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
-            bound = arb(sum(reached[i], ZERO).upper())
-            around[i][j] += bound * tail * arb(0, 1)
-    return around
+        around = plus(around, power, factor * (UNIT if k % 2 else arb(0.5, 0.5)))
+        power, reached = product(power, a), product(reached, absolute)
+    # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
+    tail = factor * half / (last + 1) * 2 * UNIT
+    return [
+        [x + arb(total(sizes).upper()) * tail for x in row]
+        for row, sizes in zip(around, reached, strict=True)
+    ]
 
 
-def integral(a: Matrix, time: Fraction) -> Matrix:
+def integral(a: Rows, time: Fraction) -> Rows:
     """The integral of e^{As} over [0, time]."""
     return integrals(a, time, time)
 
 
-def integrals(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
+def integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
     """The integral of e^{As} over [0, t] for all t in [start, end]."""
     n = len(a)
-    full = [[ZERO] * (2 * n) for _ in range(2 * n)]
-    for i in range(n):
-        full[i][:n] = a[i]
-        full[i][n + i] = ONE
+    full = [*beside(a, units(n)), *([ZERO] * (2 * n) for _ in range(n))]
     e = exponential(full, start, end)
     return [row[n:] for row in e[:n]]
 
@@ -272,7 +216,7 @@ def linear_flow(model: CaseModel, members: Sequence[int], *, as_stepped: bool = 
         stepped = _as_stepped(model, rows, moving)
         rows = [stepped.get(i, row) for i, row in enumerate(rows)]
     inside = set(members)
-    noises: Matrix = []
+    noises: Rows = []
     constants = []
     for at, i in enumerate(members):
         row = rows[i]
@@ -354,7 +298,7 @@ def _moving(rows: Sequence[FlowRow | None], members: Sequence[int]) -> list[int]
     return sorted(states)
 
 
-def _scheme(model: CaseModel, a: Matrix, states: Sequence[int]) -> tuple[Matrix, Matrix]:
+def _scheme(model: CaseModel, a: Rows, states: Sequence[int]) -> tuple[Rows, Rows]:
     """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
 
     One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
@@ -380,21 +324,14 @@ def _scheme(model: CaseModel, a: Matrix, states: Sequence[int]) -> tuple[Matrix,
     true = Fraction(period_ns, 10**9 * substeps)
     phi, gamma = exponential(a, true, true), integral(a, true)
     h = exact(machine)
-    p = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
-    q = [[h if i == j else ZERO for j in range(n)] for i in range(n)]
-    power = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]
-    factor = ONE
+    p, q, power, factor = units(n), [[h * x for x in row] for row in units(n)], units(n), ONE
     for k in range(1, order + 1):
-        power = _times(power, a)
-        factor = factor * h / k
-        for i in range(n):
-            for j in range(n):
-                p[i][j] += power[i][j] * factor
-                if k < order:
-                    q[i][j] += power[i][j] * factor * h / (k + 1)
+        power, factor = product(power, a), factor * h / k
+        p = plus(p, power, factor)
+        if k < order:
+            q = plus(q, power, factor * h / (k + 1))
     back = arb_mat(gamma).inv().tolist()
-    of_x = _times(back, [[p[i][j] - phi[i][j] for j in range(n)] for i in range(n)])
-    of_v = _times(back, [[q[i][j] - gamma[i][j] for j in range(n)] for i in range(n)])
+    of_x, of_v = product(back, plus(p, phi, -ONE)), product(back, plus(q, gamma, -ONE))
     paths = _reach(a)
     for i in range(n):
         for j in range(n):
@@ -414,7 +351,7 @@ def _as_stepped(
 
 
 def _row_as_stepped(
-    model: CaseModel, rows: dict[int, FlowRow], scheme: tuple[Matrix, Matrix], at: int
+    model: CaseModel, rows: dict[int, FlowRow], scheme: tuple[Rows, Rows], at: int
 ) -> FlowRow:
     """One row with its extra rate: r_i = sum E_v v + sum E_x x, x in the grid.
 

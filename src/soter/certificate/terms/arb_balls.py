@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import flint
@@ -193,37 +194,33 @@ def line_floor(low: arb, high: arb) -> Line:
     return ONE, -HALF, HALF, first, last
 
 
-def _tangent(
-    low: arb, high: arb, f: Callable[[arb], arb], slope: Callable[[arb], arb], curve: arb
-) -> tuple[arb, arb, arb, arb]:
-    """slope, offset, spread and the range of f: a tangent in the middle and its remainder.
+def _smooth(
+    f: Callable[[arb], arb],
+    slope: Callable[[arb], arb],
+    curve: Callable[[arb], arb],
+    low: arb,
+    high: arb,
+) -> Line:
+    """A tangent in the middle: f(x) - tangent is curve(some x) (x - middle)^2, curve being f''/2.
 
-    `curve` encloses f''/2 over the interval: f(x) - tangent is curve (x - middle)^2.
+    Where that is infinite, the range.
     """
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     s = slope(middle).mid()
-    off_slope = (slope(middle) - s) * far * UNIT
-    rest = curve * (far * far) * arb(0.5, 0.5) + off_slope
+    x, off_slope = hull(low, high), (slope(middle) - s) * far * UNIT
+    value, rest = f(x), curve(x) * (far * far) * arb(0.5, 0.5) + off_slope
     offset = f(middle) - s * middle + rest.mid()
-    return s, offset, arb(rest.rad()), f(hull(low, high))
-
-
-def _smooth(
-    low: arb, high: arb, f: Callable[[arb], arb], slope: Callable[[arb], arb], curve: arb
-) -> Line:
-    s, offset, spread, value = _tangent(low, high, f, slope, curve)
-    if not (spread.is_finite() and offset.is_finite()):
+    if not (rest.is_finite() and offset.is_finite()):
         return ZERO, value.mid(), arb(value.rad()), value.lower(), value.upper()
-    return s, offset, spread, arb(value.lower()), arb(value.upper())
+    return s, offset, arb(rest.rad()), arb(value.lower()), arb(value.upper())
 
 
 def line_inverse(low: arb, high: arb) -> Line:
     """1 / x; infinite where 0 is not certainly outside."""
     if not (low > 0 or high < 0):
         return _nothing_known()
-    x = hull(low, high)
-    return _smooth(low, high, lambda v: 1 / v, lambda v: -1 / (v * v), 1 / (x * x * x))
+    return _smooth(lambda v: 1 / v, lambda v: -1 / (v * v), lambda x: 1 / (x * x * x), low, high)
 
 
 def line_sqrt(low: arb, high: arb) -> Line:
@@ -244,37 +241,15 @@ def line_sqrt(low: arb, high: arb) -> Line:
     return slope, (under + over) * HALF, (over - under) * HALF, root, top
 
 
-def _line_sin(low: arb, high: arb) -> Line:
-    x = hull(low, high)
-    return _smooth(low, high, arb.sin, arb.cos, -x.sin() * HALF)
-
-
-def _line_cos(low: arb, high: arb) -> Line:
-    x = hull(low, high)
-    return _smooth(low, high, arb.cos, lambda v: -v.sin(), -x.cos() * HALF)
-
-
-def _line_exp(low: arb, high: arb) -> Line:
-    x = hull(low, high)
-    return _smooth(low, high, arb.exp, arb.exp, x.exp() * HALF)
-
-
 def _line_log(low: arb, high: arb) -> Line:
     if not low > 0:
         return _nothing_known()
-    x = hull(low, high)
-    return _smooth(low, high, arb.log, lambda v: 1 / v, -1 / (2 * x * x))
+    return _smooth(arb.log, lambda v: 1 / v, lambda x: -1 / (2 * x * x), low, high)
 
 
-def _line_tanh(low: arb, high: arb) -> Line:
-    x = hull(low, high)
+def _curve_tanh(x: arb) -> arb:
     t = x.tanh()
-    return _smooth(low, high, arb.tanh, lambda v: 1 - v.tanh() ** 2, -t * (1 - t * t))
-
-
-def _line_atan(low: arb, high: arb) -> Line:
-    x = hull(low, high)
-    return _smooth(low, high, arb.atan, lambda v: 1 / (1 + v * v), -x / (1 + x * x) ** 2)
+    return -t * (1 - t * t)
 
 
 def _nothing_known() -> Line:
@@ -289,12 +264,12 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "floor": line_floor,
     "inverse": line_inverse,
     "sqrt": line_sqrt,
-    "sin": _line_sin,
-    "cos": _line_cos,
-    "exp": _line_exp,
+    "sin": partial(_smooth, arb.sin, arb.cos, lambda x: -x.sin() * HALF),
+    "cos": partial(_smooth, arb.cos, lambda v: -v.sin(), lambda x: -x.cos() * HALF),
+    "exp": partial(_smooth, arb.exp, arb.exp, lambda x: x.exp() * HALF),
     "log": _line_log,
-    "tanh": _line_tanh,
-    "atan": _line_atan,
+    "tanh": partial(_smooth, arb.tanh, lambda v: 1 - v.tanh() ** 2, _curve_tanh),
+    "atan": partial(_smooth, arb.atan, lambda v: 1 / (1 + v * v), lambda x: -x / (1 + x * x) ** 2),
 }
 """Exact functions of one variable; the prelude's errors are added by `symbolic_reading.py`."""
 PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan")

@@ -5,28 +5,27 @@ Non-goals: linear forms (`affine_forms.py`); the rounding of functions of one nu
 (`arb_balls.py`).
 
 Argument: over the form an atom lies in its range (`bounds`), and is its row times the inputs plus
-its constant, up to its spread (`rows`, `tails`). Arguments come first, so each rule below rests on
+its constant, up to its spread (`rows`). Arguments come first, so each rule below rests on
 lines and ranges that hold already.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.terms.arb_balls import HALF, UNIVARIATE
-from soter.certificate.terms.operations import CERTAIN
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIVARIATE, ZERO
+from soter.certificate.terms.operations import CERTAIN, DEMAND
 from soter.certificate.terms.terms import closure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.certificate.terms.affine_forms import AffineForms
+    from soter.certificate.terms.affine_forms import AffineForms, Ends, Row
     from soter.certificate.terms.straight_line import Value
     from soter.certificate.terms.terms import Atom, Linear, Proposition
-
-    Columns = dict[int, list[Value | None]]
 
 RANGES = ("spread", "table")
 """Kinds of which nothing but a range is known."""
@@ -36,205 +35,154 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
     """Make the values of every atom that the roots need, arguments first."""
     for index in sorted(closure(forms.terms, roots)):
         atom = forms.terms.atoms[index]
-        if forms.is_input(atom):
+        if index in forms.centre:
             continue
-        if atom.kind in UNIVARIATE:
-            _univariate(forms, index, atom)
-        else:
-            _ATOMS[atom.kind](forms, index, atom)
+        if atom.kind in ("state", "box"):
+            forms.enter_box(index, atom)
+            continue
+        rule = _univariate if atom.kind in UNIVARIATE else _ATOMS[atom.kind]
+        forms.rows[index], forms.bounds[index] = rule(forms, atom)
         if atom.kind not in RANGES:
             _at_most_its_range(forms, index)
 
 
 def _at_most_its_range(forms: AffineForms, index: int) -> None:
     """A line with a spread above that of the range says less than the range."""
-    make = forms.builder
-    ends = *forms.tails[index], *forms.bounds[index]
-    weight, offset, rest = make.parts("line_or_range", 3, *ends)
-    forms.rows[index] = {j: make.apply("mul", weight, x) for j, x in forms.rows[index].items()}
-    forms.tails[index] = offset, rest
+    row, offset, rest = forms.rows[index]
+    ends = offset, rest, *forms.bounds[index]
+    weight, offset, rest = forms.make.parts("line_or_range", 3, *ends)
+    forms.rows[index] = _scaled(weight, row), offset, rest
 
 
-def _summed(forms: AffineForms, columns: Columns) -> dict[int, Value]:
-    """A row out of the summands of each coefficient."""
-    return {j: forms.builder.sum(parts) or forms.builder.zero for j, parts in columns.items()}
+def _scaled(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
+    return {j: weight * x for j, x in row.items()}
 
 
-def _middle(forms: AffineForms, low: Value, high: Value) -> Value:
-    return forms.builder.apply("mul", forms.builder.apply("add", low, high), _half(forms))
+def _summed(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
+    """A row out of several."""
+    columns = dict.fromkeys(j for row in rows for j in row)
+    return {j: forms.make.sum([row[j] for row in rows if j in row]) for j in columns}
 
 
-def _half_width(forms: AffineForms, low: Value, high: Value) -> Value:
-    return forms.builder.apply("mul", forms.builder.apply("sub", high, low), _half(forms))
-
-
-def _half(forms: AffineForms) -> Value:
-    return forms.builder.constant(HALF)
-
-
-def _univariate(forms: AffineForms, index: int, atom: Atom) -> None:
-    make = forms.builder
+def _univariate(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+    make = forms.make
     (x,) = atom.arguments
     low, high = forms.range_of(x)
     row, constant, rest = forms.row(x)
-    if atom.kind == "max0" and rest is not None:
+    if atom.kind == "max0" and rest is not make.zero:
         least, most = make.parts("range_max0", 2, low, high)
-        centre, radius = forms.centre_and_radius(row, constant, None)
-        ends = make.apply("sub", centre, radius), make.apply("add", centre, radius)
+        ends = forms.ends_of_row((row, constant, make.zero))
         slope, offset, spread = make.parts("line_noisy_max0", 3, *ends, rest)
-        rest = None
+        rest = make.zero
     else:
         slope, offset, spread, least, most = make.parts(f"line_{atom.kind}", 5, low, high)
     if not atom.extra.is_zero():
-        extra = make.constant(atom.extra)
-        spread = make.apply("add", spread, extra)
-        least = make.apply("larger", make.apply("sub", least, extra), make.constant(atom.low))
-        most = make.apply("smaller", make.apply("add", most, extra), make.constant(atom.high))
-    forms.rows[index] = {
-        j: make.times(slope, make.coefficient(c)) or make.zero for j, c in row.items()
-    }
-    offset = make.sum([make.times(slope, constant) if constant else None, offset]) or make.zero
-    carried = make.times(make.absolute(slope), rest) if rest else None
-    forms.tails[index] = offset, make.sum([carried, spread]) or make.zero
-    forms.bounds[index] = (least, most)
+        spread += atom.extra
+        ends = make.constant(atom.low), make.constant(atom.high)
+        least, most = forms.within(least - atom.extra, most + atom.extra, *ends)
+    line = _scaled(slope, row), slope * constant + offset, abs(slope) * rest + spread
+    return line, (least, most)
 
 
-def _product(forms: AffineForms, index: int, atom: Atom) -> None:
+def _product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """A b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m and b_m in the middle."""
-    make = forms.builder
-    a, b = atom.arguments
-    (al, ah), (bl, bh) = forms.range_of(a), forms.range_of(b)
-    am, bm = (make.apply("mid", _middle(forms, *ends)) for ends in ((al, ah), (bl, bh)))
-    ar, br = (
-        make.apply("max", make.apply("sub", high, m), make.apply("sub", m, low))
-        for low, m, high in ((al, am, ah), (bl, bm, bh))
+    make = forms.make
+    (al, ah), (bl, bh) = (forms.range_of(x) for x in atom.arguments)
+    am, bm = (make.apply("mid", (low + high) * HALF) for low, high in ((al, ah), (bl, bh)))
+    ar, br = (make.apply("max", h - m, m - low) for low, m, h in ((al, am, ah), (bl, bm, bh)))
+    (row_a, c_a, r_a), (row_b, c_b, r_b) = (forms.row(x) for x in atom.arguments)
+    line = (
+        _summed(forms, [_scaled(bm, row_a), _scaled(am, row_b)]),
+        bm * c_a + am * c_b - am * bm,
+        abs(bm) * r_a + abs(am) * r_b + ar * br,
     )
-    (row_a, c_a, r_a), (row_b, c_b, r_b) = forms.row(a), forms.row(b)
-    columns: Columns = {}
-    for row, factor in ((row_a, bm), (row_b, am)):
-        for j, c in row.items():
-            columns.setdefault(j, []).append(make.times(factor, make.coefficient(c)))
-    forms.rows[index] = _summed(forms, columns)
-    constant = [make.times(f, c) for f, c in ((bm, c_a), (am, c_b)) if c]
-    constant.append(make.apply("neg", make.apply("mul", am, bm)))
-    spread = [make.times(make.absolute(f), r) for f, r in ((bm, r_a), (am, r_b)) if r]
-    spread.append(make.apply("mul", ar, br))
-    forms.tails[index] = (make.sum(constant) or make.zero, make.sum(spread) or make.zero)
     low, high = make.parts("corners", 2, al, ah, bl, bh)
-    forms.bounds[index] = (low, high)
+    return line, (low, high)
 
 
-def _extreme(forms: AffineForms, index: int, atom: Atom) -> None:
+def _extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
-    make = forms.builder
     b, rest, a = atom.arguments
-    sign = "sub" if atom.kind == "min" else "add"
-    columns: dict[int, Value] = {}
+    sign = forms.make.constant(-ONE if atom.kind == "min" else ONE)
     (row, c, r), (row_rest, c_rest, r_rest) = forms.row(b), forms.row(rest)
-    for j in row.keys() | row_rest.keys():
-        own = make.coefficient(row[j]) if j in row else make.zero
-        columns[j] = own
-        if j in row_rest:
-            columns[j] = make.apply(sign, own, make.coefficient(row_rest[j]))
-    forms.rows[index] = columns
-    forms.tails[index] = (
-        make.apply(sign, c or make.zero, c_rest or make.zero),
-        make.sum([r, r_rest]) or make.zero,
-    )
-    (al, ah), (bl, bh), (least, most) = (forms.range_of(x) for x in (a, b, rest))
-    if sign == "sub":
+    line = _summed(forms, [row, _scaled(sign, row_rest)]), c + sign * c_rest, r + r_rest
+    ends = [forms.range_of(x) for x in (a, b)]
+    (_, (bl, bh)), (least, most) = ends, forms.range_of(rest)
+    if atom.kind == "min":
         least, most = most, least
-    low, high = make.apply(sign, bl, least), make.apply(sign, bh, most)
-    forms.bounds[index] = (
-        make.apply("larger", make.apply(atom.kind, al, bl), low),
-        make.apply("smaller", make.apply(atom.kind, ah, bh), high),
-    )
+    low, high = (forms.make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
+    return line, forms.within(low, high, bl + sign * least, bh + sign * most)
 
 
-def _choice(forms: AffineForms, index: int, atom: Atom) -> None:
+def _choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """A where the condition holds, else b; (a + b)/2 +- |a - b|/2 where it is not certain."""
-    make = forms.builder
+    make = forms.make
     a, b, difference = atom.arguments
     assert atom.condition is not None
     truth = truth_of(forms, atom.condition)
-    rows = [forms.row(x) for x in (a, b)]
-    (al, ah), (bl, bh) = (forms.range_of(x) for x in (a, b))
-    low, high = forms.range_of(difference)
-    gap = make.apply("mul", make.apply("max", high, make.apply("neg", low)), _half(forms))
-    weight = make.apply("by_truth", truth, make.one, make.zero, _half(forms))
-    pairs = list(zip(rows, (weight, make.apply("sub", make.one, weight)), strict=True))
-    columns: Columns = {}
-    for (row, _, _), w in pairs:
-        for j, c in row.items():
-            columns.setdefault(j, []).append(make.times(w, make.coefficient(c)))
-    forms.rows[index] = _summed(forms, columns)
-    constant = [make.times(w, c) for (_, c, _), w in pairs if c]
-    spread = [make.times(w, r) for (_, _, r), w in pairs if r]
-    spread.append(make.apply("by_truth", truth, make.zero, make.zero, gap))
-    forms.tails[index] = (make.sum(constant) or make.zero, make.sum(spread) or make.zero)
-    forms.bounds[index] = (
-        make.apply("by_truth", truth, al, bl, make.apply("min", al, bl)),
-        make.apply("by_truth", truth, ah, bh, make.apply("max", ah, bh)),
+    (al, ah), (bl, bh), (low, high) = (forms.range_of(x) for x in (a, b, difference))
+    gap = make.apply("max", high, -low) * HALF
+    weight = make.apply("by_truth", truth, ONE, ZERO, HALF)
+    others = make.one - weight
+    (row_a, c_a, r_a), (row_b, c_b, r_b) = (forms.row(x) for x in (a, b))
+    line = (
+        _summed(forms, [_scaled(weight, row_a), _scaled(others, row_b)]),
+        weight * c_a + others * c_b,
+        weight * r_a + others * r_b + make.apply("by_truth", truth, ZERO, ZERO, gap),
     )
+    least, most = make.apply("min", al, bl), make.apply("max", ah, bh)
+    low = make.apply("by_truth", truth, al, bl, least)
+    return line, (low, make.apply("by_truth", truth, ah, bh, most))
 
 
-def _spread(forms: AffineForms, index: int, atom: Atom) -> None:
+def _spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Anything up to the weighted sizes of its arguments."""
-    make = forms.builder
-    parts: list[Value | None] = []
-    for weight, x in zip(atom.weights, atom.arguments, strict=True):
-        sizes = [make.absolute(end) for end in forms.range_of(x)]
-        parts.append(make.times(weight, make.apply("max", *sizes)))
-    size = make.sum(parts) or make.zero
-    forms.rows[index] = {}
-    forms.tails[index] = (make.zero, size)
-    forms.bounds[index] = (make.apply("neg", size), size)
+    sizes = [
+        weight * forms.make.apply("max", *map(abs, forms.range_of(x)))
+        for weight, x in zip(atom.weights, atom.arguments, strict=True)
+    ]
+    size = forms.make.sum(sizes)
+    return ({}, forms.make.zero, size), (-size, size)
 
 
-def _any(forms: AffineForms, index: int, atom: Atom) -> None:
+def _any(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """The first alternative, and what the others are off it."""
-    make = forms.builder
     count = (len(atom.arguments) + 1) // 2
-    row, constant, spread = forms.row(atom.arguments[0])
-    low = high = make.zero
-    for least, most in (forms.range_of(x) for x in atom.arguments[count:]):
-        low, high = make.apply("min", low, least), make.apply("max", high, most)
-    forms.rows[index] = {j: make.coefficient(c) for j, c in row.items()}
-    forms.tails[index] = (
-        make.sum([constant, _middle(forms, low, high)]) or make.zero,
-        make.sum([spread, _half_width(forms, low, high)]) or make.zero,
-    )
-    (low, high), *others = (forms.range_of(x) for x in atom.arguments[:count])
+    alternatives, gaps = atom.arguments[:count], atom.arguments[count:]
+    row, constant, spread = forms.row(alternatives[0])
+    nothing = forms.make.zero, forms.make.zero
+    low, high = _hull(forms, [nothing, *map(forms.range_of, gaps)])
+    line = row, constant + (low + high) * HALF, spread + (high - low) * HALF
+    return line, _hull(forms, [forms.range_of(x) for x in alternatives])
+
+
+def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
+    """The ends of the smallest interval around all of them."""
+    (low, high), *others = intervals
     for least, most in others:
-        low, high = make.apply("min", low, least), make.apply("max", high, most)
-    forms.bounds[index] = (low, high)
+        low, high = forms.make.apply("min", low, least), forms.make.apply("max", high, most)
+    return low, high
 
 
-def _table(forms: AffineForms, index: int, atom: Atom) -> None:
+def _table(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Whatever stands between the least and the greatest position."""
-    make = forms.builder
+    make = forms.make
     values = make.constant(np.array(atom.values).reshape(atom.shape))
     positions: list[Value] = []
     for low, high in (forms.range_of(x) for x in atom.arguments):
         positions += [make.apply("below", low), make.apply("above", high)]
     low, high = make.parts("pick", 2, values, *positions)
-    forms.rows[index] = {}
-    forms.tails[index] = _middle(forms, low, high), _half_width(forms, low, high)
-    forms.bounds[index] = (low, high)
+    return ({}, (low + high) * HALF, (high - low) * HALF), (low, high)
 
 
 def truth_of(forms: AffineForms, x: Proposition) -> Value:
     """The bits of a proposition: 0: may be false, 1: may be true."""
-    key = ("truth", id(x))
-    if key not in forms.known:
-        forms.keep.append(x)
-        forms.known[key] = _make_truth(forms, x)
-    bits: Value = forms.known[key]
+    bits: Value = forms.cached("truth", x, partial(_make_truth, forms))
     return bits
 
 
 def _make_truth(forms: AffineForms, x: Proposition) -> Value:
-    make = forms.builder
+    make = forms.make
     if x.kind == "constant":
         return make.constant(CERTAIN if x.value else 1)
     if x.kind == "below":
@@ -247,10 +195,10 @@ def _make_truth(forms: AffineForms, x: Proposition) -> Value:
 def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
     """Give nothing where something is not certain."""
     for truth in must:
-        forms.builder.demand(truth_of(forms, truth))
+        forms.make.apply(DEMAND, truth_of(forms, truth))
 
 
-_ATOMS: dict[str, Callable[[AffineForms, int, Atom], None]] = {
+_ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
     "product": _product,
     "choice": _choice,
     "spread": _spread,

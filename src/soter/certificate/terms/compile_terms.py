@@ -1,7 +1,8 @@
 """Terms become straight-line programs over Arb balls: one call encloses a step over a whole cell.
 
 Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
-makes of it, with the ranges wanted and the propositions that must hold.
+makes of it, with the ranges wanted and the propositions that must hold; `compile_lines`: to rows
+over the states that hold all over the form; `compile_truths`: to what is known of propositions.
 Non-goals: reading programs (`symbolic_reading.py`), which sets to check (`sc_chains.py`,
 `predicates.py`).
 
@@ -19,51 +20,25 @@ the states stands in coefficients a, and only their remainder has a beta of its 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.affine_forms import AffineForms
 from soter.certificate.terms.arb_balls import HALF, ZERO, larger, smaller
 from soter.certificate.terms.atom_values import demand, make_atoms, truth_of
-from soter.certificate.terms.operations import grown
-from soter.certificate.terms.straight_line import Function
+from soter.certificate.terms.straight_line import Function, applied
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flint import arb
 
-    from soter.certificate.terms.straight_line import Value
     from soter.certificate.terms.terms import Linear, Proposition, Terms
 
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Sweep:
-    """Where the states are at some time between two instants, as one box.
-
-    `drift`: rows over states and `arguments`, and `drift_constant`, all balls: x(t) - x(start) for
-    every t between. `rate`: rows over states and `commands` (of each several that may act), and
-    `rate_constant`: the derivative. Where that has one sign the ends are those of the instants.
-    """
-
-    starts: tuple[Linear, ...]
-    ends: tuple[Linear, ...]
-    arguments: tuple[Linear, ...]
-    drift: tuple[tuple[arb, ...], ...]
-    drift_constant: tuple[arb, ...]
-    commands: tuple[tuple[Linear, ...], ...]
-    rate: tuple[tuple[arb, ...], ...]
-    rate_constant: tuple[arb, ...]
-    span: arb
-    """The time between the instants, in s."""
-
-    @property
-    def parts(self) -> tuple[Linear, ...]:
-        """Every form in it."""
-        acting = (u for alternatives in self.commands for u in alternatives)
-        return (*self.starts, *self.ends, *self.arguments, *acting)
+TAIL = 4
+"""Behind the coefficients of a row: constant, spread, low, high."""
 
 
 def compile_step(
@@ -72,19 +47,52 @@ def compile_step(
     symbols: int,
     outputs: Sequence[Linear],
     *,
-    ranges: Sequence[Linear | Sweep] = (),
+    ranges: Sequence[Linear] = (),
     must: Sequence[Proposition] = (),
     boxes: Mapping[int, tuple[arb, arb]] | None = None,
-    memories: tuple[int, int] = (0, 0),
 ) -> Step:
     """`form -> (form of the outputs, (low, high) of each of `ranges`)`.
 
     None where something in `must` is not certain. `states`: atoms that the form describes, every
-    other input ranges over `boxes`, or its domain where nothing is said there. `memories`: how
-    many of the states, and of the outputs, are memories: the last ones.
+    other input ranges over `boxes`, or its domain where nothing is said there.
     """
-    forms = AffineForms(terms, states, symbols, boxes or {}, memories[0])
-    return _step(forms, outputs, ranges, must, memories[1])
+    forms = AffineForms(terms, states, symbols, boxes or {})
+    make_atoms(forms, [*outputs, *ranges, *must])
+    demand(forms, must)
+    flat = [end for x in outputs for end in forms.range_of(x)]
+    centres, rows, rests = zip(*(forms.over_form(forms.row(x)) for x in outputs), strict=True)
+    flat += [*centres, *(g for row in rows for g in row), *rests]
+    ends = [
+        applied(name, end)
+        for x in ranges
+        for name, end in zip(("below", "above"), forms.range_of(x), strict=True)
+    ]
+    return Function(forms.make, forms.length, [*flat, *ends], after=len(flat))
+
+
+def compile_lines(
+    terms: Terms,
+    inputs: Sequence[int],
+    symbols: int,
+    outputs: Sequence[Linear],
+    must: Sequence[Proposition],
+    boxes: Mapping[int, tuple[arb, arb]],
+) -> Function:
+    """`form -> rows`, one after the other; None where something in `must` is not certain.
+
+    For every point of the form: output = sum coefficient * input + constant +- spread, and the
+    output lies in [low, high]. Inputs that the form does not describe range over `boxes`, or over
+    their domains.
+    """
+    forms = AffineForms(terms, inputs, symbols, boxes)
+    make_atoms(forms, [*outputs, *must])
+    demand(forms, must)
+    entries = []
+    for x in outputs:
+        row, constant, spread = forms.row(x)
+        ends = forms.within(*forms.range_of(x), *forms.natural(x))
+        entries += [*(row.get(a, forms.make.zero) for a in inputs), constant, spread, *ends]
+    return Function(forms.make, forms.length, entries)
 
 
 def compile_truths(
@@ -94,7 +102,9 @@ def compile_truths(
     boxes: Mapping[int, tuple[arb, arb]],
 ) -> Function:
     """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
-    return _truths(AffineForms(terms, states, 0, boxes), truths)
+    forms = AffineForms(terms, states, 0, boxes)
+    make_atoms(forms, truths)
+    return Function(forms.make, forms.length, [truth_of(forms, x) for x in truths])
 
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
@@ -137,86 +147,3 @@ def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ..
     new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
     new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
     return tuple(new)
-
-
-def _step(
-    forms: AffineForms,
-    outputs: Sequence[Linear],
-    ranges: Sequence[Linear | Sweep],
-    must: Sequence[Proposition],
-    memories: int,
-) -> Step:
-    make = forms.builder
-    linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
-    make_atoms(forms, [*outputs, *linear, *must])
-    demand(forms, must)
-    made = [forms.form(x) for x in outputs]
-    radii = [make.sum([*forms.betas(f[2]), f[3]]) or make.zero for f in made]
-    output_ranges = [
-        forms.range_of_form(x, f, b) for x, f, b in zip(outputs, made, radii, strict=True)
-    ]
-    flat = [end for interval in output_ranges for end in interval]
-    flat += [f[0] for f in made]
-    flat += [g for f in made for g in f[1]]
-    leading = len(outputs) - memories
-    flat += radii[:leading]
-    shared = [forms.in_common(f, made[:leading]) for f in made[leading:]]
-    flat += [rest for rest, _ in shared]
-    flat += [a for _, row in shared for a in row]
-    ends: list[Value] = []
-    for x in ranges:
-        ends += _swept(forms, x) if isinstance(x, Sweep) else _ends_of(forms, x)
-    return Function(make, forms.length, [*flat, *ends], after=len(flat))
-
-
-def _truths(forms: AffineForms, truths: Sequence[Proposition]) -> Function:
-    make_atoms(forms, truths)
-    return Function(forms.builder, forms.length, [truth_of(forms, x) for x in truths])
-
-
-def _ends_of(forms: AffineForms, x: Linear) -> list[Value]:
-    """The range of a form, in doubles."""
-    low, high = forms.range_of(x)
-    return [forms.builder.apply("below", low), forms.builder.apply("above", high)]
-
-
-def _swept(forms: AffineForms, x: Sweep) -> list[Value]:
-    """The ends of the box, one state after the other."""
-    make = forms.builder
-    balls = [_ball(forms, y) for y in x.starts]
-    arguments = [*balls, *(_ball(forms, y) for y in x.arguments)]
-    between = []
-    for ball, row, constant in zip(balls, x.drift, x.drift_constant, strict=True):
-        between.append(make.sum([ball, _dot(forms, row, arguments, constant)]) or make.zero)
-    acting = []
-    for alternatives in x.commands:
-        any_of_them, *others = (_ball(forms, u) for u in alternatives)
-        for other in others:
-            any_of_them = make.apply("union", any_of_them, other)
-        acting.append(any_of_them)
-    ends: list[Value] = []
-    for i, (row, constant) in enumerate(zip(x.rate, x.rate_constant, strict=True)):
-        own = row[i]
-        other_rates = [*row[:i], ZERO, *row[i + 1 :]]
-        rest = _dot(forms, other_rates, [*between, *acting], constant)
-        if rest is None and own.is_zero():
-            ends += _ends_of(forms, x.starts[i])
-            continue
-        instants = *forms.range_of(x.starts[i]), *forms.range_of(x.ends[i])
-        law = make.constant(own), make.constant(grown(own, x.span))
-        ends += make.parts("swept", 2, *instants, between[i], rest or make.zero, *law)
-    return ends
-
-
-def _dot(
-    forms: AffineForms, row: Sequence[arb], values: Sequence[Value], constant: arb
-) -> Value | None:
-    parts = [forms.builder.times(c, x) for c, x in zip(row, values, strict=True)]
-    return forms.builder.sum(parts, constant)
-
-
-def _ball(forms: AffineForms, x: Linear) -> Value:
-    ball: Value = forms.cached(
-        "ball", x, lambda y: forms.builder.apply("union", *forms.range_of(y))
-    )
-    return ball

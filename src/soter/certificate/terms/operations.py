@@ -15,6 +15,7 @@ from flint import arb
 
 from soter.certificate.terms.arb_balls import (
     UNIVARIATE,
+    ZERO,
     above,
     below,
     exact,
@@ -51,27 +52,29 @@ def swept(
     high: arb,
     low_after: arb,
     high_after: arb,
-    between: arb,
-    rest: arb,
+    least: arb,
+    most: arb,
     own: arb,
+    rest: arb,
+    span: arb,
     grown: arb,
-) -> tuple[float, float]:
+) -> tuple[arb, arb]:
     """The ends of a state x between two instants with these ranges, x' = own x + rest.
 
-    Where x' has one sign over the box `between`, x runs from one range to the other. Elsewhere a
-    comparison: x stays below the solution of y' = own y + max rest from `high`, which is monotone:
-    it only rises where own high + max rest > 0, and then by that times `grown`, the integral of
-    e^{own s} over the time.
+    `least` and `most` bound x': where it has one sign x runs from one range to the other. Elsewhere
+    a comparison: x stays below the solution of y' = own y + max rest from `high`, which is
+    monotone: it only rises where own high + max rest > 0, and then by that times `grown`, the
+    integral of e^{own s} over the time. And it is no further above `high_after` than -least says.
     """
-    rate = own * between + rest
-    if rate >= 0:
-        return below(low), above(high_after)
-    if rate <= 0:
-        return below(low_after), above(high)
+    if least >= 0:
+        return low, high_after
+    if most <= 0:
+        return low_after, high
     down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
+    least, most = arb(least.lower()), arb(most.upper())
     return (
-        below(low if down >= 0 else low + down * grown),
-        above(high if up <= 0 else high + up * grown),
+        (low if down >= 0 else low + down * grown).max(low_after - span * most.max(ZERO)),
+        (high if up <= 0 else high + up * grown).min(high_after - span * least.min(ZERO)),
     )
 
 
@@ -129,6 +132,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "above": above,
     "corners": corners,
     "swept": swept,
+    "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
     "pick": pick,
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,

@@ -23,7 +23,9 @@ from soter.certificate.terms.arb_balls import ONE, ZERO, key_of
 from soter.certificate.terms.operations import CERTAIN, DEMAND, OPERATIONS, PART, NotCertainError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
+
+    Number = arb | "Value"
 
 CONSTANT, INPUT = "constant", "input"
 
@@ -31,18 +33,51 @@ CONSTANT, INPUT = "constant", "input"
 class Value:
     """What an operation makes of other values; a constant and an input need none.
 
-    `content`: the number of a constant, the place of an input, which part of a tuple.
+    `content`: the number of a constant, the place of an input, which part of a tuple. Values are
+    added, multiplied and compared in size as balls are, and together with balls, so that code which
+    does not branch on numbers computes with either.
     """
 
-    __slots__ = ("arguments", "content", "operation")
+    __slots__ = ("arguments", "content", "make", "operation")
 
-    def __init__(self, operation: str, arguments: tuple[Value, ...], content: Any) -> None:  # noqa: ANN401
-        self.operation, self.arguments, self.content = operation, arguments, content
+    def __init__(
+        self,
+        make: Builder,
+        operation: str,
+        arguments: tuple[Value, ...],
+        content: Any,  # noqa: ANN401
+    ) -> None:
+        self.make, self.operation = make, operation
+        self.arguments, self.content = arguments, content
 
     @property
     def is_constant(self) -> bool:
         """Whether no input is in it."""
         return self.operation == CONSTANT
+
+    def __add__(self, other: Number) -> Value:
+        return self.make.apply("add", self, other)
+
+    def __radd__(self, other: Number) -> Value:
+        return self.make.apply("add", other, self)
+
+    def __sub__(self, other: Number) -> Value:
+        return self.make.apply("sub", self, other)
+
+    def __rsub__(self, other: Number) -> Value:
+        return self.make.apply("sub", other, self)
+
+    def __mul__(self, other: Number) -> Value:
+        return self.make.apply("mul", self, other)
+
+    def __rmul__(self, other: Number) -> Value:
+        return self.make.apply("mul", other, self)
+
+    def __neg__(self) -> Value:
+        return self.make.apply("neg", self)
+
+    def __abs__(self) -> Value:
+        return self.make.apply("abs", self)
 
 
 class Builder:
@@ -51,12 +86,12 @@ class Builder:
     def __init__(self) -> None:
         self.values: list[Value] = []
         self._known: dict[object, Value] = {}
-        self.zero, self.one = self.constant(ZERO), self.constant(ONE)
+        self.zero, self.one, self._minus_one = map(self.constant, (ZERO, ONE, -ONE))
 
     def _value(self, operation: str, arguments: tuple[Value, ...], content: Any = None) -> Value:  # noqa: ANN401
         key = operation, tuple(map(id, arguments)), content
         if key not in self._known:
-            self._known[key] = Value(operation, arguments, content)
+            self._known[key] = Value(self, operation, arguments, content)
             self.values.append(self._known[key])
         return self._known[key]
 
@@ -64,7 +99,7 @@ class Builder:
         """Of a number; equal balls are one value."""
         key = CONSTANT, (content_of(x) if isinstance(x, (arb, int, float)) else id(x))
         if key not in self._known:
-            self._known[key] = Value(CONSTANT, (), x)
+            self._known[key] = Value(self, CONSTANT, (), x)
             self.values.append(self._known[key])
         return self._known[key]
 
@@ -72,56 +107,63 @@ class Builder:
         """The number of a form at a place."""
         return self._value(INPUT, (), place)
 
-    def apply(self, operation: str, *arguments: Value) -> Value:
-        """What an operation of `OPERATIONS` makes of values."""
-        if all(x.is_constant for x in arguments):
-            return self.constant(OPERATIONS[operation](*(x.content for x in arguments)))
-        return self._value(operation, arguments)
+    def apply(self, operation: str, *arguments: Any, content: Any = None) -> Value:  # noqa: ANN401
+        """What an operation of `OPERATIONS` makes of values and constants.
 
-    def parts(self, operation: str, count: int, *arguments: Value) -> list[Value]:
-        """The same of one that gives so many values."""
+        Or `PART`: number `content` of a tuple; or `DEMAND`: from here on nothing is given unless
+        the truth is certain.
+        """
+        values = [x if isinstance(x, Value) else self.constant(x) for x in arguments]
+        if operation == DEMAND:
+            (truth,) = values
+            known = truth.is_constant and truth.content == CERTAIN
+            return truth if known else self._value(DEMAND, (truth,))
+        if all(x.is_constant for x in values):
+            known = [x.content for x in values]
+            return self.constant(
+                known[0][content] if operation == PART else OPERATIONS[operation](*known)
+            )
+        same = self._same(operation, *values) if operation in ("add", "sub", "mul") else None
+        return self._value(operation, tuple(values), content) if same is None else same
+
+    def _same(self, operation: str, x: Value, y: Value) -> Value | None:
+        """What needs no operation: 0 times what is unbounded is 0, as it is finite all the same."""
+        if operation == "mul":
+            if self.zero in (x, y):
+                return self.zero
+            if self._minus_one in (x, y):
+                return -(y if x is self._minus_one else x)
+            return {x: y, y: x}.get(self.one)
+        if x is self.zero:
+            return -y if operation == "sub" else y
+        return x if y is self.zero else None
+
+    def parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
+        """The same of an operation that gives so many values."""
         whole = self.apply(operation, *arguments)
-        if whole.is_constant:
-            return [self.constant(x) for x in whole.content]
-        return [self._value(PART, (whole,), k) for k in range(count)]
+        return [self.apply(PART, whole, content=k) for k in range(count)]
 
-    def demand(self, truth: Value) -> None:
-        """From here on nothing is given unless this is certainly so."""
-        if not (truth.is_constant and truth.content == CERTAIN):
-            self._value(DEMAND, (truth,))
-
-    # ------------------------------------------------------------ sums and products
-
-    def absolute(self, x: Value) -> Value:
-        """|x|."""
-        return self.apply("abs", x)
-
-    def times(self, factor: arb | Value, x: Value) -> Value | None:
-        """`factor * x`; None for zero: what is unbounded is finite all the same."""
-        factor = self.coefficient(factor)
-        if self.zero in (factor, x):
-            return None
-        if factor.is_constant and factor.content == -1:
-            return self.apply("neg", x)
-        if self.one in (factor, x):
-            return x if factor is self.one else factor
-        return self.apply("mul", factor, x)
-
-    def sum(self, parts: Sequence[Value | None], offset: arb = ZERO) -> Value | None:
-        """Of all of them, in their order; None for zero."""
-        kept = [p for p in parts if p is not None and p is not self.zero]
-        if not offset.is_zero():
-            kept.insert(0, self.constant(offset))
-        if not kept:
-            return None
-        total = kept[0]
-        for x in kept[1:]:
-            total = self.apply("add", total, x)
+    def sum(self, parts: Iterable[Number]) -> Value:
+        """Of all of them, constants first."""
+        total = self.zero
+        for x in sorted(parts, key=_is_variable):
+            total += x
         return total
 
-    def coefficient(self, factor: arb | Value) -> Value:
-        """As a value."""
-        return factor if isinstance(factor, Value) else self.constant(factor)
+
+def _is_variable(x: Number) -> bool:
+    return isinstance(x, Value) and not x.is_constant
+
+
+def applied(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
+    """What an operation makes of balls, or of values of one program; of so many parts, if any."""
+    for x in arguments:
+        if isinstance(x, Value):
+            make = x.make
+            if parts:
+                return tuple(make.parts(operation, parts, *arguments))
+            return make.apply(operation, *arguments)
+    return OPERATIONS[operation](*arguments)
 
 
 class Function:
@@ -131,10 +173,17 @@ class Function:
     """
 
     def __init__(
-        self, builder: Builder, length: int, outputs: Sequence[Value], after: int | None = None
+        self,
+        builder: Builder,
+        length: int,
+        outputs: Sequence[Any],
+        after: int | None = None,
+        *,
+        demands: bool = True,
     ) -> None:
-        """`length`: of a form."""
-        order = _needed(builder.values, outputs)
+        """`length`: of a form; without `demands` what must hold is taken to have been shown."""
+        outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
+        order = _needed(builder.values, outputs, demands=demands)
         constants = [v for v in order if v.is_constant]
         place = {id(v): length + k for k, v in enumerate(constants)}
         place |= {id(v): v.content for v in order if v.operation == INPUT}
@@ -145,14 +194,16 @@ class Function:
         self._steps = [_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)
         self._after = after
-        names = tuple(
+        self._named = tuple(
             (v.operation, v.content, tuple(place[id(x)] for x in v.arguments)) for v in steps
         )
-        self.content: object = (tuple(map(content_of, self._constants)), names, self._wanted)
+        self.content: object = (tuple(map(content_of, self._constants)), self._named, self._wanted)
         """Equal for functions only that give the same of every form."""
 
     def __call__(self, form: tuple[arb, ...]) -> Any:  # noqa: ANN401  as was asked for
-        """Of one form."""
+        """Of one form; of values of another program: values of that one."""
+        if form and isinstance(form[0], Value):
+            return self._of_values(form[0].make, form)
         values: list[Any] = [*form, *self._constants]
         keep = values.append
         try:
@@ -165,15 +216,25 @@ class Function:
                     keep(operation(values[one], values[other]))
         except NotCertainError:
             return None
+        return self._given(values)
+
+    def _of_values(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
+        values: list[Any] = [*form, *self._constants]
+        for operation, content, places in self._named:
+            arguments = [values[k] for k in places]
+            values.append(make.apply(operation, *arguments, content=content))
+        return self._given(values)
+
+    def _given(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
         made = tuple([values[k] for k in self._wanted])
         return made if self._after is None else (made[: self._after], made[self._after :])
 
 
-def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
+def _needed(values: Sequence[Value], outputs: Sequence[Value], *, demands: bool) -> list[Value]:
     """What outputs and demands depend on, in the order in which it was made."""
     needed = {id(v) for v in outputs}
     for v in reversed(values):
-        if id(v) in needed or v.operation == DEMAND:
+        if id(v) in needed or (demands and v.operation == DEMAND):
             needed.add(id(v))
             needed.update(id(x) for x in v.arguments)
     return [v for v in values if id(v) in needed]

@@ -18,10 +18,8 @@ from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.terms.arb_balls import (
-    HALF,
     ONE,
     TINIEST,
-    UNIT,
     UNIT_ROUNDOFF,
     UNIVARIATE,
     ZERO,
@@ -323,14 +321,6 @@ class Terms:
         atom.weights = tuple(magnitude(w) for w, _ in kept)
         return self._atom(atom)
 
-    def blurred(self, coefficients: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
-        """Sum coefficient * argument for coefficients that are anything in wide balls."""
-        middle = self.combine(
-            [(c.mid(), x) for c, x in zip(coefficients, arguments, strict=True) if not c.is_zero()]
-        )
-        wide = self.spread([c.rad() for c in coefficients], arguments)
-        return self.combine(((ONE, middle), (ONE, wide)))
-
     def lookup(
         self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
     ) -> Linear:
@@ -391,11 +381,6 @@ def same(a: Linear, b: Linear) -> bool:
     return a.terms.keys() == b.terms.keys() and all(c == b.terms[i] for i, c in a.terms.items())
 
 
-def half_sum(terms: Terms, a: Linear, b: Linear) -> Linear:
-    """(a + b) / 2, exactly."""
-    return terms.combine(((HALF, a), (HALF, b)))
-
-
 def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
     needed = closure(terms, roots)
@@ -443,6 +428,3 @@ def closure(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
             if atom.condition is not None:
                 todo.append(atom.condition)
     return indices
-
-
-__all__ = ["UNIT", "Atom", "Linear", "NotRecheckedError", "Proposition", "Terms"]

@@ -1,0 +1,335 @@
+"""Chains and free phases of flows: forms carried over steps of time.
+
+Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
+step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
+compute with balls; or with the values of a program, of a flow that is the same everywhere.
+Non-goals: maps (`map_steps.py`), sets (`group_claims.py`).
+
+Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
+before, one unknown in [-1, 1] times `rho` for each new command, and 1. `Start.z` has the generators
+of z as rows over 1, the symbols of the cell, the betas of the states, those of the old commands,
+and those of the new ones: ranges are sums of absolute values of `rows z`.
+
+A command acts from e before its nominal time to l after it (`sc_chains.Window`), w = e + l. The
+sample that it answers was taken at s in [-d, w] from k delta - e, while commands acted that are
+known: x(s) = x + I(s) r +- noise, with r = A x + B u_1 + c the rate now and I(s) the integral of
+e^{At} over [0, s]; what other commands than u_1 differ from it adds |e^{As} B| times the integral
+of that, for as long as they may have acted. The k-th command before acts on [-k delta + w,
+-(k - 1) delta] at least, the (k + 1)th beside it for w, so that in [-(k + 1) delta + w, -k delta +
+w] one of the two acted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from itertools import cycle, pairwise
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.grid.chain_form_layout import (
+    CommandRows,
+    FormLayout,
+    OpenedForm,
+    StateRows,
+    hull_of,
+    spread_of,
+)
+from soter.certificate.grid.flow_enclosures import domain_of
+from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
+from soter.certificate.terms.compile_terms import TAIL, compile_lines
+from soter.certificate.terms.operations import DEMAND, NotCertainError, grown
+from soter.certificate.terms.rows import beside, dot, plus, product, units
+from soter.certificate.terms.straight_line import applied
+from soter.certificate.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.certificate.grid.chain_form_layout import Form
+    from soter.certificate.grid.flow_enclosures import (
+        Enclosure,
+        Interval,
+        LocalFlow,
+        Solution,
+        SolvedFlow,
+    )
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.rows import Rows
+    from soter.certificate.terms.straight_line import Function
+
+    Boxes = list[Any]
+    Image = tuple[Form, Boxes]
+
+NOW = Fraction(0)
+DEPTH_MAX = 16
+"""Commands that a form carries along at most."""
+
+
+@dataclass(frozen=True)
+class Times:
+    """In s: SC's period, how old samples are, how early and late a command acts (`Window`)."""
+
+    delta: Fraction
+    d: Fraction = NOW
+    early: Fraction = NOW
+    late: Fraction = NOW
+    taken: tuple[Fraction, Fraction] = (NOW, NOW)
+    """When the first sample was taken, relative to a_0."""
+
+
+class FlowChain:
+    """The steps of a chain, and free phases, of one group."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        flow: LocalFlow | SolvedFlow,
+        times: Times,
+    ) -> None:
+        self.model, self.members, self.flow = model, members, flow
+        self.n, self.q = len(members), len(flow.moves)
+        if not self.q:
+            times = Times(times.delta)  # no command moves this group: when one acts is the same
+        self.times, self.delta = times, times.delta
+        self.span = times.early + times.late
+        """For how long it is not certain which command acts."""
+        if self.span > self.delta:
+            raise NotRecheckedError("an SC whose jitter exceeds half its period")
+        reach = times.d + self.span
+        self.depth = int(-(-reach // self.delta))
+        """How many commands may have acted since a sample was taken, or may still act."""
+        if self.depth > DEPTH_MAX:
+            raise NotRecheckedError("an SC that reads states much older than its period")
+        self.layout = FormLayout(self.n, self.q, self.depth)
+        self.behind = [exact(max(NOW, reach - k * self.delta)) for k in range(1, self.depth + 1)]
+        """How far the sample reaches back beyond the certain rule of the k latest commands."""
+        self.least_pieces = flow.steps(self.delta)
+
+    @cached_property
+    def law(self) -> tuple[Function, list[Interval]]:
+        """The rows of SC's commands over a form of the sample, and where they hold."""
+        model, members = self.model, self.members
+        terms, states = model.new_terms()
+        commands = model.commands(terms, states)
+        own = [atom_of(states[i]) for i in members]
+        outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
+        rows = compile_lines(terms, own, self.n, outputs, terms.obligations, boxes)
+        return rows, domain_of(terms, own)
+
+    # ------------------------------------------------------------ steps of a chain
+
+    def first(self, pieces: int, form: Form) -> Image:
+        """From a_0 to delta - e."""
+        before = self.flow.ranges * self.depth  # anything
+        return self._hold(self.layout.opened(form, before), pieces, fresh=True)
+
+    def later(self, pieces: int, form: Form) -> Image:
+        """From k delta - e to (k + 1) delta - e."""
+        return self._hold(self.layout.opened(form, None), pieces, fresh=False)
+
+    def last(self, pieces: int, form: Form) -> Image:
+        """From N delta - e over [0, e + l], the latest command still acting."""
+        start = self.layout.opened(form, None)
+        return (), self._led(start, self._old(start), [(self.span / pieces, NOW)] * pieces)[1]
+
+    def free(self, time: Fraction, pieces: int, form: Form) -> Image:
+        """Over [0, time] under any commands."""
+        start = self.layout.opened(form, self.flow.ranges * self.depth)
+        spans = [(time / pieces, NOW)] * (pieces if time else 0)
+        return (), self._led(start, self._any(start), spans)[1]
+
+    def _hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
+        """One command of SC: what it answers, and where it leads."""
+        new = self._answered(start, fresh=fresh)
+        way, boxes = self._led(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
+        return self.layout.closed(start, way, new), boxes
+
+    def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
+        """The steps of a hold, and for how long the old command may act in each."""
+        early = NOW if fresh else self.span
+        whole = self.delta - self.times.early if fresh else self.delta
+        if count == 1 and not self.flow.apart:
+            return [(whole, early)]
+        rest = whole - early
+        handed = [(early, early)] if early else []
+        return [*handed, *[(rest / count, NOW)] * (count if rest else 0)]
+
+    def _old(self, start: OpenedForm) -> CommandRows:
+        """The command that acts already."""
+        n, q = self.n, self.q
+        return CommandRows(start.rows(n, q), start.ranges[n : n + q])
+
+    def _any(self, start: OpenedForm) -> CommandRows:
+        """Any commands: the middles of their sets, and what they may be off these."""
+        rows = start.rows(0, self.q)
+        for row, (low, high) in zip(rows, self.flow.ranges, strict=True):
+            row[:] = [*[ZERO] * (len(row) - 1), (low + high) * HALF]
+        radii = [(high - low) * HALF for low, high in self.flow.ranges]
+        return CommandRows(rows, self.flow.ranges, radii)
+
+    # ------------------------------------------------------------ what SC reads
+
+    def _answered(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
+        """The commands that answer the sample; their unknowns are entered into `start.z`."""
+        n, q = self.n, self.q
+        sample = self._sampled(start, fresh=fresh)
+        values = product(sample.rows, start.z)
+        form = [end for interval in sample.box for end in interval]
+        form += [row[0] for row in values]
+        form += [x for row in values for x in row[1 : 1 + n]]
+        form += [spread_of(row[1 + n :]) + r for row, r in zip(values, sample.rest, strict=True)]
+        law, domain = self.law
+        for interval, most in zip(sample.box, domain, strict=True):
+            applied(DEMAND, applied("inside", *interval, *most))
+        lines = law(tuple(form))
+        if lines is None:
+            raise NotCertainError
+        width, rows, ranges = n + TAIL, [], []
+        for k in range(q):
+            *gain, constant, spread, low, high = lines[k * width : (k + 1) * width]
+            (row,) = product([gain], sample.rows)
+            row[-1] += constant
+            row[k - 1 - q] = ONE
+            rows.append(row)
+            start.z[k - 1 - q][k - q] = spread + dot(list(map(abs, gain)), sample.rest)
+            ranges.append((low, high))
+        return CommandRows(rows, ranges)
+
+    def _sampled(self, start: OpenedForm, *, fresh: bool) -> StateRows:
+        """The states when the sample was taken; the first one was before a_0."""
+        way = self.layout.begun(start)
+        if not self.depth:
+            return way
+        n, q, flow = self.n, self.q, self.flow
+        begin, end = self.times.taken if fresh else (-self.times.d, self.span)
+        acting, others = (
+            (self._any(start), []) if fresh else (self._old(start), self._others(start))
+        )
+        ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
+        local = flow.around(way.box, ranges, begin, max(end, NOW))
+        rate = product(beside(local.a, local.b), [*way.rows, *acting.rows])
+        for row, c in zip(rate, local.constant, strict=True):
+            row[-1] += c
+        sizes = [spread_of(row) for row in product(rate, start.z)]
+        integral = flow.integral(local, begin, end)
+        noise = flow.noise(local, begin, end, acting.radii)
+        pushes = product(plus(units(n), product(local.a, integral)), local.b) if others else local.b
+        rest = []
+        for i, row in enumerate(integral):
+            wide = dot([x.rad() for x in row], sizes)
+            rest.append(noise[i] + wide + sum_of_sizes(pushes[i], others))
+        rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
+        return self._placed(start, StateRows(rows, rest, way.box), local)
+
+    def _others(self, start: OpenedForm) -> list[Any]:
+        """The integrals of what others than the latest differ from it, back to the sample."""
+        n, q = self.n, self.q
+        integrals = []
+        for k in range(q):
+            gaps = [ZERO, *(self._gap(start, n + k, n + at * q + k) for at in range(1, self.depth))]
+            lengths = [a - b for a, b in pairwise(self.behind)]
+            longest = [applied("max", a, b) for a, b in pairwise(gaps)]
+            integrals.append(dot(lengths, longest))
+        return integrals
+
+    @staticmethod
+    def _gap(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
+        """By how much two old commands differ at most."""
+        apart = spread_of([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
+        return applied("min", apart, _apart(start.ranges[one], start.ranges[other]))
+
+    # ------------------------------------------------------------ one step
+
+    def _led(
+        self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
+    ) -> tuple[StateRows, Boxes]:
+        """Where commands lead, step by step, and the boxes on the way."""
+        way, boxes = self.layout.begun(start), []
+        for span, early in spans:
+            way, tube = self._step(start, way, new, span, early)
+            boxes += tube
+        return way, boxes
+
+    def _step(
+        self,
+        start: OpenedForm,
+        way: StateRows,
+        new: CommandRows,
+        span: Fraction,
+        early: Fraction,
+    ) -> tuple[StateRows, Boxes]:
+        """`span` later; up to `early` the old commands may act. The box of all states between."""
+        ranges = new.ranges
+        if early:
+            old = self._old(start)
+            ranges = [hull_of(pair) for pair in zip(new.ranges, old.ranges, strict=True)]
+        flow, local = self.flow, self.flow.around(way.box, ranges, NOW, span)
+        law = flow.solved(local, span)
+        rows = product(beside(law.state, law.control), [*way.rows, *new.rows])
+        noise = flow.noise(local, NOW, span, new.radii)
+        if early:
+            moved, more = self._handed_over(start, local, law, new, early)
+            rows = plus(rows, moved)
+            noise = [x + y for x, y in zip(noise, more, strict=True)]
+        for row, c in zip(rows, law.constant, strict=True):
+            row[-1] += c
+        rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
+        after = self._placed(start, StateRows(rows, rest, way.box), local)
+        return after, self._between(way, after, local, span)
+
+    def _placed(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
+        """The box of what is known of states; those that stand are where they were."""
+        box = []
+        for i, row in enumerate(product(way.rows, start.z)):
+            radius = spread_of(row[1:]) + way.rest[i]
+            box.append(way.box[i] if local.stands(i) else (row[0] - radius, row[0] + radius))
+        return StateRows(way.rows, way.rest, self.flow.ended(box, local))
+
+    def _between(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
+        """The box of the states between two instants: low, high, low, high, ..., outwards."""
+        tube = []
+        for i, rates in enumerate(local.rates):
+            own = local.a[i][i]
+            law = *rates, own, local.others[i], exact(span), grown(own, exact(span))
+            tube.append(applied("swept", *way.box[i], *after.box[i], *law, parts=2))
+        ends = [end for interval in self.flow.clipped(tube) for end in interval]
+        return [applied(name, end) for name, end in zip(cycle(("below", "above")), ends)]
+
+    def _handed_over(
+        self,
+        start: OpenedForm,
+        local: Enclosure,
+        law: Solution,
+        new: CommandRows,
+        early: Fraction,
+    ) -> tuple[Rows, list[Any]]:
+        """The old command acts until some t <= early: it adds E (old - new), rows and noise.
+
+        E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
+        """
+        old = self._old(start)
+        back = [[-x for x in row] for row in self.flow.integral(local, -early, NOW)]
+        reach = product(law.state, product(back, local.b))
+        gap = plus(old.rows, new.rows, -ONE)
+        sizes = [
+            applied("min", spread_of(values), _apart(a, b))
+            for values, a, b in zip(product(gap, start.z), old.ranges, new.ranges, strict=True)
+        ]
+        noise = [dot([x.rad() for x in row], sizes) for row in reach]
+        return product([[x.mid() for x in row] for row in reach], gap), noise
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
+    """What these add at most."""
+    return dot(list(map(abs, row)), sizes) if sizes else ZERO
+
+
+def _apart(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
+    """By how much numbers of two intervals differ at most."""
+    return applied("max", applied("max", a[1] - b[0], b[1] - a[0]), ZERO)

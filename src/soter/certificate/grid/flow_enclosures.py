@@ -1,0 +1,453 @@
+"""Flows over a span of time: a box that holds every solution, a linear model in it, its solution.
+
+Purpose: `around`: a box that holds every solution for a while, and over it the matrices of x' =
+A x + B u + c +- w (`Enclosure`); `solved`: what these come to (`Solution`). `LocalFlow` makes both
+anew around each box; `SolvedFlow` is a linear flow, which is solved once for all boxes.
+Non-goals: chains and forms (`flow_chains.py`); reading and solving linear flows
+(`linear_flows.py`).
+
+Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
+range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
+functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
+f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
+where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is larger by
+a hair on all sides: then no solution can leave it before it has left X + [s, t] F, and uniqueness
+is not used.
+
+Ends of axes that the flow keeps (`inward_flow.py`): there the derivative is that of the state
+projected onto the grid in these axes, which only ever asks for f on the projected box. As long as
+the other states stay in their grids, the projection does nothing. Whoever uses a box checks that it
+lies in a set of cells, hence in the grid. Backwards in time it is the past of a run that is
+projected: it lay in C, hence in the grid (docs/proof.md: the invariant), up to the instant from
+which a chain begins.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import starmap
+from typing import TYPE_CHECKING, Any
+
+from flint import arb, arb_mat
+
+from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
+from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    ONE,
+    UNIT,
+    ZERO,
+    exact,
+    larger,
+    magnitude,
+    smaller,
+)
+from soter.certificate.terms.compile_terms import TAIL, compile_lines
+from soter.certificate.terms.operations import NotCertainError
+from soter.certificate.terms.rows import beside, dot, plus, product, times, total, units
+from soter.certificate.terms.straight_line import applied
+from soter.certificate.terms.terms import NotRecheckedError, Proposition, inputs_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from fractions import Fraction
+
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.rows import Rows
+    from soter.certificate.terms.straight_line import Number
+    from soter.certificate.terms.terms import Terms
+
+    Interval = tuple[Number, Number]
+
+ROUNDS = 8
+"""How often a box is enlarged before there is none."""
+LOOSE = arb("1.1")
+"""How much further than it must a box is enlarged."""
+HAIR = arb(2) ** -40
+STIFF, STEPS_MAX = arb("1.2"), 64
+"""A step is at most this long, times the rates; so many are enough."""
+TERMS_MAX = 24
+REST = arb(2) ** -40
+"""Where a series may end, relative to its first term."""
+
+
+@dataclass(frozen=True, eq=False)
+class Enclosure:
+    """Every solution is in `box`, and there x' = a x + b u + constant +- noise, in `rates`."""
+
+    box: list[Interval]
+    a: Rows
+    b: Rows
+    constant: list[arb]
+    noise: list[arb]
+    rates: list[Interval]
+    others: list[Any]
+    """Of each rate what it is without a_ii x_i, as a ball."""
+
+    def stands(self, i: int) -> bool:
+        """Whether the rate of a state is certainly 0."""
+        return all(isinstance(x, arb) and x.is_zero() for x in self.rates[i])
+
+
+class KeptEnds:
+    """The grid of a group, and which ends of its axes the flow keeps."""
+
+    def __init__(
+        self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]]
+    ) -> None:
+        self.n = len(members)
+        self.grid = [(exact(low), exact(high)) for low, high in (model.extents[i] for i in members)]
+        self.kept = list(kept) or [(False, False)] * self.n
+
+    def clipped(self, box: Sequence[Interval]) -> list[Interval]:
+        """A box without what lies beyond ends that the flow keeps."""
+        return [
+            (
+                applied("max", low, least) if first else low,
+                applied("min", high, most) if last else high,
+            )
+            for (low, high), (first, last), (least, most) in zip(
+                box, self.kept, self.grid, strict=True
+            )
+        ]
+
+
+class SolvedFlow(KeptEnds):
+    """A linear flow: the same matrices everywhere, and its solution over any span of time."""
+
+    apart = True
+    """Whether the time in which two commands may act is a step of its own."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        flow: LinearFlow,
+        kept: Sequence[tuple[bool, bool]] = (),
+    ) -> None:
+        """`kept`: for each member, whether its flow keeps the lower and the upper end."""
+        super().__init__(model, members, kept)
+        columns = range(len(flow.ranges))
+        self.moves = [k for k in columns if any(not row[k].is_zero() for row in flow.b)]
+        """Controls that this group feels."""
+        self.ranges = [flow.ranges[k] for k in self.moves]
+        self.flow = replace(flow, b=self._felt(flow.b), ranges=tuple(self.ranges))
+        self.disturbed = [total(map(abs, row)) for row in flow.noise]
+        self._solution = lru_cache(maxsize=None)(self.flow.solution)
+        self._added = lru_cache(maxsize=None)(self._added_within)
+
+    def steps(self, span: Fraction) -> int:
+        """Into how many a span is cut at least."""
+        del span
+        return 1
+
+    def _felt(self, control: Rows) -> Rows:
+        """The columns of the controls that the group feels."""
+        return [[row[k] for k in self.moves] for row in control]
+
+    def around(
+        self, box: Sequence[Interval], commands: Sequence[Interval], start: Fraction, end: Fraction
+    ) -> Enclosure:
+        """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
+
+        Commands may change at any time within their ranges: what they differ from the middle counts
+        as noise.
+        """
+        flow, law = self.flow, self._solution(start, end)
+        hulls = [applied("union", *ends) for ends in box]
+        middles = [(low + high) * HALF for low, high in commands]
+        radii = [(high - low) * HALF for low, high in commands]
+        met = []
+        drift, noise = plus(law.state, units(self.n), -ONE), self.noise(None, start, end, radii)
+        for i, (low, high) in enumerate(box):
+            off = dot([*drift[i], *law.control[i]], [*hulls, *middles]) + law.constant[i]
+            ends = low + off - noise[i], high + off + noise[i]
+            met.append((applied("min", low, ends[0]), applied("max", high, ends[1])))
+        met = self.clipped(met)
+        held = [applied("union", *ends) for ends in (*met, *commands)]
+        rates, others = [], []
+        for i, row in enumerate(beside(flow.a, flow.b)):
+            rest = flow.constant[i] + self.disturbed[i] * UNIT
+            others.append(dot([*row[:i], ZERO, *row[i + 1 :]], held) + rest)
+            rates.append((row[i] * held[i] + others[i],) * 2)
+        return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, rates, others)
+
+    def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
+        """What disturbances add at most, and each command that is anything in [-1, 1]."""
+        flow = self.flow
+        columns = [[[row[k]] for row in flow.b] for k in range(len(self.moves))]
+        gains = [flow.added(column, start, end) for column in columns]
+        return flow.added(flow.noise, start, end), [list(row) for row in zip(*gains, strict=True)]
+
+    def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
+        """Where the states are in the end, by `box` and by an enclosure of all of the span."""
+        del enclosure  # says no more
+        return self.clipped(box)
+
+    def solved(self, enclosure: Enclosure, span: Fraction) -> Solution:
+        """The solution over a span of time; the same for every enclosure."""
+        del enclosure
+        return self._solution(span, span)
+
+    def noise(
+        self,
+        enclosure: Enclosure | None,
+        start: Fraction,
+        end: Fraction,
+        radii: Sequence[Any],
+    ) -> list[Any]:
+        """What disturbances add, and commands that are so far off at any time, in [start, end]."""
+        del enclosure
+        noise, gains = self._added(start, end)
+        return (
+            [x + dot(row, radii) for x, row in zip(noise, gains, strict=True)] if radii else noise
+        )
+
+    def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+        """That of e^{As} over [0, t], for all t in [start, end]."""
+        return integrals(enclosure.a, start, end)
+
+
+class LocalFlow(KeptEnds):
+    """The flow of a group; states of other groups range over their grids."""
+
+    apart = False
+
+    def __init__(
+        self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]] = ()
+    ) -> None:
+        """`kept`: for each member, whether its flow keeps the lower and the upper end."""
+        super().__init__(model, members, kept)
+        terms, states = model.new_terms()
+        controls = control_inputs(model.facts, terms)
+        rates, _ = model.rates(terms, states, controls)
+        own = [atom_of(states[i]) for i in members]
+        outputs = [rates[i] for i in members]
+        felt = inputs_of(terms, outputs)
+        self.moves = [k for k, u in enumerate(controls) if atom_of(u) in felt]
+        """Controls that this group feels."""
+        inputs = own + [atom_of(controls[k]) for k in self.moves]
+        must = _own_obligations(terms, own, [atom_of(x) for x in states])
+        boxes = boxes_of(model, states, members)
+        self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
+        self.domain = domain_of(terms, own)
+        self.ranges = [
+            (exact(c.low), exact(c.high)) for c in (model.facts.controls[k] for k in self.moves)
+        ]
+
+    def steps(self, span: Fraction) -> int:
+        """Into how many a span is cut at least: few where rates are slow."""
+        try:
+            lines = self.lines(self.grid, self.ranges)
+        except NotCertainError:
+            return 2
+        rates = size_of(self.enclosure(self.grid, self.ranges, lines).a)
+        return max(1, math.ceil(min(float(rates * exact(span) / STIFF), STEPS_MAX)))
+
+    def lines(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
+        """The rows of the derivative over a box.
+
+        `NotCertainError` where it is not defined on all of it.
+        """
+        for (low, high), (least, most) in zip(box, self.domain, strict=True):
+            if not (low >= least and high <= most and low <= high):
+                raise NotCertainError
+        whole = [*box, *commands]
+        form = [end for interval in whole for end in interval]
+        form += [(low + high) * HALF for low, high in whole]
+        form += [(high - low) * HALF for low, high in whole]
+        rows = self.written(tuple(form))
+        if rows is None:
+            raise NotCertainError
+        return list(rows)
+
+    def rates(self, lines: Sequence[arb]) -> list[Interval]:
+        """The ranges of the derivative out of its rows."""
+        width = self.n + len(self.moves) + TAIL
+        return [(lines[k * width - 2], lines[k * width - 1]) for k in range(1, self.n + 1)]
+
+    def around(
+        self, box: Sequence[Interval], commands: Sequence[Interval], start: Fraction, end: Fraction
+    ) -> Enclosure:
+        """The enclosure over [start, end], start <= 0 <= end.
+
+        `NotCertainError` where none is found.
+        """
+        first, last = exact(start), exact(end)
+        box, commands = (list(starmap(outwards, x)) for x in (box, commands))
+        trial = self.clipped(box)
+        lines = self.lines(trial, commands)
+        for k in range(ROUNDS):
+            moved = self._moved(box, self.rates(lines), first, last)
+            if k and _within(moved, trial):
+                return self.enclosure(moved, commands, lines)
+            trial = self.clipped(self._looser(box, moved, hair=HAIR if start < 0 else ZERO))
+            lines = self.lines(trial, commands)
+        raise NotCertainError
+
+    def _moved(
+        self, box: Sequence[Interval], rates: Sequence[Interval], start: arb, end: arb
+    ) -> list[Interval]:
+        """Where a state of the box may be in [start, end] with these rates, clipped."""
+        intervals = []
+        for (low, high), (least, most) in zip(box, rates, strict=True):
+            down = (end * least).min(ZERO)
+            up = (end * most).max(ZERO)
+            if start < 0:
+                down = down.min(start * most)
+                up = up.max(start * least)
+            intervals.append(outwards(low + down, high + up))
+        return self.clipped(intervals)
+
+    def _looser(
+        self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
+    ) -> list[Interval]:
+        """Further from `box` than `moved` by a tenth, and by hairs."""
+        intervals = []
+        for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
+            more = (last - first) * hair
+            intervals.append(
+                (low + (least - low) * LOOSE - more, high + (most - high) * LOOSE + more)
+            )
+        return intervals
+
+    # ------------------------------------------------------------ solutions
+
+    def enclosure(
+        self, box: Sequence[Interval], commands: Sequence[Interval], lines: Sequence[arb]
+    ) -> Enclosure:
+        """The linear model out of the rows; a state that certainly stands still has zeros."""
+        n, m = self.n, len(self.moves)
+        width = n + m + TAIL
+        rows, rates = [], self.rates(lines)
+        for k, (low, high) in enumerate(rates):
+            still = low.is_zero() and high.is_zero()
+            rows.append([ZERO] * width if still else list(lines[k * width : (k + 1) * width]))
+        held = [low.union(high) for low, high in (*box, *commands)]
+        others = []
+        for i, row in enumerate(rows):
+            rest = row[n + m] + row[n + m + 1] * UNIT
+            others.append(dot([*row[:i], ZERO, *row[i + 1 : n + m]], held) + rest)
+        return Enclosure(
+            list(box),
+            [row[:n] for row in rows],
+            [row[n : n + m] for row in rows],
+            [row[n + m] for row in rows],
+            [row[n + m + 1] for row in rows],
+            rates,
+            others,
+        )
+
+    def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
+        """Where the states are in the end, by `box` and by an enclosure of all of the span."""
+        pairs = zip(box, enclosure.box, strict=True)
+        return self.clipped([outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs])
+
+    def solved(self, enclosure: Enclosure, span: Fraction) -> Solution:
+        """The solution formula over a step of this length."""
+        time, a = exact(span), enclosure.a
+        integral = integral_of(a, time)
+        return Solution(
+            plus(units(self.n), product(a, integral)),
+            product(integral, enclosure.b) if self.moves else enclosure.b,
+            times(integral, enclosure.constant),
+        )
+
+    def noise(
+        self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
+    ) -> list[arb]:
+        """What disturbances add, and commands that are so far off at any time, in [start, end].
+
+        By |e^{As}| <= e^{Ms}: M has |a_ij| off the diagonal and a_ii on it (backwards: -a_ii; both
+        ways: |a_ii|), for with A + k >= 0 on the diagonal e^{As} = e^{-ks} e^{(A + k) s}, and
+        |e^{(A + k) s}| <= e^{|A + k| s} entry by entry.
+        """
+        major = [list(map(magnitude, row)) for row in enclosure.a]
+        for i, row in enumerate(enclosure.a):
+            major[i][i] = row[i] if start >= 0 else (-row[i] if end <= 0 else major[i][i])
+        sizes = list(enclosure.noise)
+        for i, row in enumerate(enclosure.b if radii else ()):
+            sizes[i] += dot(list(map(magnitude, row)), radii)
+        return times(integral_of(major, exact(max(-start, end))), sizes)
+
+    def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
+        """That of e^{As} over [0, t], for all t in [start, end].
+
+        It is t + A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row, and
+        exactly t in the rows of states whose rate depends on none.
+        """
+        time, far = exact(start).union(exact(end)), exact(max(-start, end))
+        least = ZERO if start <= 0 <= end else exact(min(abs(start), abs(end)))
+        square = (least * least).union(far * far) * HALF
+        theta = size_of(enclosure.a) * far
+        rest = far * theta * theta / 6 * theta.exp() * UNIT
+        rows = []
+        for i, row in enumerate(enclosure.a):
+            more = ZERO if all(x.is_zero() for x in row) else rest
+            rows.append([x * square + more for x in row])
+            rows[i][i] += time
+        return rows
+
+
+def integral_of(a: Rows, time: arb) -> Rows:
+    """The integral of e^{As} over [0, time], time >= 0: t (1 + At/2 (1 + At/3 (1 + ...))).
+
+    What is left out after `count` terms: theta^count/(count + 1)! (1 + theta/(count + 2) + ...) t
+    at most, theta = |A|t by rows. A row of zeros in A has none. NotRecheckedError where it is
+    beyond `TERMS_MAX` terms.
+    """
+    scaled, one = arb_mat(a) * time, arb_mat(units(len(a)))
+    theta = size_of(a) * time
+    count, rest = 1, theta * HALF
+    while count < TERMS_MAX and not rest < REST:
+        count += 1
+        rest = rest * theta / (count + 1)
+    if not theta < count + 1:
+        raise NotRecheckedError("a span of time too long for these rates")
+    integral = one
+    for k in range(count, 1, -1):
+        integral = one + scaled * integral * (ONE / k)
+    rest = rest / (1 - theta / (count + 2)) * time * UNIT
+    rows: Rows = (integral * time).tolist()
+    return [
+        row if all(x.is_zero() for x in of_a) else [x + rest for x in row]
+        for row, of_a in zip(rows, a, strict=True)
+    ]
+
+
+def size_of(a: Rows) -> arb:
+    """The largest sum of absolute values of a row, without radius."""
+    size = ZERO
+    for row in a:
+        size = size.max(total(map(abs, row)))
+    return arb(size.upper())
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def domain_of(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
+    """Where each of the inputs may lie at all: elsewhere the terms do not hold."""
+    return [(terms.atoms[a].low, terms.atoms[a].high) for a in inputs]
+
+
+def outwards(low: arb, high: arb) -> Interval:
+    """Ends without radius: equal ends are seen to be equal."""
+    return arb(low.lower()), arb(high.upper())
+
+
+def _within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
+    return all(a >= c and b <= d for (a, b), (c, d) in zip(box, other, strict=True))
+
+
+def _own_obligations(terms: Terms, own: Sequence[int], states: Sequence[int]) -> list[Proposition]:
+    """What must hold for the derivative to be defined, but for what is another group's matter."""
+    obligations = []
+    for truth in terms.obligations:
+        inputs = inputs_of(terms, [truth]).intersection(states)
+        if not inputs or inputs.intersection(own):
+            obligations.append(truth)
+    return obligations
