@@ -39,7 +39,7 @@ class TaskProcesses:
         self._numbers = TemporaryFile(buffering=0)  # noqa: SIM115  until all is told
         self._numbers.write(b"".join(map(NUMBER.pack, range(tasks))))
         self._numbers.seek(0)
-        self._left = tasks
+        self._left = set(range(tasks))
         self._processes: list[Any] = []
         self._answers: list[Connection] = []
         for _ in range(workers):
@@ -67,7 +67,7 @@ class TaskProcesses:
                         continue
                     if isinstance(said, BaseException):
                         raise said
-                    self._left -= 1
+                    self._left.remove(number)
                     yield number, said
                 if self._left and not self._answers:
                     raise BrokenExecutor("a process of the re-check was ended")

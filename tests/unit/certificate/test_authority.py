@@ -102,7 +102,7 @@ def test_a_construct_that_is_new_is_refused(copied: Path, monkeypatch: pytest.Mo
 
 def test_the_list_is_that_of_the_language() -> None:
     """A field that was added to the language: judge what it does to a proof, then name it here."""
-    for of, names in {**supported.CODE, **supported.DECLARATIONS}.items():
+    for of, names in {**supported.CODE, **supported.DECLARATIONS, **supported.ELABORATED}.items():
         assert {f.name for f in fields(of)} == set(names.split()), of.__name__
 
 

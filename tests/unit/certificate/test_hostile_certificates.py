@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.certificate.format import folder as certificate_folder
-from soter.certificate.format.errors import NOT_RECHECKED, REJECTED
+from soter.certificate.format.certificate_program import program_of
+from soter.certificate.format.errors import NOT_RECHECKED, REJECTED, RejectedError
 from soter.certificate.format.folder import (
     BYTES_MAX,
     FILE_MAX,
@@ -210,3 +212,20 @@ def test_a_comment_of_the_program_does_not_draw(
     small_proofs.reseal(copied, manifest)
     assert main(["recheck", str(copied)]) in (0, 3)
     assert "\x1b" not in capsys.readouterr().out
+
+
+def test_a_program_that_changes_between_two_readings_is_refused(
+    copied: Path, tmp_path: Path
+) -> None:
+    """Sealed is one program, checked would be another one, whose hash the manifest says."""
+    other = tmp_path / "other"
+    shutil.copytree(copied, other)
+    changed = small_proofs.edit_program(other, ("soter 1;", "soter 1; // another one"))
+    manifest = json.loads((copied / "manifest.json").read_text())
+    manifest["program_sha256"] = changed["program_sha256"]
+    small_proofs.seal(copied, manifest)
+    certificate = certificate_folder.read_certificate(copied)
+    main_file = f"program/{manifest['main']}"
+    shutil.copy(other / main_file, copied / main_file)
+    with pytest.raises(RejectedError, match="changed while it was being read"):
+        program_of(certificate)

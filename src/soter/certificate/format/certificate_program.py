@@ -6,6 +6,8 @@ Non-goals: what the program says about a module (`problem.py`).
 
 from __future__ import annotations
 
+import codecs
+import hashlib
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.errors import RejectedError
@@ -41,7 +43,19 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != certificate.manifest["program_sha256"]:
         raise RejectedError("the program is another one than the manifest says")
+    _as_sealed(certificate, checked)
     return checked, overrides
+
+
+def _as_sealed(certificate: Certificate, checked: CheckResult) -> None:
+    """What was checked was read anew: every file still has the bytes that the seal is of."""
+    assert checked.loaded is not None
+    root = certificate.folder.resolve()
+    for path, digest in checked.loaded.contents.items():
+        sealed = certificate.contents[path.resolve().relative_to(root).as_posix()]
+        texts = sealed, sealed.removeprefix(codecs.BOM_UTF8)
+        if digest not in [hashlib.sha256(x).hexdigest() for x in texts]:
+            raise RejectedError(f"`{path.name}` was changed while it was being read")
 
 
 def _only_own_files(certificate: Certificate, path: str) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.tower import refuse_unproved_towers
+from soter.language.model import system as model
 from soter.language.model import typed as t
 
 if TYPE_CHECKING:
@@ -83,12 +84,26 @@ DECLARATIONS: dict[type, str] = {
 """What they are declared with; each field is read by this room, judged below, or without effect on
 a state: names, spans, hints (`core`, `commands`), and what only a simulator does (`method`,
 `substeps`, `hold`: an assumption)."""
+ELABORATED: dict[type, str] = {
+    model.Topic: "index name symbol type bounds set_declared default max_age_ns driver queue_of "
+    "policy queues held",
+    model.Scope: "topics params plants modules",
+    model.Disturbance: "variable low high hold_ns streams",
+    model.Measurement: "topic leaf bound stream",
+    model.Component: "index name role period_ns phase_ns scope span module node plant initial "
+    "initial_range failsafe disturbances measured substeps binding stands_for takes_ns held "
+    "wcet_ns jitter_ns inline",
+    model.Shield: "cells topic held permits proposed moved",
+    model.Module: "index name symbol dm ac sc period_ns scope clean inputs outputs forced around "
+    "over view whole law late_ns levels computed looks looked latch acknowledgement shield",
+}
+"""What instances of these are in a system whose modules, instances and parameters are resolved."""
 ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
 def check_supported(facts: Facts) -> None:
     """`NotRecheckedError` for the first thing that is not on the list."""
-    for declared in (*CODE, *DECLARATIONS):
+    for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _only_known_fields(declared)
     module = facts.flying_module
     if module.forced is not None:
@@ -117,7 +132,7 @@ def check_supported(facts: Facts) -> None:
 
 
 def _only_known_fields(of: type) -> None:
-    known = {**CODE, **DECLARATIONS}.get(of)
+    known = {**CODE, **DECLARATIONS, **ELABORATED}.get(of)
     field_names = {f.name for f in fields(of)} if is_dataclass(of) else set()
     if known is None or field_names - set(known.split()):
         name = of.__name__.removeprefix("Typed")

@@ -135,6 +135,9 @@ def as_it_runs(facts: Facts) -> None:
         b = flying.components[getattr(running, part)]
         if (a.period_ns, a.phase_ns) != (b.period_ns, b.phase_ns) or a.node is not b.node:
             raise NotRecheckedError(f"`{b.name}` is another one where the module is proved")
+        given, flown = ({p: repr(v) for p, v in x.scope.params.items()} for x in (a, b))
+        if given != flown:
+            raise NotRecheckedError(f"`{b.name}` has other parameters where the module is proved")
         pairs.append((a.scope, b.scope))
     for proved, runs in pairs:
         for symbol, index in proved.topics.items():
