@@ -33,7 +33,7 @@ if str(ROOT) not in sys.path:
 
 from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the path
 
-from soter.certificate.format.folder import canonical  # noqa: E402
+from soter.certificate.format.folder import FORMAT, canonical  # noqa: E402
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import TIME_KEYS, recheck  # noqa: E402
@@ -103,8 +103,7 @@ class Sealed:
         if self.adapt and checked.ok:
             self._adapt(checked)
         manifest = {
-            "schema": 1,
-            "soter": "corrupted",
+            "schema": FORMAT,
             "files": {n: hashlib.sha256(d).hexdigest() for n, d in files.items()},
             "main": self.main,
             "params": {},
@@ -295,7 +294,7 @@ def _structure(s: Sealed, draw: np.random.Generator) -> Made:
     elif how == 5:
         s.entry["system"] = "Nowhere"
     else:
-        s.extra["schema"] = 2
+        s.extra["schema"] = FORMAT + 1
     return s, {}
 
 

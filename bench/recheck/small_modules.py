@@ -180,10 +180,8 @@ def _params(value: object) -> Callable[[dict[str, Any]], None]:
 def manifest_edits(manifest: dict[str, Any]) -> Iterator[Edit]:
     """Everything that can be said differently in a manifest."""
     entry = manifest["modules"][0]
-    for k in range(len(entry["assumptions"])):
-        yield Edit("assumptions", f"without {k}", False, _drop("assumptions", k))
     for said in ([], ["none: holds for every robot"], ["P1c"]):
-        yield Edit("assumptions", f"{said}", False, _put(said, "assumptions"))
+        yield Edit("assumptions", f"{said}", True, _put(said, "assumptions"))
     yield from _times(entry)
     for claim, verdict in entry["claims"].items():
         for other in ("proved", "assumed", "undecided", "refuted", "certain"):

@@ -20,8 +20,7 @@ from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.rechecker import compare, compare_tables, facts_of, groups_of
-from soter.certificate.report import in_words
+from soter.certificate.rechecker import compare, compare_tables, facts_of, groups_of, in_words
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -53,14 +52,14 @@ def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
 
 def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
     facts, claims = facts_of(flat, entry), claimed_of(entry["claims"])
-    extents = compare(facts, entry)
+    compare(facts, entry)
     static_claims(facts, entry["claims"])
     values = list(facts.cases())
-    cases = [groups_of(certificate, facts, extents, case["groups"]) for case in entry["cases"]]
+    cases = [groups_of(certificate, facts, case["groups"]) for case in entry["cases"]]
     if facts.computed and (entry["tables"] or claims & OF_SETS):
         compare_tables(certificate, facts, cases, entry["tables"])
     for k in sorted({0, len(values) - 1})[:CASES_TRIED]:
-        ranges = narrowed(extents, [g.part(errors=False) for g in cases[k]])
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in cases[k]])
         case = CaseCheck(
             CaseModel(facts, values[k], ranges), cases[k], set(), entry, lambda _: None, 1
         )

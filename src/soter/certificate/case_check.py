@@ -63,7 +63,8 @@ class CaseCheck:
         lawful = [None] * len(self.groups) if self.lawful is None else self.lawful
         pairs = zip(self.groups, lawful, strict=True)
         self.checks = [g.check(self.model, kept) for g, kept in pairs]
-        nothing_reads(self.model, len(self.groups))
+        if facts.unbounded:
+            nothing_reads(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
         rates_are_defined(self.model, [g.states for g, check in each if check.sees_rates])
         if claims & OF_SETS:

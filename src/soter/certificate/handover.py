@@ -12,15 +12,15 @@ errors. Nothing is known yet of that state: not that `safe` holds there, nor tha
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from soter.certificate.assumptions import Jump
 from soter.certificate.cells.predicates import Decision, both_all
 from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.module_facts import driven_topics
+from soter.certificate.reading.module_facts import driven_topics, read_by
 from soter.certificate.reading.problem import followed
 from soter.certificate.reading.view_predicates import entered
 from soter.certificate.terms.arb_balls import (
@@ -39,15 +39,15 @@ from soter.certificate.terms.terms import (
     inputs_of,
     negation,
 )
-from soter.certificate.time.module_times import read_by
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from flint import arb
 
+    from soter.certificate.assumptions import Said
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Proposition, Terms
@@ -55,15 +55,28 @@ if TYPE_CHECKING:
 
     Box = list[tuple[arb, arb]]
     Groups = Sequence[Sequence[Group]]
+    Jumps = Mapping[str, Sequence["Jump"]]
+    """By the name of what abstracts; nothing where a module has no `enters`."""
 
 TRIES_BEYOND = 2_000
 """Boxes that a side of the grid is cut into at most, for each part of a predicate."""
 
 
+@dataclass(frozen=True)
+class Jump:
+    """A topic that the map of a view reads, and the node that publishes it.
+
+    `why` it is not confirmed that the state jumps into R(H) where the topic changes; "": it is.
+    """
+
+    topic: str
+    node: str
+    why: str
+
+
 def jumps_of(
     facts: Facts,
     groups: Groups,
-    extents: tuple[tuple[float, float], ...],
     claims: set[str],
 ) -> dict[str, list[Jump]]:
     """By the name of what abstracts; `groups`: of every case, when their claims were confirmed.
@@ -77,7 +90,7 @@ def jumps_of(
         for link in facts.symbol.verify.abstracts
     }
     if any(not jump.why for of in jumps_by_link.values() for jump in of):
-        why = _of_sets(facts, groups, extents, claims)
+        why = _of_sets(facts, groups, claims)
         jumps_by_link = {
             name: [Jump(j.topic, j.node, j.why or why) for j in of]
             for name, of in jumps_by_link.items()
@@ -98,9 +111,7 @@ def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymb
     return Jump(topic.name, node, why)
 
 
-def _of_sets(
-    facts: Facts, groups: Groups, extents: tuple[tuple[float, float], ...], claims: set[str]
-) -> str:
+def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
     """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
@@ -113,7 +124,7 @@ def _of_sets(
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
         for values, of_case in zip(facts.cases(), groups, strict=True):
-            why = not_entered(CaseModel(facts, values, extents), of_case, expr)
+            why = not_entered(CaseModel(facts, values, facts.extents), of_case, expr)
             if why:
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
@@ -125,6 +136,37 @@ def _said(error: Exception) -> str:
     if isinstance(error, NotRecheckedError):
         return f"not rechecked: {error}"
     return f"the re-checker itself failed ({type(error).__name__}: {error})"
+
+
+def assumed(facts: Facts, jumps: Jumps) -> Said:
+    """That what the state of a view rests on changes only as the proof has it."""
+    for link in facts.symbol.verify.abstracts:
+        tried = jumps.get(link.name, ())
+        kept = {j.topic for j in tried if not j.why}
+        shown = ", ".join(t.name for t in topic_reads(link.value) if t.name not in kept)
+        why = "; ".join(f"{j.topic}: {j.why}" for j in tried if j.why)
+        if shown:
+            text = (
+                f"where {shown} change, on which the state of {link.name} rests, that state moves "
+                f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on"
+            )
+            yield f"jumps {link.name}", text + f" (`enters` does not confirm it: {why})" * bool(why)
+
+
+def confirmed(facts: Facts, jumps: Jumps) -> Said:
+    """The same, where it is confirmed."""
+    assert facts.whole is not None
+    assert facts.whole.verify.enters is not None
+    text = " ".join(facts.whole.verify.enters.span.text.split())
+    for name, entries in jumps.items():
+        for jump in (j for j in entries if not j.why):
+            what = (
+                f"{jump.node} changes what the state of {name} rests on of {jump.topic} only in "
+                "steps that show it to DM and SC, and of which, as they read and publish, "
+                f"`{text}` holds; wherever that holds the state lies in R(H) of where it jumps to"
+            )
+            yield f"enters {name} {jump.topic}", what
 
 
 # ---------------------------------------------------------------- where `enters` holds

@@ -10,15 +10,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.certificate.reading.module_facts import ModuleAbove
+from soter.certificate.reading.module_facts import ModuleAbove, read_by
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.hand_back import handed_back
-from soter.certificate.time.module_times import read_by
+from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
+    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Module
 
@@ -64,6 +65,17 @@ def read_above(facts: Facts) -> None:
     facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
     if facts.symbol.verify.horizon is None:
         facts.times["H_ns"] = max(facts.times["H_ns"], needs)
+
+
+def assumed(above: ModuleAbove) -> Said:
+    """What a claim of a module below another one is about, and what it rests on."""
+    name = above.name
+    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
+    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
+    text = f"a verdict of {name} by which it gives control back is in force at most"
+    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
+    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
+    yield f"sets while {name}", f"{text} (else they stop)"
 
 
 def _problems(facts: Facts, module: Module) -> list[Facts]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,13 @@ from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.failsafe_law import kept_by_law, law_in
 from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.claimed_parts import OF_SETS, refuse_cells, refuse_unclaimed
-from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
+from soter.certificate.format.errors import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    REJECTED,
+    NotRecheckedError,
+    RejectedError,
+)
 from soter.certificate.format.folder import (
     MANIFEST_KEYS,
     Certificate,
@@ -43,12 +50,13 @@ from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report, gave_up, in_words
+from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.certificate.vacuous_proofs import of_those_above, vacuous
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
@@ -57,7 +65,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.certificate.failsafe_law import Law
-    from soter.certificate.groups import Extents, Group
+    from soter.certificate.groups import Group
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
@@ -73,7 +81,7 @@ BEYOND, BEYOND_NS = 4, 1_000_000_000
 """More than so many times a time, all times together and so much: a way to keep this busy."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
-MODULE_KEYS = "system module plants parameters times inputs cases claims assumptions recover_ns"
+MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
 def recheck(folder: Path, progress: Progress | None = None, workers: int | None = None) -> Report:
@@ -87,7 +95,7 @@ def recheck(folder: Path, progress: Progress | None = None, workers: int | None 
         certificate = read_certificate(folder)
         report.seal = certificate.seal
         _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
-        report.conclude()
+        _conclude(report)
     except NotACertificateError:
         raise
     except RejectedError as error:
@@ -101,6 +109,26 @@ def recheck(folder: Path, progress: Progress | None = None, workers: int | None 
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
+
+
+def _conclude(report: Report) -> None:
+    """Where nothing was found to be false: what follows from what was said of the modules."""
+    left = [f"{m.name}: {m.not_rechecked}" for m in report.modules if m.not_rechecked]
+    report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
+
+
+def in_words(error: Exception) -> str:
+    """Why something was not re-checked."""
+    if isinstance(error, NotRecheckedError):
+        return str(error)
+    if isinstance(error, StepFault):
+        return f"a step that faults whatever it reads ({error})"
+    if isinstance(error, (BrokenExecutor, OSError)):
+        return f"the system ended a part of it: {error}"
+    name = type(error).__name__
+    if isinstance(error, (RecursionError, MemoryError)):
+        return f"{name.lower()}: {error}"
+    return f"the re-checker itself failed ({name}: {error})"
 
 
 def _check(certificate: Certificate, report: Report, progress: Progress, workers: int) -> None:
@@ -122,9 +150,11 @@ def _check(certificate: Certificate, report: Report, progress: Progress, workers
         except (RejectedError, SoterError):
             raise
         except Exception as error:  # noqa: BLE001 - the others are checked all the same
-            gave_up(report, entry, error)
-        else:
-            report.enter(module)
+            view = f" as {entry['view']}" if entry.get("view") else ""
+            name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
+            module = RecheckedModule(name, {}, system=system, not_rechecked=in_words(error))
+        if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
+            report.modules.append(module)
     of_those_above(report.modules)
     report.not_covered = uncovered(checked, overrides, covered)
     if any(m.not_rechecked for m in report.modules):
@@ -228,7 +258,7 @@ def _module(
 ) -> RecheckedModule:
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
-        extents = compare(facts, entry)
+        compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
@@ -239,7 +269,7 @@ def _module(
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    read = partial(read_case, certificate, facts, extents)
+    read = partial(read_case, certificate, facts)
     groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
@@ -254,7 +284,7 @@ def _module(
     if "law" in entry:
         with _understood("a law"):
             law = law_in(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
-    asked = partial(_cases, facts, groups, extents, entry, claims, progress, workers, law)
+    asked = partial(_cases, facts, groups, entry, claims, progress, workers, law)
     try:  # where there is a choice, with reads that are older than any
         asked()
     except (RejectedError, NotRecheckedError):
@@ -263,9 +293,9 @@ def _module(
         facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
         phase(f"{name}: again, with reads as old as there are", anew=True)
         asked()
-    jumps = jumps_of(facts, groups, extents, claims) if facts.view else {}
+    jumps = jumps_of(facts, groups, claims) if facts.view else {}
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
-    report.vacuous, report.unseen = vacuous(facts, groups, extents)
+    report.vacuous, report.unseen = vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     for g in (g for of_case in groups for g in of_case):
         g.tell(report)
@@ -276,7 +306,6 @@ def _module(
 def _cases(
     facts: Facts,
     groups: list[list[Group]],
-    extents: Extents,
     entry: dict[str, Any],
     claims: set[str],
     progress: Progress,
@@ -286,7 +315,7 @@ def _cases(
     """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, own) in enumerate(zip(cases, groups, strict=True)):
-        ranges = narrowed(extents, [g.part(errors=False) for g in own])
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in own])
         share = partial(_share, progress, k, len(cases))
         case = CaseCheck(CaseModel(facts, values, ranges), own, claims, entry, share, workers)
         if law is not None:
@@ -297,7 +326,6 @@ def _cases(
 def read_case(
     certificate: Certificate,
     facts: Facts,
-    extents: Extents,
     case: dict[str, Any],
     claims: set[str],
     *,
@@ -307,7 +335,7 @@ def read_case(
     _keys(case, "parameter groups", "a case")
     with _understood("a group"):
         refuse_unclaimed(case["groups"], claims, computed=computed)
-        return groups_of(certificate, facts, extents, case["groups"])
+        return groups_of(certificate, facts, case["groups"])
 
 
 def compare_tables(
@@ -322,8 +350,8 @@ def compare_tables(
         same[0].compare(certificate, facts, same, entry)
 
 
-def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
-    """Every figure of the manifest against the program, or RejectedError; the grid's extents."""
+def compare(facts: Facts, entry: dict[str, Any]) -> None:
+    """Every figure of the manifest against the program, or RejectedError; extents are entered."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -347,7 +375,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> Extents:
             extents.append((low, high))
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
-    return tuple(extents)
+    facts.extents = tuple(extents)
 
 
 def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
@@ -370,9 +398,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         facts.times[key] = value
 
 
-def groups_of(
-    certificate: Certificate, facts: Facts, extents: Extents, entries: list[dict[str, Any]]
-) -> list[Group]:
+def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
     """The groups of a case, in the order of the methods.
 
     RejectedError where they do not fit the program, NotRecheckedError of another kind.
@@ -391,7 +417,7 @@ def groups_of(
                 raise RejectedError(f"there is no state `{axis['state']}`")
             states.append(names[axis["state"]])
             edges.append(certificate.edges(axis["edges"]))
-            if (edges[-1][0], edges[-1][-1]) != extents[states[-1]]:
+            if (edges[-1][0], edges[-1][-1]) != facts.extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         unbounded = tuple(s in facts.unbounded for s in states)
         grid = Grid(tuple(edges), unbounded if any(unbounded) else ())

@@ -1,18 +1,17 @@
 """What was confirmed, about what, and what it does not say.
 
-Purpose: `Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs.
-Non-goals: checking.
+Purpose: `Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs: what
+it finds, and what follows in words.
+Non-goals: checking; the verdict itself.
 """
 
 from __future__ import annotations
 
-from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.certificate.allowed_claims import missing_of
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, NotRecheckedError
-from soter.language.evaluate.arithmetic import StepFault
+from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 
 if TYPE_CHECKING:
     from soter.certificate.assumptions import RecheckAssumption
@@ -105,16 +104,6 @@ class Report:
     """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
 
-    def enter(self, module: RecheckedModule) -> None:
-        """Note a module; one that is there was not re-checked, though some of its cases were."""
-        if all((m.system, m.name) != (module.system, module.name) for m in self.modules):
-            self.modules.append(module)
-
-    def conclude(self) -> None:
-        """Where nothing was found to be false: the verdict that follows from those of modules."""
-        left = [f"{m.name}: {m.not_rechecked}" for m in self.modules if m.not_rechecked]
-        self.verdict, self.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
-
     @property
     def accepted(self) -> bool:
         """Whether everything that is claimed holds."""
@@ -149,24 +138,3 @@ class Report:
     def returns(self) -> bool:
         """Whether P2b is, too, wherever the program asks for it."""
         return self.accepted and all(m.returns or m.stays for m in self.modules)
-
-
-def gave_up(report: Report, entry: dict[str, Any], error: Exception) -> None:
-    """Note a module that was not re-checked."""
-    view = f" as {entry['view']}" if entry.get("view") else ""
-    name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
-    report.enter(RecheckedModule(name, {}, system=system, not_rechecked=in_words(error)))
-
-
-def in_words(error: Exception) -> str:
-    """Why something was not re-checked."""
-    if isinstance(error, NotRecheckedError):
-        return str(error)
-    if isinstance(error, StepFault):
-        return f"a step that faults whatever it reads ({error})"
-    if isinstance(error, (BrokenExecutor, OSError)):
-        return f"the system ended a part of it: {error}"
-    name = type(error).__name__
-    if isinstance(error, (RecursionError, MemoryError)):
-        return f"{name.lower()}: {error}"
-    return f"the re-checker itself failed ({name}: {error})"

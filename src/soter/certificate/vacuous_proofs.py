@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.groups import Extents, Group
+    from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule
     from soter.language.model import typed
@@ -50,7 +50,7 @@ GETS = "AC never has control"
 KEEPS = "AC never keeps control"
 
 
-def vacuous(facts: Facts, groups: Groups, extents: Extents) -> tuple[str, str]:
+def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     """Why the claims about a module say next to nothing, and why that was not looked at; or ""."""
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
@@ -60,12 +60,12 @@ def vacuous(facts: Facts, groups: Groups, extents: Extents) -> tuple[str, str]:
     for values, of_case in zip(facts.cases(), groups, strict=True):
         try:
             if facts.computed:
-                found, unseen = _of_tables(facts, of_case, extents)
-            elif _taken_by_age(facts, extents):
+                found, unseen = _of_tables(facts, of_case)
+            elif _taken_by_age(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
-                found, unseen = _of_predicates(facts, values, of_case, extents)
-                found = found or _never_given(facts, values, extents)
+                found, unseen = _of_predicates(facts, values, of_case)
+                found = found or _never_given(facts, values)
         except (NotRecheckedError, StepFault, ArithmeticError, ValueError) as error:
             found, unseen = "", f"{type(error).__name__}: {error}"
         if found or unseen:
@@ -75,20 +75,20 @@ def vacuous(facts: Facts, groups: Groups, extents: Extents) -> tuple[str, str]:
     return "", ""
 
 
-def _of_tables(facts: Facts, groups: Sequence[Group], extents: Extents) -> tuple[str, str]:
+def _of_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
     """S_0 leaves AC in control, S_(m-2) gives it back."""
     for g in groups:
-        found, unseen = g.never(_states(facts, np.random.default_rng(0), [g], extents))
+        found, unseen = g.never(_states(facts, np.random.default_rng(0), [g]))
         if found or unseen:
             return found, unseen
     return "", ""
 
 
-def _never_given(facts: Facts, values: tuple[int, ...], extents: Extents) -> str:
+def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
     """Where SC has control at the start, and no claim is asked that says that it gives it."""
     if not facts.symbol.stays or facts.symbol.safer is None:
         return ""
-    safer = _asked(facts, values, extents, facts.symbol.safer, admits=True)
+    safer = _asked(facts, values, facts.symbol.safer, admits=True)
     box = [(exact(i.low), exact(i.high)) for i in facts.states] + safer.decision.ranges
     if safer.decision.of(box) & FAILS:
         return ""
@@ -99,18 +99,17 @@ def _never_given(facts: Facts, values: tuple[int, ...], extents: Extents) -> str
 def _asked(
     facts: Facts,
     values: tuple[int, ...],
-    extents: Extents,
     expr: typed.TypedExpr,
     *,
     admits: bool,
 ) -> AdmitCheck:
     """Whether a predicate refuses AC, of states anywhere."""
-    box = Axes(tuple(range(len(extents))), Grid(extents))
-    model = CaseModel(facts, values, extents)
+    box = Axes(tuple(range(len(facts.extents))), Grid(facts.extents))
+    model = CaseModel(facts, values, facts.extents)
     return AdmitCheck(model, box, expr, admits=admits, anywhere=True)
 
 
-def _taken_by_age(facts: Facts, extents: Extents) -> bool:
+def _taken_by_age(facts: Facts) -> bool:
     """Whether `ttf`, with what it asks of ages, holds of all that is fresh, at every state."""
     ttf = facts.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
@@ -119,7 +118,7 @@ def _taken_by_age(facts: Facts, extents: Extents) -> bool:
     for state, (topic, path) in facts.leaves.items():
         leaf = [at for at, _ in leaves(facts.system.topics[topic].type)].index(path)
         off = [max(-e.low, e.high) for e in facts.errors if (e.owner, e.leaf) == (topic, leaf)]
-        low, high = extents[state]
+        low, high = facts.extents[state]
         slack = sum(off) + 2.0**-50 * (abs(low) + abs(high) + sum(off))
         within[topic, leaf] = (low - slack, high + slack)
     ages = fresh_ages_ns(facts.system, facts.module, facts.times["A_ns"])
@@ -131,17 +130,16 @@ def _of_predicates(
     facts: Facts,
     values: tuple[int, ...],
     groups: Sequence[Group],
-    extents: Extents,
 ) -> tuple[str, str]:
     """`ttf` and `safer` of estimates of states drawn from K, all groups together."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
     chance = np.random.default_rng(0)
-    asked = partial(_asked, facts, values, extents)
+    asked = partial(_asked, facts, values)
     checks = asked(safer, admits=True), asked(ttf, admits=False)
     drawn, gets, keeps, both = 0, 0, 0, 0
-    for x in _states(facts, chance, groups, extents):
+    for x in _states(facts, chance, groups):
         drawn += 1
         given, left = (_lets(check, x, chance) for check in checks)
         gets, keeps, both = gets + given, keeps + left, both + (given and left)
@@ -186,12 +184,12 @@ def on(count: int, drawn: int) -> str:
 
 
 def _states(
-    facts: Facts, chance: np.random.Generator, groups: Sequence[Group], extents: Extents
+    facts: Facts, chance: np.random.Generator, groups: Sequence[Group]
 ) -> Iterator[NDArray[np.float64]]:
     """States of the product of all K, others anywhere in their ranges."""
     parts = [g.drawn(facts, chance) for g in groups]
     for _ in range(DRAWN):
-        x = np.array([chance.uniform(*ends) for ends in extents])
+        x = np.array([chance.uniform(*ends) for ends in facts.extents])
         for g, part in zip(groups, parts, strict=True):
             point = next(part, None)
             if point is None:

@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.format.claimed_parts import OF_SETS, unclaimed, unclaimed_multipliers
+from soter.certificate.format.claimed_parts import OF_SETS, unclaimed
 from soter.verify.claims.results import PROVED, UNCLAIMED
-from soter.verify.problem.assumption import texts
 from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
@@ -53,7 +52,6 @@ def entry_over_sets(
             for k, case in enumerate(result.cases)
         ],
         "claims": claims,
-        "assumptions": texts(result.assumptions),
         "recover_ns": recover,
     }
     if problem.view:
@@ -123,9 +121,8 @@ def _only_claimed(
 ) -> None:
     """Leave out what was found and no claim rests on, with its files; K is empty then."""
     for name in unclaimed(group, claims, computed=computed):
-        del group[name]
-    for name in unclaimed_multipliers(group, claims, computed=computed):
-        del group["multipliers"][name]
+        *inside, own = name.split(".")
+        del (group[inside[0]] if inside else group)[own]
     if group["kind"] == "grid" and not OF_SETS & claims:
         files[group["K"]] = bytes(len(files[group["K"]]))
     named = json.dumps(group)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.certificate.format.folder import FORMAT, MANIFEST, SEAL
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.loader import load
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
     from soter.verify.claims.results import ModuleResult
-
-SCHEMA = 1
-MANIFEST, SEAL = "manifest.json", "SEAL"
 
 
 def write(
@@ -45,8 +42,7 @@ def write(
         entry = module_method(result.problem).entry
         modules.append(entry(result, system, f"sets/{k}", files))
     manifest = {
-        "schema": SCHEMA,
-        "soter": version("soter"),
+        "schema": FORMAT,
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "main": main,
         "params": _params(results),

@@ -18,7 +18,7 @@ from soter.certificate.assumptions import p1c_of
 from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.cells.predicates import certain
 from soter.certificate.format.claimed_parts import unclaimed
-from soter.certificate.format.folder import canonical
+from soter.certificate.format.folder import FORMAT, canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import read_facts
@@ -142,7 +142,6 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
             )
         ],
         "claims": dict.fromkeys(CLAIMS[:-1], "proved") | {"P1c": p1c_of(facts)},  # it has no law
-        "assumptions": [],
         "recover_ns": None,
         "cases": [],
     }
@@ -197,8 +196,7 @@ def write(
         path.write_bytes(data)
     checked = check_file(str(folder / "program" / main))
     manifest = {
-        "schema": 1,
-        "soter": "test",
+        "schema": FORMAT,
         "files": {n: hashlib.sha256(d).hexdigest() for n, d in files.items()},
         "main": main,
         "params": {},

@@ -17,6 +17,7 @@ from long_tests import examples
 from soter.api import recheck
 from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import FORMAT
 from soter.certificate.grid.shield import tops_of
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
@@ -232,7 +233,11 @@ TRAPS: dict[str, Callable[[dict[str, Any]], None]] = {
     "main outside": lambda m: m.update(main="../../cart.soter"),
     "an unknown parameter": lambda m: m.update(params={"K": 1}),
     "another hash of the program": lambda m: m.update(program_sha256="0" * 64),
-    "another schema": lambda m: m.update(schema=2),
+    "a format that is no number": lambda m: m.update(schema=str(FORMAT)),
+    "a format that is a truth value": lambda m: m.update(schema=True),
+    "a format before the first": lambda m: m.update(schema=0),
+    "no format": lambda m: m.pop("schema"),
+    "what made it": lambda m: m.update(soter="0.1.0"),
     "an infinite bound": lambda m: entry_of(m)["inputs"][0].update(high="inf"),
     "a longer horizon in the manifest": lambda m: entry_of(m)["times"].update(H_ns=10**9),
 }

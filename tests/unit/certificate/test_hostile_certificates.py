@@ -10,7 +10,14 @@ import pytest
 
 from soter.certificate.format import folder as certificate_folder
 from soter.certificate.format.errors import NOT_RECHECKED, REJECTED
-from soter.certificate.format.folder import BYTES_MAX, FILE_MAX, MANIFEST_MAX, PROGRAM_MAX
+from soter.certificate.format.folder import (
+    BYTES_MAX,
+    FILE_MAX,
+    FORMAT,
+    MANIFEST_MAX,
+    PROGRAM_MAX,
+    canonical,
+)
 from soter.certificate.rechecker import recheck
 from soter.cli.main import main
 from unit.certificate import small_proofs
@@ -36,6 +43,36 @@ def reason_of(folder: Path, verdict: str = NOT_RECHECKED) -> str:
 def sparse(path: Path, size: int) -> None:
     with path.open("wb") as file:
         file.truncate(size)
+
+
+# ---------------------------------------------------------------- other formats
+
+
+@pytest.mark.parametrize(
+    ("version", "age"), [(FORMAT - 1, "an older"), (FORMAT + 1, "a newer"), (10**9, "a newer")]
+)
+def test_another_format_is_named_and_not_rejected(
+    copied: Path, version: int, age: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever else it holds: nothing of another format is known."""
+    manifest = json.loads((copied / "manifest.json").read_text()) | {"schema": version, "new": []}
+    (copied / "elsewhere.bin").write_bytes(b"1")
+    small_proofs.seal(copied, manifest)
+    why = (
+        f"its format is {version}, of {age} soter, and this one reads format {FORMAT}: "
+        "make it again with `soter verify --cert`"
+    )
+    assert reason_of(copied) == why
+    assert main(["recheck", str(copied)]) == 5
+    said = capsys.readouterr().out
+    assert said.startswith("NOT RE-CHECKED")
+    assert why in said
+
+
+def test_another_format_with_a_broken_seal_is_rejected(copied: Path) -> None:
+    manifest = json.loads((copied / "manifest.json").read_text()) | {"schema": FORMAT - 1}
+    (copied / "manifest.json").write_bytes(canonical(manifest))
+    assert reason_of(copied, REJECTED) == "the seal does not fit the manifest"
 
 
 # ---------------------------------------------------------------- sizes

@@ -47,7 +47,6 @@ def proved(folder: Path, *pairs: tuple[str, str]) -> dict[str, Any]:
 def test_a_proof_counts_with_the_longest_and_its_certificate_is_accepted(tmp_path: Path) -> None:
     said, takes = proved(tmp_path / "said"), proved(tmp_path / "takes", SAID, TAKES)
     assert takes["times"] == said["times"]
-    assert any("Estimate takes 1 ms a step at most" in a for a in takes["assumptions"])
     report = recheck(tmp_path / "takes" / "cert")
     assert report.accepted, report.reason
 

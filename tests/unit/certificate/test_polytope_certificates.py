@@ -358,6 +358,42 @@ EDITS: dict[str, Edit] = {
 }
 
 
+UNREAD: dict[str, tuple[Edit, str]] = {
+    "instants of nothing": (
+        lambda c: c.group["instants"].update(more=[0, 1]),
+        "no claim rests on `instants.more`",
+    ),
+    "rates of R": (
+        lambda c: c.group["rates"].update(R=c.group["rates"]["K"]),
+        "no claim rests on `rates.R`",
+    ),
+    "no instants of a hold": (
+        lambda c: c.group["instants"].pop("hold"),
+        "the instants of `hold` do not end when they should",
+    ),
+    "no rate of K": (
+        lambda c: c.group["rates"].pop("K"),
+        "the rates of a polytope group are not one for each control",
+    ),
+    "instants of a start that is not claimed": (
+        lambda c: c.entry["claims"].update(start="undecided"),
+        "no claim rests on `instants.start`",
+    ),
+    "a way back that is not claimed": (
+        lambda c: (c.entry["claims"].update(P2b="undecided"), c.group.pop("Q")),
+        "no claim rests on `target`",
+    ),
+    "a word beside a matrix": (lambda c: c.group["C"].update(by="me"), "a matrix is a file"),
+    "a word in the law": (lambda c: c.group["law"].update(by="me"), "the law of a polytope"),
+}
+
+
+@pytest.mark.parametrize("name", UNREAD)
+def test_what_nothing_reads_is_rejected(name: str, right: Path, tmp_path: Path) -> None:
+    edit, why = UNREAD[name]
+    assert rejected(right, tmp_path, edit).startswith(why)
+
+
 @pytest.mark.parametrize("name", EDITS)
 def test_what_overstates_is_rejected(name: str, right: Path, tmp_path: Path) -> None:
     assert rejected(right, tmp_path, EDITS[name])
@@ -598,6 +634,8 @@ def test_what_is_published_and_reads_no_state_lies_in_its_set_too(
     folder, _ = written(tmp_path, program(*STILL, *GUST, ("SENT", sent)))
     at = Opened(folder)
     at.entry["claims"]["start"] = "undecided"
+    for case in at.entry["cases"]:
+        del case["groups"][0]["instants"]["start"]
     at.program("[-9.0, 9.0]", "[-0.5, 0.5]")
     report = checked(at.seal())
     assert report.accepted == whole, report.reason

@@ -71,11 +71,9 @@ def whys(tmp_path: Path, text: str, proved: Proved) -> list[str]:
     They are those of this one: neither `enters` nor the node is in them.
     """
     reasons = []
-    for facts, (other, groups, extents, claims) in zip(
-        facts_of(tmp_path, text), proved[2], strict=True
-    ):
-        facts.times = other.times
-        (jumps,) = jumps_of(facts, groups, extents, claims).values()
+    for facts, (other, groups, claims) in zip(facts_of(tmp_path, text), proved[2], strict=True):
+        facts.times, facts.extents = other.times, other.extents
+        (jumps,) = jumps_of(facts, groups, claims).values()
         (jump,) = jumps
         reasons.append(jump.why)
     return reasons
@@ -231,8 +229,8 @@ def test_a_map_that_moves_by_itself_is_not_told(tmp_path: Path, proved: Proved) 
 
 def test_without_enters_nothing_is_tried(tmp_path: Path, proved: Proved) -> None:
     for facts in facts_of(tmp_path, of_walls().replace("enters In(left, right);", "")):
-        _, groups, extents, claims = proved[2][0]
-        assert jumps_of(facts, groups, extents, claims) == {}
+        _, groups, claims = proved[2][0]
+        assert jumps_of(facts, groups, claims) == {}
 
 
 # ---------------------------------------------------------------- the sets
@@ -295,14 +293,14 @@ def test_of_where_the_state_jumps_to_nobody_knows_that_it_is_safe(
     """Unlike of `ttf` and `safer`: cells on which `safe` fails count, too."""
     text = of_walls().replace("safe left.room >= 0.0", "safe left.room >= 1.0")
     facts = facts_of(tmp_path, text)[0]
-    other, ((grid,),), extents, claims = proved[2][0]
-    facts.times = other.times
+    other, ((grid,),), claims = proved[2][0]
+    facts.times, facts.extents = other.times, other.extents
     group = grid.tables
     whole = group.free
     try:
         group.free = whole.copy()
         group.free[: sum(e < 1.0 for e in group.grid.edges[0]) - 1] = False
-        (jumps,) = jumps_of(facts, [[grid]], extents, claims).values()
+        (jumps,) = jumps_of(facts, [[grid]], claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole
@@ -347,19 +345,19 @@ def test_a_jump_that_is_not_shown_whole_is_not_told(tmp_path: Path, proved: Prov
 
 
 def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
-    other, ((grid,),), extents, claims = proved[2][0]
+    other, ((grid,),), claims = proved[2][0]
     facts = facts_of(tmp_path, of_walls())[0]
-    facts.times = other.times
+    facts.times, facts.extents = other.times, other.extents
     tables: Any = SimpleNamespace(states=grid.states)
-    (jumps,) = jumps_of(facts, [[PolytopeGroup(tables)]], extents, claims).values()
+    (jumps,) = jumps_of(facts, [[PolytopeGroup(tables)]], claims).values()
     assert jumps[0].why == "half-spaces are not looked at"
 
 
 def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path) -> None:
     """Where a guard may hold, and nowhere else, R(H) has to hold the cell."""
     facts = facts_of(tmp_path, of_walls())[0]
-    other, ((grid,),), extents, claims = proved[2][0]
-    facts.times = other.times
+    other, ((grid,),), claims = proved[2][0]
+    facts.times, facts.extents = other.times, other.extents
     group = grid.tables
     whole = group.free.copy()
     at = group.grid.cells((2.0, 2.0, 0.0, 0.0))
@@ -368,7 +366,7 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
     try:
         group.free = whole.copy()
         group.free[tuple(low for low, _ in at)] = False
-        (jumps,) = jumps_of(facts, [[grid]], extents, claims).values()
+        (jumps,) = jumps_of(facts, [[grid]], claims).values()
         assert "outside R(H), at" in jumps[0].why
     finally:
         group.free = whole
@@ -376,8 +374,8 @@ def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path)
 
 def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path) -> None:
     facts = facts_of(tmp_path, of_walls())[0]
-    _, groups, extents, _ = proved[2][0]
-    (jumps,) = jumps_of(facts, groups, extents, {"P2a"}).values()
+    _, groups, _ = proved[2][0]
+    (jumps,) = jumps_of(facts, groups, {"P2a"}).values()
     assert jumps[0].why == "nothing is claimed with which R(H) is confirmed"
 
 

@@ -27,8 +27,6 @@ def nothing_reads(model: CaseModel, groups: int) -> None:
     branch is left out because of where a grid ends.
     """
     facts = model.facts
-    if not facts.unbounded:
-        return
     if facts.kind == "map" or facts.computed or facts.symbol.verify.enters is not None:
         raise NotRecheckedError("an axis without ends of a map, of `enters` or of computed sets")
     if groups != 1:

@@ -20,38 +20,43 @@ FREE = frozenset({"P3", "ttf", "safer"})
 RETURN = frozenset({"P2b"})
 OF_SETS = FREE | RETURN | {"P2a", "start"}
 """Claims that rest on K."""
-OF_GRIDS = {"R": FREE, "Q": RETURN, "W": RETURN, "W_N": RETURN}
-OF_POLYTOPES = {"Q": RETURN, "target": RETURN}
-OF_MULTIPLIERS = {"K": OF_SETS, "R": FREE, "Q": RETURN, "S": FREE}
+RESTS: dict[str, dict[str, frozenset[str]]] = {
+    "grid": {"R": FREE, "Q": RETURN, "W": RETURN, "W_N": RETURN},
+    "polytope": {
+        "Q": RETURN,
+        "target": RETURN,
+        "multipliers.K": OF_SETS,
+        "multipliers.R": FREE,
+        "multipliers.Q": RETURN,
+        "multipliers.S": FREE,
+        "instants.hold": OF_SETS,
+        "instants.R": FREE,
+        "instants.window": FREE,
+        "instants.start": frozenset({"start"}),
+        "rates.K": OF_SETS,
+        "rates.Q": RETURN,
+    },
+}
+"""By the kind of a group and the name of a part: the claims that rest on it."""
+NESTED = ("multipliers", "instants", "rates")
+"""What is made of parts, on each of which some claim rests."""
+OF_LEVELS = {"grid": ("S",), "polytope": ("multipliers.S", "instants.window")}
+"""What is there where predicates are computed alone, so that levels S are deployed."""
 
 
 def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
-    """The parts of a group on which none of these claims rests.
-
-    `computed`: whether predicates are, so that levels S are deployed.
-    """
-    rests = OF_GRIDS if group.get("kind") == "grid" else OF_POLYTOPES
-    names = [name for name, of in rests.items() if name in group and not of & claims]
-    if group.get("kind") == "grid" and "S" in group and not computed:
-        names.append("S")
-    return names
-
-
-def unclaimed_multipliers(
-    group: Mapping[str, Any], claims: set[str], *, computed: bool
-) -> list[str]:
-    """The same of the multipliers of a group of half-spaces."""
-    needed = {name for name, of in OF_MULTIPLIERS.items() if of & claims}
-    if not computed:
-        needed.discard("S")
-    return [name for name in group.get("multipliers", {}) if name not in needed]
+    """The parts of a group on which none of these claims rests; `computed`: predicates are."""
+    kind = str(group.get("kind"))
+    rests, levels = RESTS.get(kind, {}), () if computed else OF_LEVELS.get(kind, ())
+    parts = [*group, *(f"{whole}.{name}" for whole in NESTED for name in group.get(whole, {}))]
+    known = [name for name in parts if name in rests or "." in name or name in levels]
+    return [n for n in known if n in levels or not rests.get(n, frozenset()) & claims]
 
 
 def refuse_unclaimed(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
     """`RejectedError` for a part of a group of a manifest on which none of these claims rests."""
     for group in groups:
-        names = unclaimed(group, claims, computed=computed)
-        for name in (*names, *unclaimed_multipliers(group, claims, computed=computed)):
+        for name in unclaimed(group, claims, computed=computed):
             raise RejectedError(f"no claim rests on `{name}` of a group")
 
 

@@ -3,6 +3,10 @@
 Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the
 canonical manifest, sizes of tables.
 Non-goals: believing anything that stands in it (`rechecker.py`).
+
+The argument: the seal is the hash of the manifest, which has the hash of every other file; each
+file is read once, and what is checked are those bytes. A table that is asked for is noted: at the
+end those that nobody asked for are refused (`unused`).
 """
 
 from __future__ import annotations
@@ -27,8 +31,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
-SCHEMA = 1
-MANIFEST_KEYS = "schema soter files main params modules program_sha256"
+FORMAT = 2
+"""Of certificates: 1 had texts that nobody read."""
+MANIFEST_KEYS = "schema files main params modules program_sha256"
 CELLS_MAX = 200_000_000
 """Of all grids of a certificate together."""
 ENTRIES_MAX = 100_000
@@ -66,18 +71,16 @@ class Certificate:
         """The tables on which no claim rests."""
         return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
 
-    # ------------------------------------------------------------ tables
-
     def edges(self, path: object) -> tuple[float, ...]:
         """The breakpoints of an axis.
 
         RejectedError where they are fewer than two, not finite, or do not rise.
         """
-        data = self._bytes(path)
+        data = self.plain(path)
         if len(data) % 8 or len(data) < 16:
             raise RejectedError(f"`{path}` holds no breakpoints")
-        breakpoints = tuple(float(x) for x in np.frombuffer(data, dtype="<f8"))
-        if not all(math.isfinite(x) for x in breakpoints):
+        breakpoints = tuple(np.frombuffer(data, dtype="<f8").tolist())
+        if not all(map(math.isfinite, breakpoints)):
             raise RejectedError(f"`{path}`: a breakpoint is not finite")
         if any(a >= b for a, b in pairwise(breakpoints)):
             raise RejectedError(f"`{path}`: breakpoints do not increase")
@@ -88,8 +91,7 @@ class Certificate:
 
         RejectedError where the file is not of its size.
         """
-        data = self._bytes(path)
-        dtype = np.dtype(kind)
+        data, dtype = self.plain(path), np.dtype(kind)
         if len(data) != math.prod(shape) * dtype.itemsize:
             raise RejectedError(f"`{path}` is not the size of its grid")
         return np.frombuffer(data, dtype=dtype).reshape(shape)
@@ -99,11 +101,9 @@ class Certificate:
 
         RejectedError where it is not, or the file not of its size.
         """
-        data = self._bytes(path)
         cells = math.prod(shape)
-        if len(data) != -(-cells // 8):
-            raise RejectedError(f"`{path}` is not the size of its grid")
-        every = np.unpackbits(np.frombuffer(data, dtype="<u1"), bitorder="little")
+        data = self.numbers(path, (-(-cells // 8),), "<u1")
+        every = np.unpackbits(data, bitorder="little")
         if every[cells:].any():
             raise RejectedError(f"`{path}`: bits are set behind the last cell")
         return every[:cells].astype(np.bool_).reshape(shape)
@@ -115,10 +115,7 @@ class Certificate:
             raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
 
     def plain(self, path: object) -> bytes:
-        """A file as it is."""
-        return self._bytes(path)
-
-    def _bytes(self, path: object) -> bytes:
+        """A file below `sets/` as it is; RejectedError where there is none."""
         if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
             raise RejectedError(f"there is no table `{path}`")
         self.used.add(path)
@@ -135,40 +132,44 @@ def read_certificate(folder: Path) -> Certificate:
         raise NotACertificateError(f"`{folder}` is not a folder")
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotACertificateError(f"`{folder}` holds no `{MANIFEST}` and `{SEAL}`")
-    contents = _everything(folder)
+    contents = {name: _read(folder, name, size) for name, size in _sizes(folder).items()}
     raw, seal = contents.pop(MANIFEST), contents.pop(SEAL)
     if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
         raise RejectedError("the seal does not fit the manifest")
     manifest = _parsed(raw)
+    _require_this_format(manifest.get("schema"))
     files = manifest.get("files")
     if not isinstance(files, dict):
         raise RejectedError("the manifest lists no files")
     for name in sorted(files.keys() ^ contents.keys()):
         side = "missing" if name in files else "not listed in the manifest"
         raise RejectedError(f"`{name}` is {side}")
-    for name, digest in files.items():
-        if PurePosixPath(name).parts[0] not in ("program", "sets"):
+    for name, data in contents.items():
+        if not name.startswith(("program/", "sets/")):
             raise RejectedError(f"`{name}` stands outside `program/` and `sets/`")
-        if hashlib.sha256(contents[name]).hexdigest() != digest:
+        if hashlib.sha256(data).hexdigest() != files[name]:
             raise RejectedError(f"`{name}` was changed")
-    if manifest.get("schema") != SCHEMA or isinstance(manifest["schema"], bool):
-        raise RejectedError(f"a manifest of schema {manifest.get('schema')}, not {SCHEMA}")
     return Certificate(folder, manifest, contents, set())
 
 
-def _everything(folder: Path) -> dict[str, bytes]:
-    """Every file below the folder; anything but plain files and needed folders is refused.
-
-    All sizes are looked at before the first file is read.
-    """
-    sizes = _sizes(folder)
-    if sum(sizes.values()) > BYTES_MAX:
-        raise NotRecheckedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
-    return {name: _read(folder, name, size) for name, size in sizes.items()}
+def _require_this_format(given: object) -> None:
+    """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
+    if type(given) is not int or given < 1:
+        raise RejectedError("the manifest does not say the version of its format")
+    if given != FORMAT:
+        age = "an older" if given < FORMAT else "a newer"
+        raise NotRecheckedError(
+            f"its format is {given}, of {age} soter, and this one reads format {FORMAT}: "
+            "make it again with `soter verify --cert`"
+        )
 
 
 def _sizes(folder: Path) -> dict[str, int]:
-    """The size of every file in bytes, by its name, in the order of names."""
+    """The size of every file in bytes, by its name, in the order of names; no file is read yet.
+
+    RejectedError for anything but plain files and needed folders, NotRecheckedError where it is
+    too much.
+    """
     sizes: dict[str, int] = {}
     folders: set[str] = set()
     waiting = [folder]
@@ -183,7 +184,9 @@ def _sizes(folder: Path) -> dict[str, int]:
                 waiting.append(path)
             elif not stat.S_ISREG(status.st_mode):
                 raise RejectedError(f"`{name}` is neither a file nor a folder")
-            elif status.st_size > _most(name):
+            elif status.st_size > {MANIFEST: MANIFEST_MAX, "program": PROGRAM_MAX}.get(
+                name.partition("/")[0], FILE_MAX
+            ):
                 raise NotRecheckedError(
                     f"`{name}` has {status.st_size:,} bytes: too many to be read"
                 )
@@ -192,14 +195,9 @@ def _sizes(folder: Path) -> dict[str, int]:
     needed = {p.as_posix() for name in sizes for p in PurePosixPath(name).parents}
     for name in sorted(folders - needed):
         raise RejectedError(f"the folder `{name}` is empty")
+    if sum(sizes.values()) > BYTES_MAX:
+        raise NotRecheckedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
     return dict(sorted(sizes.items()))
-
-
-def _most(name: str) -> int:
-    """How many bytes a file of that name may have."""
-    if name == MANIFEST:
-        return MANIFEST_MAX
-    return PROGRAM_MAX if name.startswith("program/") else FILE_MAX
 
 
 def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts
     from soter.language.model.system import System
 
-KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
+KEYS = ("system", "module", "claims", "recover_ns", "induction")
 TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
 WORK = 600_000_000
 """Of one query, in the solver's own units; a free core takes two minutes or so."""
@@ -287,7 +287,7 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
             "machine", "the compiler and the hardware do what the C of the steps says"
         ),
     ]
-    assumptions += acknowledged(facts.symbol)
+    assumptions += [RecheckAssumption(key, text) for key, text in acknowledged(facts.symbol)]
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "

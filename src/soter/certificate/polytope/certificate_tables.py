@@ -158,9 +158,9 @@ def read_polytope(
         target=sets["target"],
         levels=[reader.half_spaces(e) for e in entry["S"]],
         carried=[reader.half_spaces(e) for e in entry["G"]],
-        rates={k: reader.matrix(entry["rates"][k], None) for k in ("K", "Q")},
+        rates={k: reader.matrix(rate, None) for k, rate in entry["rates"].items()},
         periods=_whole(entry["periods"], PERIODS_MAX, "`periods`"),
-        instants={k: _instants(entry["instants"][k], k) for k in INSTANTS},
+        instants={k: _instants(given, k) for k, given in entry["instants"].items()},
     )
     given = entry.get("multipliers", {})
     if not set(given) <= set(PARTS):
@@ -175,6 +175,8 @@ def read_half_spaces(certificate: Certificate, entry: Any, n: int) -> HalfSpaces
 
 
 def _law(reader: _MatrixReader, entry: dict[str, Any], inputs: int) -> ClaimedLaw:
+    if set(entry) != {"controls", "gain", "offset", "limits"}:
+        raise RejectedError("the law of a polytope group is controls, gain, offset and limits")
     controls = tuple(entry["controls"])
     m = len(controls)
     if not m or not all(isinstance(c, str) for c in controls):
@@ -221,6 +223,8 @@ class _MatrixReader:
 
     def matrix(self, entry: Any, shape: tuple[int, ...] | None) -> Floats:  # noqa: ANN401
         """Finite numbers, of a shape if one is given."""
+        if set(entry) != {"file", "shape"}:
+            raise RejectedError("a matrix is a file and a shape")
         given = tuple(entry["shape"])
         if not all(type(k) is int and k >= 0 for k in given) or shape not in (None, given):
             raise RejectedError(f"`{entry['file']}` has another shape than it should have")
@@ -253,7 +257,7 @@ class _MatrixReader:
     def triples(self, entry: Any) -> Triples:  # noqa: ANN401
         """Multipliers: none is negative, and each belongs to a row and a half-space."""
         count, width = (_whole(k, 1 << 24, "the size of multipliers") for k in entry["of"])
-        given = self.matrix(entry, None)
+        given = self.matrix({k: v for k, v in entry.items() if k != "of"}, None)
         self.weights += count + len(given)
         if self.weights > TRIPLES_MAX:
             raise NotRecheckedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")

@@ -18,7 +18,7 @@ import numpy as np
 from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.polytope.certificate_tables import HalfSpaces
+from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces
 from soter.certificate.polytope.dual_bounds import BoundedPolytope, in_balls, within
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
 from soter.certificate.polytope.linear_with_noise import enclosed_flow
@@ -72,7 +72,7 @@ def affordable(tables: PolytopeTables) -> None:
     Every half-space is carried over every piece of time of each claim, and those of Q over as many
     holds as it takes to get there.
     """
-    count = {name: len(instants) for name, instants in tables.instants.items()}
+    count = {name: len(tables.instants.get(name, ())) for name in INSTANTS}
     n = len(tables.states)
 
     def faces(*sets: HalfSpaces | None) -> int:
@@ -150,14 +150,14 @@ class PolytopeCheck(GroupCheck):
         raise RejectedError(f"there are too many multipliers for {part}")
 
     def _instants(self, name: str, until_ns: int) -> tuple[int, ...]:
-        instants = self.tables.instants[name]
+        instants = self.tables.instants.get(name, (0,))
         if instants[-1] != until_ns:
             raise RejectedError(f"the instants of `{name}` do not end when they should")
         return instants
 
     def _hold(self, which: str) -> HoldImage:
-        rate = self.tables.rates[which]
-        if rate.shape != (len(self.law.controls),):
+        rate = self.tables.rates.get(which)
+        if rate is None or rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
         facts = self.model.facts
         instants = self._instants("hold", facts.times["delta_ns"])

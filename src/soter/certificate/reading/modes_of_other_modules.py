@@ -20,6 +20,7 @@ from soter.language.model.tree_walk import nodes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Terms
 
@@ -73,15 +74,16 @@ def only_modes_of_others(facts: Facts) -> None:
             raise NotRecheckedError("the module's own mode, or that of an unknown one")
 
 
-def names_of(facts: Facts) -> tuple[list[str], list[str]]:
-    """The modules whose modes SC, `ttf` or `safer` read; and those that `safer` reads."""
+def assumed(facts: Facts) -> Said:
+    """Of the modules whose modes SC, `ttf` or `safer` read; and of those that `safer` reads."""
     flying, module = facts.flying, facts.flying_module
     sc = flying.components[module.sc]
     assert sc.node is not None
-    waited = [module.scope.modules[k] for k in modes_in([facts.symbol.safer])]
-    read = [sc.scope.modules[k] for k in modes_in(sc.node.step)]
-    read += [module.scope.modules[k] for k in modes_in([facts.symbol.ttf])]
-    every = sorted({*read, *waited})
-    return [flying.modules[i].name for i in every], [
-        flying.modules[i].name for i in sorted({*waited})
-    ]
+    waited = {module.scope.modules[k] for k in modes_in([facts.symbol.safer])}
+    read = {sc.scope.modules[k] for k in modes_in(sc.node.step)}
+    read |= {module.scope.modules[k] for k in modes_in([facts.symbol.ttf])}
+    for name in (flying.modules[i].name for i in sorted(read | waited)):
+        yield f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it"
+    for name in (flying.modules[i].name for i in sorted(waited)):
+        text = f"nothing is confirmed of P2b: `safer` waits until {name} is in AC"
+        yield f"waits {name}", text

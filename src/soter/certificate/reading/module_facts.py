@@ -103,6 +103,8 @@ class Facts:
     parameters: list[StateParameter] = field(default_factory=list)
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
+    extents: tuple[tuple[float, float], ...] = ()
+    """Of the grid of each state, as a certificate has it: that, where one is declared."""
     open_ends: set[int] = field(default_factory=set)
     """States of which nothing is claimed above that extent, and no run is taken to get there."""
     unbounded: set[int] = field(default_factory=set)
@@ -172,6 +174,12 @@ class Facts:
         return ttf if ttf is None or not reads(AgeRead, [ttf]) else without_ages(ttf)
 
     @property
+    def modes(self) -> bool:
+        """Whether SC or a predicate looks at the mode of a module."""
+        code = () if self.sc.node is None else self.sc.node.step
+        return modes_read([*code, *self.symbol.predicates])
+
+    @property
     def tower(self) -> tuple[Module, ...]:
         """The module with those above and below it."""
         return tower_of(self.flying, self.flying_module.index)
@@ -200,6 +208,16 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
         if c.plant is not None
         for topic, expr in c.plant.drives
     }
+
+
+def read_by(facts: Facts) -> tuple[list[int], list[int]]:
+    """The topics that plants drive and the DM reads, and those that SC reads."""
+    driven = driven_topics(facts)
+    by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
+    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
+    if facts.computed:  # computed predicates read what carries the axes
+        by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
+    return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
 
 
 def bounded_topics(facts: Facts) -> list[int]:

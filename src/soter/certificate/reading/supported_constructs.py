@@ -13,7 +13,6 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
-from soter.certificate.reading.module_facts import modes_read
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.tower import refuse_unproved_towers
 from soter.language.model import typed as t
@@ -100,7 +99,7 @@ def check_supported(facts: Facts) -> None:
         refuse_unproved_towers(facts)
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
-    if modes_read([*facts.sc.node.step, *facts.symbol.predicates]):
+    if facts.modes:
         only_modes_of_others(facts)
     _topics(facts)
     for expr in facts.symbol.predicates:

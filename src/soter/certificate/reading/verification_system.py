@@ -9,16 +9,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.reading.module_facts import DiffersError, driven_topics, read_by
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model import typed
+from soter.language.model.system import holder_of
+from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Module, System
 
@@ -60,6 +64,42 @@ def flown(facts: Facts, name: str) -> Sequence[Any] | None:
         if link.name == name:
             return start_behind(facts.flying, facts.flying_module, link)
     return None
+
+
+def seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
+    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
+    outer = holder_of(facts.flying, facts.flying_module)
+    driven = driven_topics(facts)
+    for index in topics:
+        model = driven[index][0].name
+        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
+        real = f"{outer}.{real}" if outer else real
+        paths = facts.ways.to(facts.running[index])
+        if not any(p.sensor.name == real for p in paths):
+            name = facts.system.topics[index].name
+            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
+
+
+def assumed(facts: Facts) -> Said:
+    """That the vehicle behaves like what abstracts it."""
+    for link in facts.symbol.verify.abstracts:
+        known = start_behind(facts.flying, facts.flying_module, link) is not None
+        begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
+        text = f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance"
+        key = f"conforms {link.instance} {link.name}"
+        yield key, f"{text} within its bounds, from {begins} on"
+
+
+def judged(facts: Facts) -> Said:
+    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+    read = {i for of in read_by(facts) for i in of}
+    driven = driven_topics(facts)
+    for symbol in topic_reads(facts.symbol.safe):
+        index = facts.module.scope.topics.get(symbol, -1)
+        if index in driven and index not in read:
+            name, plant = facts.system.topics[index].name, driven[index][0].name
+            text = f"what `safe` says of {name} is judged on what {plant} drives: what is published"
+            yield f"judged {name} {plant}", f"{text} there is not looked at"
 
 
 def _own_parameters(

@@ -13,7 +13,7 @@ independently of the others: every node runs by itself, its runs neither overlap
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from math import lcm
 from typing import TYPE_CHECKING
@@ -144,8 +144,9 @@ class TimingSetting:
     @cached_property
     def periods(self) -> tuple[int, ...]:
         """Of everything that SC has to do with."""
-        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.clocks)]
-        clocks += [c for read in self.by_sc for path in read.paths for c in path.clocks]
+        ways: list[TopicPath | Effect] = [*self.effects]
+        ways += [path for read in self.by_sc for path in read.paths]
+        clocks = [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
         return tuple(c.period for c in clocks)
 
     # ------------------------------------------------------------ SC
@@ -177,12 +178,16 @@ class TimingSetting:
         return releases(self.sc, self.periods, after=self.settled)
 
     @cached_property
+    def clocks(self) -> list[Clock]:
+        """Of everything, as often as it is met on a way."""
+        ways: list[TopicPath | Effect] = [*self.effects]
+        ways += [path for read in (*self.by_sc, *self.by_dm) for path in read.paths]
+        return [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
+
+    @cached_property
     def settled(self) -> int:
         """A time from which on every release has its neighbours on both sides."""
-        clocks = [self.dm, self.sc, *(n for e in self.effects for n in e.clocks)]
-        for read in (*self.by_sc, *self.by_dm):
-            clocks += [c for path in read.paths for c in path.clocks]
-        return sum(c.phase + 2 * c.period + c.slow for c in clocks)
+        return sum(c.phase + 2 * c.period + c.slow for c in self.clocks)
 
     def first_available(self, after: int, reads: Sequence[TopicReading]) -> int:
         """SC's first release at or after a time at which these reads certainly show a state."""
@@ -192,22 +197,20 @@ class TimingSetting:
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedTimes:
-    """The quantities, in ns; each the greatest over all schedules."""
+    """In ns, each the greatest over all schedules: A, A_sc, d, j, H*, h_0.
+
+    `start`: h_0 with drop-outs, and with every "AC" that is said on no state at all; `stamps`: the
+    greatest stamp age of what SC reads, by topic.
+    """
 
     age: int
-    """A."""
     age_sc: int
-    """A_sc."""
     delay: int
-    """d: from the state that is read to the instant at which a component acts."""
     jitter: int
-    """j: length of the window in which a component acts."""
     h_star: int
     h_0: int
     start: int
-    """h_0 with drop-outs, and with every "AC" that is said on no state at all."""
-    stamps: dict[str, int] = field(default_factory=dict)
-    """Greatest stamp age of what SC reads, by topic."""
+    stamps: dict[str, int]
 
 
 def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]:
@@ -222,19 +225,20 @@ def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]
 def derive(setting: TimingSetting) -> DerivedTimes:
     """All of them; `NotRecheckedError` where the definitions do not apply."""
     check_runs(setting)
-    if setting.instants:
-        age = age_sc = 0
-        stamps: dict[str, int] = {}
-    else:
+    age = age_sc = delay = jitter = 0
+    stamps: dict[str, int] = {}
+    if not setting.instants:
         age = max((_enforced(setting, r) for r in setting.by_dm), default=0)
-        age_sc, stamps = _read_by_sc(setting)
-    delay = 0 if setting.instants else _delay(setting)
-    h_0 = setting.acts_by(_first_output(setting))
+        age_sc, delay, stamps = _answered(setting)
+        jitter = _jitter(setting)
+    # SC's release whose reads are all there, whatever is late, if the DM never says "AC"
+    plain = [p.certain_from() for r in setting.by_sc for p in r.paths]
+    h_0 = setting.acts_by(setting.sc.next_at(max([0, *plain])))
     return DerivedTimes(
         age=age,
         age_sc=age_sc,
         delay=delay,
-        jitter=0 if setting.instants else _jitter(setting),
+        jitter=jitter,
         h_star=age + _handed_over(setting),
         h_0=h_0,
         start=max(h_0, _without_state(setting)),
@@ -244,17 +248,12 @@ def derive(setting: TimingSetting) -> DerivedTimes:
 
 def check_runs(setting: TimingSetting) -> None:
     """Runs of one node neither overlap nor overtake; NotRecheckedError where they may."""
-    clocks = {setting.dm, *(n for e in setting.effects for n in e.clocks)}
-    for read in (*setting.by_dm, *setting.by_sc):
-        clocks |= {c for path in read.paths for c in path.clocks}
-    for c in sorted(clocks, key=lambda c: c.name):
+    for c in sorted(setting.clocks, key=lambda c: c.name):
         if c.slow > c.period:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
     if setting.sc.period > setting.dm.period:
         raise NotRecheckedError("SC is slower than its DM")
-    if setting.instants:
-        return
-    for t in setting.steady():
+    for t in () if setting.instants else setting.steady():
         if setting.starts_by(t) + setting.sc.response > t + setting.sc.period:
             raise NotRecheckedError("SC may not be done when its next step is due")
 
@@ -265,47 +264,31 @@ def _enforced(setting: TimingSetting, read: TopicReading) -> int:
     The stamp is no older than `max_age`, and that is enforced; what was published then is as old
     as its path makes it, and as a silent sensor makes what a node goes on publishing.
     """
-    return read.max_age + max([0, *(path.lag(setting.silent) for path in read.paths)])
+    return read.max_age + max(path.lag(setting.silent) for path in read.paths)
 
 
-def _read_by_sc(setting: TimingSetting) -> tuple[int, dict[str, int]]:
-    """Greatest age of a state that SC reads, drop-outs included; of stamps, without."""
-    age, stamps = 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
-    for t in setting.steady():
-        for read in setting.by_sc:
-            for path in read.paths:
-                for s in path.turns(t, setting.starts_by(t)):
-                    age = max(age, s - path.state(s) + setting.silent)
-                    stamps[read.name] = max(stamps[read.name], s - path.stamp(s))
-    return age, stamps
+def _answered(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
+    """Greatest age of a state that SC reads, and how old it is when the command for it acts.
 
-
-def _delay(setting: TimingSetting) -> int:
-    """From a state to the instant at which the command that answers it acts."""
-    worst = 0
+    Both with drop-outs; and greatest age of stamps, without.
+    """
+    age, delay, stamps = 0, 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
     for t in setting.steady():
         end = setting.starts_by(t)
-        worst = max(worst, setting.last_effect(t, end) - end)  # an SC that reads no state
-        for read in setting.by_sc:
-            for path in read.paths:
-                for s in path.turns(t, end):
-                    acts = setting.last_effect(t, s)
-                    worst = max(worst, acts - path.state(s) + setting.silent)
-    return worst
+        delay = max(delay, setting.last_effect(t, end) - end)  # an SC that reads no state
+        for name, path in ((r.name, path) for r in setting.by_sc for path in r.paths):
+            for s in path.turns(t, end):
+                state = path.state(s) - setting.silent
+                age, delay = max(age, s - state), max(delay, setting.last_effect(t, s) - state)
+                stamps[name] = max(stamps[name], s - path.stamp(s))
+    return age, delay, stamps
 
 
 def _jitter(setting: TimingSetting) -> int:
     """The window around k delta that holds every instant at which output k acts."""
-    early: int | None = None
-    late: int | None = None
-    for t in setting.steady():
-        first = min(e.first(t) for e in setting.effects) - t
-        last = setting.acts_by(t) - t
-        early = first if early is None else min(early, first)
-        late = last if late is None else max(late, last)
-    assert early is not None
-    assert late is not None
-    return late - early
+    steady = list(setting.steady())
+    early = min(e.first(t) - t for e in setting.effects for t in steady)
+    return max(setting.acts_by(t) - t for t in steady) - early
 
 
 def _handed_over(setting: TimingSetting) -> int:
@@ -317,8 +300,7 @@ def _handed_over(setting: TimingSetting) -> int:
     """
     known = {r.name for r in setting.by_dm}
     others = [r for r in setting.by_sc if r.name not in known]
-    periods = setting.periods
-    count = lcm(*periods) // setting.dm.period
+    count = lcm(*setting.periods) // setting.dm.period
     count += (setting.first_available(0, others) + setting.settled) // setting.dm.period + 1
     if count > 2 * RELEASES_MAX:
         raise NotRecheckedError("the DM has too many releases to go through")
@@ -330,12 +312,6 @@ def _handed_over(setting: TimingSetting) -> int:
     return worst
 
 
-def _first_output(setting: TimingSetting) -> int:
-    """SC's release whose reads are all there, whatever is late, if the DM never says "AC"."""
-    plain = [p.certain_from() for r in setting.by_sc for p in r.paths]
-    return setting.sc.next_at(max([0, *plain]))
-
-
 def _without_state(setting: TimingSetting) -> int:
     """When an output of SC acts for good, drop-outs and "AC" on default values included.
 
@@ -343,12 +319,9 @@ def _without_state(setting: TimingSetting) -> int:
     may say "AC" on it. Its last release that may see this is followed by one that does not.
     """
     start = setting.first_available(0, setting.by_sc)
-    for read in setting.by_dm:
-        for path in read.paths:
-            if not path.may_publish_nothing(setting.silent):
-                continue
-            last = path.certain_from(setting.silent) - 1
-            if last >= setting.dm.phase:
-                after = setting.dm.last_at(last) + setting.dm.period
-                start = max(start, setting.first_available(after, setting.by_sc))
+    for path in (path for read in setting.by_dm for path in read.paths):
+        last = path.certain_from(setting.silent) - 1
+        if path.may_publish_nothing(setting.silent) and last >= setting.dm.phase:
+            after = setting.dm.last_at(last) + setting.dm.period
+            start = max(start, setting.first_available(after, setting.by_sc))
     return setting.acts_by(start)

@@ -15,15 +15,15 @@ from soter.certificate.reading.module_facts import (
     Facts,
     driven_topics,
     number_of,
-    read_by_sc,
+    read_by,
 )
+from soter.certificate.reading.verification_system import seen_from_what_is_abstracted
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import derive
 from soter.certificate.time.node_paths import NodeWays
 from soter.certificate.time.sensor_paths import Ways, nodes_between, setting_of
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
-from soter.language.model.system import holder_of
 
 if TYPE_CHECKING:
     from soter.certificate.time.derived_times import TimingSetting
@@ -68,7 +68,7 @@ def read_times(facts: Facts) -> None:
         {**time_by_name, **more},
     )
     if verify.abstracts:
-        _seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
+        seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
     if facts.kind == "map":
         _check_map(facts, setting)
     own = derive(setting)
@@ -87,30 +87,6 @@ def read_times(facts: Facts) -> None:
     if any(c.wcet_ns is not None or c.jitter_ns for c in facts.flying.components):
         facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
     facts.times, facts.own, facts.setting = time_by_name, own, setting
-
-
-def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
-    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
-    outer = holder_of(facts.flying, facts.flying_module)
-    driven = driven_topics(facts)
-    for index in topics:
-        model = driven[index][0].name
-        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
-        real = f"{outer}.{real}" if outer else real
-        paths = facts.ways.to(facts.running[index])
-        if not any(p.sensor.name == real for p in paths):
-            name = facts.system.topics[index].name
-            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
-
-
-def read_by(facts: Facts) -> tuple[list[int], list[int]]:
-    """The topics that plants drive and the DM reads, and those that SC reads."""
-    driven = driven_topics(facts)
-    by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
-    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
-    if facts.computed:  # computed predicates read what carries the axes
-        by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
-    return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
 
 
 def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:

@@ -23,6 +23,7 @@ from soter.language.model.system import holder_of, tower_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
+    from soter.certificate.assumptions import Said
     from soter.language.model.system import Component, System
 
 NODES_MAX = 16
@@ -31,6 +32,21 @@ LOOKS_MAX = 20_000
 """At topics, on all ways together."""
 NOW = Clock("now", 1)
 """What shows the state of the very instant in which it is read."""
+
+TEXTS = {
+    "shows": "what {} publishes shows the state that it has just read, within the errors",
+    "passes": "{} passes on what the module publishes at its next step, which is counted; what "
+    "it makes of a command belongs to the plants of the proof",
+    "in step": "{} runs in the thread of the module, behind SC in the same instant; what it "
+    "makes of a command belongs to the plants of the proof, and no wait of it is counted "
+    "beside `acts within`",
+    "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
+    "what stands behind it, delays included, belongs to the abstraction",
+    "extern": "{} publishes in every step",
+    "beside": "{}, of which the proof knows nothing, is heard by nodes before the module: "
+    "whatever it says, and however old that is, they show the plants of the proof",
+}
+"""What is assumed of a node, by the kind of a note."""
 
 
 @dataclass(frozen=True)
@@ -357,3 +373,10 @@ def _always(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool
             if all(_always(b, topic) for b in sides):
                 return True
     return False
+
+
+def assumed(ways: Ways) -> Said:
+    """Of nodes between the plants and the module."""
+    for kind, name in ways.notes:
+        yield f"{kind} {name}", TEXTS[kind].format(name)
+    yield "nodes run", "no node between plants and module faults or skips a step"

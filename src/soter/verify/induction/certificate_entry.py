@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.verify.claims.results import PROVED, UNCLAIMED
-from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:
     from soter.verify.induction.verify import InductionResult
@@ -29,7 +28,6 @@ def entry(
         "system": system,
         "module": problem.name,
         "claims": claims,
-        "assumptions": texts(result.assumptions),
         "recover_ns": induction.returns_ns if declared else None,
         "induction": {
             "k": induction.k,

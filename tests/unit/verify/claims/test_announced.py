@@ -84,7 +84,6 @@ STAGES = {
     "sc_chain": ("soter.certificate.grid.group_claims", "a grid"),
     "free_phase": ("soter.certificate.grid.group_claims", "computed"),
     "rates_are_defined": ("soter.certificate.case_check", "a grid"),
-    "nothing_reads": ("soter.certificate.case_check", "a grid"),
     "_looked_at": ("soter.certificate.grid.grid_group", "computed"),
     "linear_law": ("soter.certificate.polytope.polytope_check", "half-spaces"),
     "affordable": ("soter.certificate.polytope.polytope_check", "half-spaces"),
