@@ -49,8 +49,6 @@ def read_times(facts: Facts) -> None:
     for key, (_, name) in DELAYS.items():
         time_by_name[key] = number_of(facts, getattr(verify, name))
     by_dm, by_sc = read_by(facts)
-    if facts.kind == "map":
-        _check_map(facts, time_by_name, {*by_dm, *by_sc})
     if not verify.abstracts:
         driven = driven_topics(facts)
         for together in (by_dm, by_sc):
@@ -71,8 +69,8 @@ def read_times(facts: Facts) -> None:
     )
     if verify.abstracts:
         seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
-    if facts.kind == "map" and _has_nodes(setting):
-        raise NotRecheckedError("nodes between a map and its module")
+    if facts.kind == "map":
+        _check_map(facts, setting)
     own = derive(setting)
     for read in setting.by_sc:
         oldest = own.stamps.get(read.name, 0)
@@ -91,11 +89,6 @@ def read_times(facts: Facts) -> None:
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 
 
-def _has_nodes(setting: TimingSetting) -> bool:
-    paths = [p for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
-    return any(p.clocks[1:] for p in paths) or any(e.clocks for e in setting.effects)
-
-
 def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:
     """Topics as the system that runs knows them, with their `max_age`."""
     age_by_topic = {}
@@ -107,15 +100,27 @@ def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:
     return age_by_topic
 
 
-def _check_map(facts: Facts, times: dict[str, int], topics: set[int]) -> None:
+def _check_map(facts: Facts, setting: TimingSetting) -> None:
+    """All that is read and all that acts has to be of one instant, in which the map steps.
+
+    Else `NotRecheckedError`: ages and delays are not counted beside a map.
+    """
     step = facts.plants[0].period_ns
     if any(c.period_ns != step for c in facts.plants):
         raise NotRecheckedError("maps with different periods")
-    if times["Delta_ns"] % step or times["delta_ns"] % step or facts.sc.phase_ns % step:
+    dm, sc = setting.dm, setting.sc
+    if any(ns % step for ns in (dm.period, sc.period, dm.phase, sc.phase)):
         raise NotRecheckedError("a module that does not step together with its map")
-    if any(times[k] for k in ("J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")):
+    if dm.slow or sc.slow or any(e.least or e.most for e in setting.effects):
         raise NotRecheckedError("delays beside a map")
-    for index in topics:
-        age = facts.system.topics[index].max_age_ns
-        if age is None or age >= step:
+    if setting.silent:
+        raise NotRecheckedError("`dropout` beside a map")
+    paths = [(r, p) for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
+    if any(p.clocks[1:] for _, p in paths) or any(e.clocks for e in setting.effects):
+        raise NotRecheckedError("nodes between a map and its module")
+    for read, path in paths:
+        sensor = path.sensor
+        if sensor.phase or step % sensor.period:
+            raise NotRecheckedError(f"`{sensor.name}` does not publish whenever the map steps")
+        if read.max_age >= sensor.period:
             raise NotRecheckedError("beside a map `max_age` must be shorter than its period")

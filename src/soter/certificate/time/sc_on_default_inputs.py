@@ -1,8 +1,8 @@
 """What SC does before anything was published: it must not fault, or it never steps again.
 
-Purpose: `survives_the_start`: SC's step on the default values of its topics, and on what a node
-makes of a default, publishes values in their sets and cannot fault; below
-another module so it does on all that may ever be published.
+Purpose: `survives_the_start`: SC's step on the default values of its topics, or, where not all that
+it reads is published at once, on anything that may be published, publishes values in their sets and
+cannot fault; below another module so it does on all that may ever be published.
 Non-goals: which of its outputs count (`derived_times.py`: the first one on a state does).
 """
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Topic
 
 CERTAIN = 2
-READ_EARLY = "what a node made of a default"
+READ_EARLY = "what was published before all that it reads shows a state"
 READ_ELSEWHERE = "what is published while it has no control"
 
 
@@ -40,19 +40,27 @@ def survives_the_start(facts: Facts) -> None:
 
 
 def _harmless_before(facts: Facts) -> None:
+    """What SC reads is the default of each topic only while none of them shows a state.
+
+    That is so of what one publisher says, each time all of it, and never before it has read a
+    state itself. Otherwise a state of one topic may be read beside the default of another, and so
+    each is anything of its set.
+    """
     setting = facts.setting
     sc = facts.sc
     assert sc.node is not None
     if sc.node.locals:
         raise NotRecheckedError("an SC with locals that may step before anything was published")
     paths = {r.name: r.paths for r in setting.by_sc}
+    every = [p for of in paths.values() for p in of]
+    at_once = len({p.clocks[-1].name for p in every}) == 1
+    at_once = at_once and not any(p.may_publish_nothing(setting.silent) for p in every)
     terms, known = Terms(), {}
     for symbol in read_by_sc(sc):
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
-        empty = any(p.may_publish_nothing(setting.silent) for p in paths.get(running, ()))
-        default = running in paths and not empty
-        known[symbol] = _anything(terms, topic, READ_EARLY, default=default)
+        only_default = at_once and running in paths
+        known[symbol] = _anything(terms, topic, READ_EARLY, default=only_default)
     if not _harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"

@@ -241,21 +241,25 @@ def _map(
                 notes=("a plant with `next` has no state between the multiples of its period",),
                 helps=("use multiples of the plant's period",),
             )
+    for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc] if place.abstract else []):
+        _of_every_step(place, chain, step, diagnostics)
     acts = times.schedule.published + times.acts
-    stamps = [p.max_age or 0 for p in (*times.schedule.read_by_dm, *times.schedule.read_by_sc)]
+    paths = (*times.schedule.read_by_dm, *times.schedule.read_by_sc)
+    often = min([step, *(p.sensor.period for p in paths)])
+    stamps = [p.max_age or 0 for p in paths]
     late = {
         "`max_age`": max(stamps, default=0),
         "the sum of `late`, `response` and `acts`": acts,
-        "`dropout`": step if times.schedule.dropout else 0,
+        "`dropout`": often if times.schedule.dropout else 0,
     }
     for what, ns in late.items():
-        if ns >= step:
+        if ns >= often:
             diagnostics.error(
                 "R012",
-                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(step)}",
+                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(often)}",
                 symbol.span,
                 notes=("with `next`, what is read and what acts must be of the same instant",),
-                helps=(f"make it shorter than {show_ns(step)}",),
+                helps=(f"make it shorter than {show_ns(often)}",),
             )
     for node in [*chains.nodes, *chains.behind]:
         diagnostics.error(
@@ -265,6 +269,24 @@ def _map(
             notes=("with `next`, what is read and what acts must be of the same instant",),
             helps=("let SC read the plant's own topic, and the plant SC's",),
         )
+
+
+def _of_every_step(
+    place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
+) -> None:
+    """R012 where what stands behind an abstraction does not publish whenever that one steps."""
+    at = chain.path.sensor
+    if not (at.phase or step % at.period):
+        return
+    diagnostics.error(
+        "R012",
+        f"`{chain.path.publisher}` publishes every {show_ns(at.period)}, and not whenever the "
+        f"plant of the proof steps, every {show_ns(step)}",
+        place.module.symbol.span,
+        also=() if chain.sensor is None else ((chain.sensor.span, "stands behind it"),),
+        notes=("with `next`, what is read and what acts must be of the same instant",),
+        helps=(f"a period of which {show_ns(step)} is a multiple",),
+    )
 
 
 def of_map(times: Times) -> Times:

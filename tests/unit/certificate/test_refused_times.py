@@ -1,0 +1,168 @@
+"""Schedules of which no claim is true as it is read here: what is refused of them, by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+from bench.recheck.small_modules import PROGRAMS
+
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.certificate.reading.module_facts import Facts
+
+Pairs = tuple[tuple[str, str], ...]
+
+
+def facts_of(folder: Path, text: str, *pairs: tuple[str, str]) -> Facts:
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    (folder / "small.soter").write_text(text)
+    return small_proofs.facts_of(folder / "small.soter", "S", "M")
+
+
+# ---------------------------------------------------------------- maps
+
+BEHIND = """plant World period 50ms {
+  reads u;
+  drives x = q;
+  state q: float in [-0.1, 0.1];
+  next q = q + 0.1 * u;
+}
+node Fast"""
+WORLD = (
+    ("node Fast", BEHIND),
+    ("verify {", "verify {\n    abstracts w by p: P = { p: w.truth.q };"),
+    ("{ p: P; module M;", "{ w: World; module M;"),
+)
+"""Behind the map of the proof flies another one."""
+
+
+@pytest.mark.parametrize(
+    "behind", [(), WORLD, (*WORLD, ("World period 50ms", "World period 25ms"))]
+)
+def test_a_map_that_is_read_when_it_steps_is_rechecked(tmp_path: Path, behind: Pairs) -> None:
+    assert facts_of(tmp_path, PROGRAMS["steps"], *behind).own.age == 0
+
+
+@pytest.mark.parametrize(
+    ("pairs", "why"),
+    [
+        ((("verify {", "verify {\n    dropout 50ms;"),), "`dropout` beside a map"),
+        ((("verify {", "verify {\n    dropout 1us;"),), "`dropout` beside a map"),
+        ((*WORLD, ("verify {", "verify {\n    dropout 50ms;")), "`dropout` beside a map"),
+        ((("node Slow period 50ms", "node Slow period 50ms phase 10ms"),), "step together"),
+        ((*WORLD, ("World period 50ms", "World period 100ms")), "`w` does not publish whenever"),
+        ((*WORLD, ("World period 50ms", "World period 30ms")), "`w` does not publish whenever"),
+        ((*WORLD, ("World period 50ms", "World period 10ms")), "shorter than its period"),
+        ((("max_age 20ms", "max_age 50ms"),), "shorter than its period"),
+        ((("verify {", "verify {\n    acts within 1ms;"),), "delays beside a map"),
+        ((("verify {", "verify {\n    late sc 1ms;"),), "delays beside a map"),
+    ],
+)  # fmt: skip
+def test_what_is_read_and_acts_beside_a_map_is_of_one_instant(
+    tmp_path: Path, pairs: Pairs, why: str
+) -> None:
+    with pytest.raises(NotRecheckedError, match=why):
+        facts_of(tmp_path, PROGRAMS["steps"], *pairs)
+
+
+# ---------------------------------------------------------------- defaults
+
+SEEN = """soter 1;
+topic place: float max_age 20ms;
+topic speed: float max_age 20ms;
+topic pos: float in [-9.0, 9.0] = 0.0 max_age 200ms;
+topic vel: float in [-9.0, 9.0] = 0.0 max_age 200ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+plant World period 10ms {
+  reads u; drives place = p; drives speed = v;
+  state p: float = 2.0; state v: float = 1.5;
+  der p = u; der v = 0.0;
+}
+plant Model period 10ms {
+  reads u; drives pos = q; drives vel = r;
+  state q: float = 2.0; state r: float = 1.5;
+  der q = u; der r = 0.0;
+}
+node EstP period 60ms { subscribes place; publishes pos; step { publish pos = place; } }
+node EstV period 60ms phase 30ms { subscribes speed; publishes vel; step { publish vel = speed; } }
+node Fast period 50ms { subscribes pos; publishes u; step { publish u = 1.0; } }
+node Slow period 10ms {
+  subscribes pos, vel;
+  publishes u;
+  step { ASSERT publish u = clamp(-pos, -1.0, 1.0); }
+}
+rta M {
+  ac Fast; sc Slow; period 50ms;
+  safe abs(pos) < 8.0; ttf abs(pos) > 5.0; safer abs(pos) < 4.0;
+  verify {
+    abstracts w by m: Model = { q: w.truth.p, r: w.truth.v };
+    grid pos in [-9.0, 9.0] / 90;
+    grid m.r in [1.0, 2.0] / 10;
+  }
+}
+system S { w: World; node EstP; node EstV; module M; }
+"""
+"""At 10 ms SC reads a state of `pos` beside the default of `vel`."""
+ASSERTS = ("ASSERT", "assert !(pos > 1.0 && vel == 0.0);")
+READS = "subscribes place; publishes pos; step {"
+ONE_NODE = (
+    (READS, "subscribes place, SECOND; publishes pos, vel; step { publish vel = SECOND;"),
+    ("publishes vel; step { publish vel = speed;", "publishes mid; step { publish mid = speed;"),
+    ("topic u:", "topic mid: float max_age 200ms;\ntopic u:"),
+    ("EstP period 60ms", "EstP period 60ms phase 20ms"),
+)
+STRAIGHT = """topic x: float in [-9.0, 9.0] = 0.0 max_age 30ms;
+topic y: float in [-9.0, 9.0] = 0.0 max_age 30ms;
+plant P period 10ms { reads u; drives x = p; state p: float = 2.0; der p = u; }
+plant Q period 10ms { drives y = q; state q: float = 1.5; der q = 0.0; }
+topic u: float in [-1.0, 1.0] = 0.0;
+node Fast period 50ms { subscribes x; publishes u; step { publish u = 1.0; } }
+node Slow period 50ms {
+  subscribes x, y;
+  publishes u;
+  step { assert !(x > 1.0 && y == 0.0); publish u = clamp(-x, -1.0, 1.0); }
+}
+rta M {
+  ac Fast; sc Slow; period 50ms;
+  safe abs(x) < 8.0; ttf abs(x) > 5.0; safer abs(x) < 4.0;
+  verify { grid x in [-9.0, 9.0] / 90; grid q.q in [1.0, 2.0] / 10; dropout 60ms; }
+}
+system S { p: P; q: Q; module M; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "pairs"),
+    [
+        (SEEN, (ASSERTS,)),
+        (SEEN, (ASSERTS, ("EstP period 60ms", "EstP period 60ms phase 40ms"))),
+        (SEEN, (ASSERTS, *ONE_NODE, ("SECOND", "mid"))),
+        ("soter 1;\n" + STRAIGHT, ()),
+    ],
+    ids=["two nodes", "the other one first", "one node, which reads a default", "silent plants"],
+)
+def test_sc_may_not_fault_on_a_state_beside_a_default(
+    tmp_path: Path, text: str, pairs: Pairs
+) -> None:
+    facts = facts_of(tmp_path, text, *pairs)
+    with pytest.raises(NotRecheckedError, match="fault on what it then reads"):
+        survives_the_start(facts)
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [(("ASSERT", ""),), (ASSERTS, *ONE_NODE, ("SECOND", "speed"))],
+    ids=["nothing to fault on", "one node"],
+)
+def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pairs) -> None:
+    facts = facts_of(tmp_path, SEEN, *pairs)
+    assert facts.setting.first_available(0, facts.setting.by_sc) > facts.setting.sc.phase
+    survives_the_start(facts)
