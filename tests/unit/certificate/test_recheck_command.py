@@ -21,6 +21,7 @@ from soter.certificate.format.errors import (
     NotRecheckedError,
     RejectedError,
 )
+from soter.certificate.grid.group_claims import FREE_PIECES
 from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
@@ -31,6 +32,7 @@ from soter.certificate.vacuous_proofs import _of_tables, of_those_above
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.front_end import check_file
+from soter.verify.grid.sets import SEGMENTS_MAX
 from unit.certificate import small_proofs
 from unit.verify.diagnosis.tank_modules import changed as changed_tank
 
@@ -372,3 +374,49 @@ def test_what_is_claimed_while_one_is_in_ac_that_never_is() -> None:
     assert inner.vacuous == "of Outer: AC never has control"
     assert lowest.vacuous == "of Outer: AC never has control"
     assert other.vacuous == ""
+
+
+ROTATION = """soter 1;
+topic y: { x0: float, x1: float } max_age 10ms;
+topic u: float in [-0.274, 0.274] = -0.274;
+plant P period 5ms {
+  reads u;
+  drives y = { x0: x0, x1: x1 };
+  state x0: float = 0.0;
+  state x1: float = 0.0;
+  der x0 = 3.62 * x1;
+  der x1 = -3.62 * x0 - 0.0217 * x1 + u;
+}
+node Ac period 1ms { publishes u; step { publish u = 0.274; } }
+node Sc period 40ms phase 39ms {
+  subscribes y;
+  publishes u;
+  step { publish u = clamp(-(0.0446 * y.x0 + 0.102 * y.x1), -0.274, 0.274); }
+}
+rta M {
+  ac Ac;
+  sc Sc;
+  period 120ms;
+  safe abs(y.x0) < 1.0 && abs(y.x1) < 1.0;
+  verify {
+    grid y.x0 in [-1.0, 1.0] / 60, y.x1 in [-1.0, 1.0] / 60;
+    late dm 0us, sc 3ms;
+    response dm 3ms, sc 2ms;
+    acts within 0us;
+  }
+}
+system S default { p: P; module M; until 10s; }
+"""
+
+
+@pytest.mark.long
+def test_a_tube_that_turns_is_cut_as_finely_as_the_proof_cuts_it(tmp_path: Path) -> None:
+    """A state that turns by half a radian between two looks: boxes of 16 pieces are too wide."""
+    program, folder = tmp_path / "m.soter", tmp_path / "cert"
+    program.write_text(ROTATION)
+    assert main(["verify", str(program), "--cert", str(folder)]) == 0
+    assert recheck(folder).accepted
+
+
+def test_the_finest_tubes_are_those_of_the_prover() -> None:
+    assert FREE_PIECES[-1] >= SEGMENTS_MAX

@@ -349,7 +349,7 @@ class GridCheck(GroupCheck):
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
         if not (inside and self._never_left(self.kernel)):
             check = FreeCheck(self.model, self.tables, until_ns)
-            if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[1]):
+            if not check.stays(box.box(box.whole), self.kernel, FREE_PIECES[-1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         return ()
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 CELLS_AT_ONCE = 256
 PIECES = (1, 4)
 """Into how many pieces a tube is cut, first and where that was not enough."""
-FREE_PIECES = (4, 16)
+FREE_PIECES = (4, 16, 64)  # the prover cuts as finely as the last
 SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
 SPLITS_CUT = 4
@@ -348,8 +348,8 @@ class FreeCheck:
         """The same; where it is not seen at once, in finer tubes of parts, halved so often."""
         if self.stays(box, within, FREE_PIECES[0]):
             return True
-        stays = partial(self.stays, within=within, pieces=FREE_PIECES[1])
-        return splits > 0 and finer(box, stays, splits)
+        tried = (partial(self.stays, within=within, pieces=n) for n in FREE_PIECES[1:])
+        return splits > 0 and any(finer(box, stays, splits) for stays in tried)
 
 
 def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
