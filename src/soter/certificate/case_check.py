@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.reading.module_facts import Facts, ModuleAbove
+    from soter.certificate.reading.module_facts import ModuleAbove
     from soter.language.model import typed
 
 
@@ -145,7 +145,8 @@ class CaseCheck:
         if facts.above is not None:
             self._handed_back(facts.above)
             return
-        if not _is_initial(facts, self.model.parameter):
+        values = zip(self.model.parameter, facts.parameters, strict=True)
+        if not all(value in parameter.starts for value, parameter in values):
             return
         self._ask(c.start(facts.start_ns) for c in self.checks)
         for c in facts.controls:
@@ -190,19 +191,3 @@ def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:
         for state, edges in zip(part.states, part.grid.edges, strict=True):
             ends[state] = edges[0], edges[-1]
     return tuple(ends)
-
-
-def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:
-    """Whether a run may start with these values of the parameters."""
-    for p, v in zip(facts.parameters, values, strict=True):
-        component = next(c for c in facts.plants if c.index == p.owner)
-        assert component.plant is not None
-        names = [s.name for s in component.plant.states]
-        at = names.index(p.variable)
-        drawn = component.initial_range[at]
-        if drawn is not None:
-            if not drawn[0] <= v <= drawn[1]:
-                return False
-        elif int(flat(component.initial[at])[p.leaf]) != v:
-            return False
-    return True

@@ -62,6 +62,8 @@ class StateParameter:
     variable: str
     leaf: int
     values: tuple[int, ...]
+    starts: tuple[int, ...]
+    """Those that a run may start with."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,7 +115,10 @@ def _kind(c: Component) -> Literal["flow", "map"]:
 
 
 def _read_states(facts: Facts, c: Component) -> None:
-    """Numbers that move, with the range of their initial values; all else is a parameter."""
+    """Numbers that move, with the range of their initial values; all else is a parameter.
+
+    A run may start as the plant declares it, and where the map of `abstracts` puts what flies.
+    """
     plant = c.plant
     assert plant is not None
     begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
@@ -135,8 +138,10 @@ def _read_states(facts: Facts, c: Component) -> None:
             elif moves:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:
+                starts = (int(values[k]), int(reals[k]))
+                every_value = _values_of(of, name)
                 facts.parameters.append(
-                    StateParameter(name, c.index, variable.name, k, _values_of(of, name))
+                    StateParameter(name, c.index, variable.name, k, every_value, starts)
                 )
 
 
