@@ -19,19 +19,8 @@ if TYPE_CHECKING:
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
 """Said in a certificate, not confirmed here: what was compiled is not our matter."""
-SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
-"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
 PROVED = "proved"
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
-
-
-def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
-    """What safety needs and a certificate does not establish; P1c may be assumed.
-
-    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
-    """
-    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
-    return [n for n in SAFETY if n not in held]
 
 
 def claimed_of(given: object) -> set[str]:

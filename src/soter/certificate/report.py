@@ -10,11 +10,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.certificate.allowed_claims import missing_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 
 if TYPE_CHECKING:
     from soter.certificate.assumptions import RecheckAssumption
+
+
+SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
+
+
+def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
+    """What safety needs and a certificate does not establish; P1c may be assumed.
+
+    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
+    """
+    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
+    return [n for n in SAFETY if n not in held]
 
 
 @dataclass

@@ -167,6 +167,5 @@ def _of(facts: Covered) -> Iterator[RecheckAssumption]:
     said = system.program.systems.get(system.name)
     if said is not None and said.faults:
         yield RecheckAssumption(
-            f"faults {system.name}",
-            f"runs of system {system.name} in which its `faults` go wrong",
+            f"faults {system.name}", f"runs of system {system.name} in which its `faults` go wrong"
         )

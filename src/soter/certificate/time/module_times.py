@@ -64,10 +64,7 @@ def read_times(facts: Facts) -> None:
         facts.ways = Ways(facts.flying, facts.flying_module)
     more = {"silent_ns": number_of(facts, verify.dropout), "instants": int(facts.kind == "map")}
     setting = setting_of(
-        facts.ways,
-        _ages(facts, by_dm),
-        _ages(facts, by_sc),
-        {**time_by_name, **more},
+        facts.ways, _ages(facts, by_dm), _ages(facts, by_sc), {**time_by_name, **more}
     )
     if verify.abstracts:
         seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
