@@ -2,6 +2,11 @@
 
 Purpose: what is asked of which groups, in which order, and to have it shown on all processors.
 Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`).
+
+The argument: a state of the module is one of each group. Each part of `safe` is the share of one
+group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let
+AC have control only where its R(H) is. What a group asks is a list of tasks, of which each one has
+to answer that nothing went wrong.
 """
 
 from __future__ import annotations
@@ -26,7 +31,6 @@ if TYPE_CHECKING:
 
     from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
 
 
@@ -145,8 +149,9 @@ class CaseCheck:
         if facts.above is not None:
             require_entered(self.model, self.groups, self.claims)
             return
-        if not _is_initial(facts, self.model.parameter):
-            return
+        pairs = zip(facts.parameters, self.model.parameter, strict=True)
+        if not all(v in p.begins for p, v in pairs):
+            return  # no run starts with these values
         self._ask(c.start(facts.start_ns) for c in self.checks)
         for c in facts.controls:
             if not c.low <= flat(facts.system.topics[c.owner].default)[c.leaf] <= c.high:
@@ -182,19 +187,3 @@ def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:
         for state, edges in zip(part.states, part.grid.edges, strict=True):
             ends[state] = edges[0], edges[-1]
     return tuple(ends)
-
-
-def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:
-    """Whether a run may start with these values of the parameters."""
-    for p, v in zip(facts.parameters, values, strict=True):
-        component = next(c for c in facts.plants if c.index == p.owner)
-        assert component.plant is not None
-        names = [s.name for s in component.plant.states]
-        at = names.index(p.variable)
-        drawn = component.initial_range[at]
-        if drawn is not None:
-            if not drawn[0] <= v <= drawn[1]:
-                return False
-        elif int(flat(component.initial[at])[p.leaf]) != v:
-            return False
-    return True
