@@ -62,8 +62,8 @@ class StateParameter:
     variable: str
     leaf: int
     values: tuple[int, ...]
-    starts: tuple[int, ...]
-    """Those that a run may start with."""
+    begins: tuple[int, ...]
+    """Those with which a run may start."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,9 @@ Purpose: plants, inputs with their ranges, times, H*, declared axes of one modul
 docs/verification.md (section 1) defines them, to be compared with what a certificate says.
 Non-goals: sharing code with `verify/problem/extract.py`; diagnostics (a program that determines no
 problem has no certificate: `NotRecheckedError` or `DiffersError`).
+
+The argument: what moves a state is the plant, what SC commands, and what nobody knows; each thing
+that nobody knows is an input with the range that the program declares, or there is no problem.
 """
 
 from __future__ import annotations
@@ -122,8 +125,8 @@ def _read_states(facts: Facts, c: Component) -> None:
     plant = c.plant
     assert plant is not None
     begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
-    every = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
-    for variable, initial, drawn, real in every:
+    starts = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
+    for variable, initial, drawn, real in starts:
         moves = variable in plant.der or variable in plant.next
         if any("[]" in path for path, _ in leaves(variable.type)):
             raise NotRecheckedError(f"a list in the state `{variable.name}`")
@@ -138,11 +141,10 @@ def _read_states(facts: Facts, c: Component) -> None:
             elif moves:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:
-                starts = (int(values[k]), int(reals[k]))
-                every_value = _values_of(of, name)
-                facts.parameters.append(
-                    StateParameter(name, c.index, variable.name, k, every_value, starts)
-                )
+                begins = (int(values[k]), int(reals[k]))
+                every = _values_of(of, name)
+                parameter = StateParameter(name, c.index, variable.name, k, every, begins)
+                facts.parameters.append(parameter)
 
 
 def _read_disturbances(facts: Facts, c: Component) -> None:

@@ -1,7 +1,6 @@
 """How plants and module are connected, in the system that runs.
 
-Purpose: from the flattened system to the `TimingSetting` of `derived_times.py`: the sensors of what
-DM and SC read, and how what SC publishes comes to the plant.
+Purpose: `Ways`: the sensors of what DM and SC read, and how what SC publishes comes to the plant.
 Non-goals: what follows from them (`derived_times.py`); nodes in between (`node_paths.py`, which
 answers where there is one that reads an output or publishes what is read).
 """
@@ -12,13 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import (
-    Clock,
-    Effect,
-    TimingSetting,
-    TopicPath,
-    TopicReading,
-)
+from soter.certificate.time.derived_times import Clock, Effect, TopicPath
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -78,28 +71,4 @@ def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool
     return any(
         c.plant is None and (published(c) & shown or (c.role == "node" and read(c) & outputs))
         for c in system.components
-    )
-
-
-def setting_of(
-    ways: Ways, by_dm: dict[int, int], by_sc: dict[int, int], times: dict[str, int]
-) -> TimingSetting:
-    """Everything together. `by_dm`, `by_sc`: topics of the running system and their `max_age`."""
-    system, module = ways.system, ways.module
-    dm, sc = system.components[module.dm], system.components[module.sc]
-
-    def reads(topics: dict[int, int]) -> tuple[TopicReading, ...]:
-        return tuple(
-            TopicReading(system.topics[i].name, ways.to(i), age) for i, age in topics.items()
-        )
-
-    found_dm, found_sc = reads(by_dm), reads(by_sc)  # before effects: they say what is vehicle
-    return TimingSetting(
-        Clock("the DM", module.period_ns, dm.phase_ns, times["J_dm_ns"], times["R_dm_ns"]),
-        Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),
-        found_dm,
-        found_sc,
-        ways.effects(0, times["L_ns"]),
-        times["silent_ns"],
-        bool(times["instants"]),
     )

@@ -180,8 +180,8 @@ def test_parameters_start_where_the_map_puts_them(tmp_path: Path, kind: str) -> 
     checked = check_file(str(path))
     flat = system_to_prove(checked, "S")
     assert extract(flat, flat.modules[0]).parameter_starts == STARTS[kind]
-    found = [p.starts for p in read_facts(flat, "Keep").parameters]
-    assert tuple(tuple(sorted(set(starts))) for starts in found) == STARTS[kind]
+    found = [p.begins for p in read_facts(flat, "Keep").parameters]
+    assert tuple(tuple(sorted(set(begins))) for begins in found) == STARTS[kind]
 
 
 @pytest.mark.parametrize(("start", "expected"), [("1.5", "undecided"), ("0.1", "proved")])
