@@ -254,6 +254,9 @@ class NodeWays(Ways):
         for c in self.system.components:
             if c.plant is not None and index in read(c):
                 routes.append(nodes)
+            if c.role in ("ac", "sc") and c.module not in self.own and self._reads(c, index):
+                name = self.system.topics[index].name
+                raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
             if c.role != "node" or c.index in behind or index not in _subscribed(self.system, c):
                 continue
             if len(behind) >= NODES_MAX:
@@ -312,6 +315,10 @@ class NodeWays(Ways):
             for c in self.system.components
             if index in published(c) and (c.plant is not None or c.module not in self.own)
         ]
+
+    def _reads(self, c: Component, index: int) -> bool:
+        """Whether a topic reaches a component, through a queue or not."""
+        return any(index in (i, self.system.topics[i].queue_of) for i in read(c))
 
     def _steps(self, c: Component, index: int) -> None:
         """That a node publishes a topic in every step: seen, or of an extern assumed."""
