@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -229,3 +233,57 @@ def test_commands_that_go_straight_are_followed(tmp_path: Path) -> None:
     )
     facts = facts_of(tmp_path, STEERED, *pairs)
     assert {e.clocks for e in facts.setting.effects} == {()}
+
+
+# ---------------------------------------------------------------- what nodes elsewhere say
+
+NODES = {
+    "Estimate": "subscribes raw; publishes x; step { publish x = raw; } }",
+    "Driver": "subscribes u; publishes force; step { publish force = u; } }",
+}
+UNDECLARED = ((", Driver 0ms", ""), (", Driver 1ms", ""))
+
+
+def extern(node: str, says: str) -> tuple[tuple[str, str], ...]:
+    """One of the two nodes of a program is an extern that says this of itself."""
+    topics = NODES[node].split("step")[0]
+    period = {"Estimate": "period 10ms", "Driver": "period 5ms"}[node]
+    now = f'extern node {node} {period} from "c:e.c:e" {{ {topics}{says} }}'
+    return ((f"node {node} {period} {{ {NODES[node]}", now),)
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        extern("Estimate", "jitter 2ms;"),
+        extern("Estimate", "wcet 2ms;"),
+        extern("Driver", "jitter 1ms;"),
+        (*extern("Driver", "jitter 1ms;"), *UNDECLARED),
+        (*extern("Driver", "wcet 1us;"), *UNDECLARED),
+    ],
+    ids=["late sensor", "slow sensor", "late driver", "late in step", "slow in step"],
+)
+def test_a_node_elsewhere_that_says_longer_times_is_refused_by_both(
+    tmp_path: Path, pairs: Pairs
+) -> None:
+    with pytest.raises(DiffersError, match="says itself that it may be later"):
+        facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
+    with pytest.raises(SoterError, match="R033"):
+        extract(flat, flat.modules[0])
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        extern("Estimate", "jitter 1ms; wcet 1ms;"),
+        extern("Driver", "wcet 1ms;"),
+        (*extern("Driver", ""), *UNDECLARED),
+        (*extern("Driver", "jitter 1ms;"), ("Driver 0ms", "Driver 1ms")),
+    ],
+    ids=["sensor", "driver", "in step", "declared late"],
+)
+def test_a_node_elsewhere_within_its_times_is_part_of_a_proof(tmp_path: Path, pairs: Pairs) -> None:
+    facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
+    extract(flat, flat.modules[0])
