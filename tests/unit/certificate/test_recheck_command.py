@@ -335,11 +335,11 @@ ALL = [((1.0, 0.0), exact(2.0))]
 
 def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tuple[str, str]:
     at = SimpleNamespace(low=start, high=start)
-    facts: Any = SimpleNamespace(states=[at, at])
+    facts: Any = SimpleNamespace(states=[at, at], extents=((-1.0, 1.0), (-1.0, 1.0)))
     tables: Any = SimpleNamespace(
         states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
     )
-    return _of_tables(facts, [PolytopeGroup(tables)], ((-1.0, 1.0), (-1.0, 1.0)))
+    return _of_tables(facts, [PolytopeGroup(tables)])
 
 
 def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:

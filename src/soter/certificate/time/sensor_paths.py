@@ -66,9 +66,15 @@ def read(c: Component) -> set[int]:
 
 
 def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool:
-    """Whether a node publishes one of these topics, or reads what the module publishes."""
-    shown, outputs = set(topics), set(module.outputs)
-    return any(
-        c.plant is None and (published(c) & shown or (c.role == "node" and read(c) & outputs))
-        for c in system.components
-    )
+    """Whether a node publishes one of these topics, or reads what the module publishes.
+
+    What a queue shows a node may be that, too.
+    """
+    felt = {*module.outputs, *(t.index for t in system.topics if t.queue_of is not None)}
+    for c in system.components:
+        queues = c.node is not None and any(s.queue is not None for s in c.node.subscribes)
+        if c.role == "node" and (queues or read(c) & felt):
+            return True
+        if c.plant is None and published(c) & {*topics}:
+            return True
+    return False
