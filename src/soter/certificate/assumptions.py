@@ -10,13 +10,13 @@ inputs with their ranges, the times, the machine. An assumption that is always m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.certificate import handover, module_above
 from soter.certificate.reading import modes_of_other_modules, verification_system
 from soter.certificate.reading.module_facts import bounded_topics, read_by
 from soter.certificate.reading.supported_constructs import equations, parts_of
+from soter.certificate.report import RecheckAssumption
 from soter.certificate.time import node_paths
 from soter.certificate.time.module_times import DELAYS
 from soter.language.model.durations import show_ns
@@ -29,21 +29,11 @@ if TYPE_CHECKING:
 
     from soter.certificate.handover import Jumps
     from soter.certificate.reading.module_facts import Facts, Input
+    from soter.certificate.report import Said
     from soter.language.model import typed
-
-    Said = Iterator[tuple[str, str]]
-    """Key and text of one assumption after the other."""
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""
-
-
-@dataclass(frozen=True)
-class RecheckAssumption:
-    """`key`: what it is about, the same for the same thing in every verdict."""
-
-    key: str
-    text: str
 
 
 def p1c_of(facts: Facts) -> str:

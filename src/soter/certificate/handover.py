@@ -41,9 +41,9 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.assumptions import Said
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 

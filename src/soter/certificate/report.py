@@ -13,7 +13,10 @@ from typing import TYPE_CHECKING
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 
 if TYPE_CHECKING:
-    from soter.certificate.assumptions import RecheckAssumption
+    from collections.abc import Iterator
+
+    Said = Iterator[tuple[str, str]]
+    """Key and text of one thing that is said after the other."""
 
 SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 """Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
@@ -26,6 +29,14 @@ def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
     """
     held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
     return [n for n in SAFETY if n not in held]
+
+
+@dataclass(frozen=True)
+class RecheckAssumption:
+    """`key`: what it is about, the same for the same thing in every verdict."""
+
+    key: str
+    text: str
 
 
 @dataclass

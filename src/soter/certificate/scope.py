@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.reading.module_facts import Facts
+from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.durations import show_ns
@@ -20,7 +20,7 @@ from soter.language.model.types import DurationType
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.certificate.assumptions import Said
+    from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import ModuleSymbol, TypedProgram

@@ -13,7 +13,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
-from soter.certificate.assumptions import RecheckAssumption, acknowledged
+from soter.certificate.assumptions import acknowledged
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import (
     compare,
@@ -21,7 +21,7 @@ from soter.certificate.induction.induction_problem import (
     nanoseconds,
     read_induction,
 )
-from soter.certificate.report import RecheckedModule
+from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError

@@ -136,8 +136,8 @@ def _read_states(facts: Facts, c: Component) -> None:
                 low, high = drawn if drawn is not None else (values[k], values[k])
                 if begun is not None:
                     low, high = min(low, reals[k]), max(high, reals[k])
-                state = Input("state", name, c.index, k, low, high, variable.name, moves)
-                facts.states.append(state)
+                state = Input("state", name, c.index, k, low, high, variable=variable.name)
+                facts.states.append(replace(state, moves=moves))
             elif moves:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:
@@ -153,8 +153,8 @@ def _read_disturbances(facts: Facts, c: Component) -> None:
         for k, name, of in named(f"{c.name}.{d.variable.name}", d.variable.type):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"the disturbance `{name}` is no float")
-            own = Input("disturbance", name, c.index, k, d.low, d.high, d.variable.name)
-            facts.disturbances.append(replace(own, unit=of.unit))
+            own = Input("disturbance", name, c.index, k, d.low, d.high, unit=of.unit)
+            facts.disturbances.append(replace(own, variable=d.variable.name))
     for symbol in topics_of_others(c, facts.module):
         for x in _leaves_of(facts, c.scope.topics[symbol], "disturbance"):
             path = x.name.removeprefix(facts.system.topics[x.owner].name)

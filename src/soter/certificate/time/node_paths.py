@@ -23,7 +23,7 @@ from soter.language.model.system import holder_of, tower_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from soter.certificate.assumptions import Said
+    from soter.certificate.report import Said
     from soter.language.model.system import Component, System
 
 NODES_MAX = 16
