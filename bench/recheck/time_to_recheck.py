@@ -25,7 +25,7 @@ import soter
 from soter.api import recheck
 
 if TYPE_CHECKING:
-    from soter.certificate.rechecker import Report
+    from soter.certificate.report import Report
 
 ROOT = Path(__file__).resolve().parents[2]
 

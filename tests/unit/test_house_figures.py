@@ -207,7 +207,6 @@ REASONS = {
             "tests/correct/test_faults_agree.py",
             "tests/correct/test_real_logs.py",
             "tests/unit/cli/test_cli_apart.py",
-            "tests/unit/cli/test_cli_assure.py",
             "tests/unit/cli/test_cli_test.py",
             "tests/unit/gym/test_protected.py",
             "tests/unit/verify/induction/test_induction.py",

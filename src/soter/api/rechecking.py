@@ -16,7 +16,7 @@ from soter.language.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
     from soter.api.arguments import Progress
-    from soter.certificate.rechecker import Report as RecheckReport
+    from soter.certificate.report import Report as RecheckReport
 
 
 def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:

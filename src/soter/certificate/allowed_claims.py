@@ -19,19 +19,8 @@ if TYPE_CHECKING:
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
 """Said in a certificate, not confirmed here: what was compiled is not our matter."""
-SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
-"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
 PROVED = "proved"
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
-
-
-def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
-    """What safety needs and a certificate does not establish; P1c may be assumed.
-
-    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
-    """
-    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
-    return [n for n in SAFETY if n not in held]
 
 
 def claimed_of(given: object) -> set[str]:
@@ -54,11 +43,10 @@ def gives_back(symbol: ModuleSymbol, given: dict[str, str]) -> None:
         raise RejectedError("P2b: the DM never gives control back (`returns never`)")
 
 
-def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
-    """The claims, P1a, P1b and P1c seen to once more; `RejectedError` where they overstate."""
+def static_claims(facts: Facts, given: dict[str, str]) -> None:
+    """P1a, P1b and P1c are seen to once more; `RejectedError` where they overstate."""
     system, module = facts.flying, facts.flying_module
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
-    verdict_by_claim = dict(given)
     gives_back(facts.symbol, given)
     if given.get("failsafe") == PROVED and len(facts.tower) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
@@ -72,7 +60,7 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
         if not module.outputs or any(of != set(module.outputs) for of in outputs):
             raise RejectedError("P1b: AC and SC do not publish the same topics")
     if given.get("P1c") not in (PROVED, "assumed"):
-        return verdict_by_claim
+        return
     if facts.times["H_ns"] < facts.times["H_star_ns"]:
         raise RejectedError("P1c: the horizon is shorter than H*")
     seen = {r.name for r in facts.setting.by_dm}
@@ -80,8 +68,5 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
     if blind and facts.times["H_ns"] < facts.start_ns:
         # an "AC" verdict shows nothing of what SC alone reads: only from h_0 on it is there
         raise RejectedError(f"P1c: `{blind[0]}`, which the DM does not read, may come after H")
-    derived = p1c_of(facts)
-    if given["P1c"] == PROVED != derived:
+    if given["P1c"] == PROVED != p1c_of(facts):
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
-    verdict_by_claim["P1c"] = given["P1c"]
-    return verdict_by_claim

@@ -11,24 +11,19 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import claimed_of, static_claims
 from soter.certificate.case_check import CaseCheck, narrowed
-from soter.certificate.failsafe_law import law_of
 from soter.certificate.format.claimed_parts import OF_SETS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.rechecker import compare, compare_tables, facts_of, groups_of, in_words
+from soter.certificate.rechecker import facts_of, in_words, read_claimed
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import System
-
-CASES_TRIED = 2
-"""Of the combinations of the parameters' values: the first and the last."""
 
 
 def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
@@ -51,24 +46,17 @@ def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
 
 
 def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
-    facts, claims = facts_of(flat, entry), claimed_of(entry["claims"])
-    compare(facts, entry)
-    static_claims(facts, entry["claims"])
-    values = list(facts.cases())
-    cases = [groups_of(certificate, facts, case["groups"]) for case in entry["cases"]]
-    if facts.computed and (entry["tables"] or claims & OF_SETS):
-        compare_tables(certificate, facts, cases, entry["tables"])
-    for k in sorted({0, len(values) - 1})[:CASES_TRIED]:
-        ranges = narrowed(facts.extents, [g.part(errors=False) for g in cases[k]])
-        case = CaseCheck(
-            CaseModel(facts, values[k], ranges), cases[k], set(), entry, lambda _: None, 1
-        )
+    facts = facts_of(flat, entry)
+    claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
+    for k in sorted({0, len(values) - 1}):  # the first and the last
+        groups = claimed.groups[k]
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in groups])
+        model = CaseModel(facts, values[k], ranges)
+        case = CaseCheck(model, groups, set(), entry, lambda _: None, 1)
         case.check()
-        _predicates(case.model)
-        for check in case.checks if claims & OF_SETS else ():
-            check.tried(claims)
-    if "failsafe" in claims:
-        law_of(facts)
+        _predicates(model)
+        for check in case.checks if claimed.claims & OF_SETS else ():
+            check.tried(claimed.claims)
 
 
 def _predicates(model: CaseModel) -> None:

@@ -10,16 +10,17 @@ inputs with their ranges, the times, the machine. An assumption that is always m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.certificate import handover, module_above
 from soter.certificate.reading import modes_of_other_modules, verification_system
 from soter.certificate.reading.module_facts import bounded_topics, read_by
+from soter.certificate.reading.supported_constructs import equations, parts_of
+from soter.certificate.report import RecheckAssumption
 from soter.certificate.time import node_paths
 from soter.certificate.time.module_times import DELAYS
 from soter.language.model.durations import show_ns
-from soter.language.model.tree_walk import calls_in
+from soter.language.model.typed import FunSymbol
 from soter.language.model.types import FloatType, leaves
 from soter.language.prelude.function_error_bounds import BOUNDS
 
@@ -28,21 +29,11 @@ if TYPE_CHECKING:
 
     from soter.certificate.handover import Jumps
     from soter.certificate.reading.module_facts import Facts, Input
+    from soter.certificate.report import Said
     from soter.language.model import typed
-
-    Said = Iterator[tuple[str, str]]
-    """Key and text of one assumption after the other."""
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""
-
-
-@dataclass(frozen=True)
-class RecheckAssumption:
-    """`key`: what it is about, the same for the same thing in every verdict."""
-
-    key: str
-    text: str
 
 
 def p1c_of(facts: Facts) -> str:
@@ -211,26 +202,11 @@ def acknowledged(symbol: typed.ModuleSymbol) -> Said:
 
 
 def _machine(facts: Facts) -> Said:
-    for name in sorted(_prelude(facts) & BOUNDS.keys() - {*WITHOUT_ERROR}):
+    """Of prelude functions that SC, a predicate or a plant calls, directly or through others."""
+    assert facts.sc.node is not None
+    code: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
+    code += [e for c in facts.plants if c.plant is not None for e in equations(c.plant)]
+    functions = {f for f in parts_of(code) if isinstance(f, FunSymbol) and f.prelude}
+    for name in sorted({f.name for f in functions} & BOUNDS.keys() - {*WITHOUT_ERROR}):
         yield f"bound of {name}", f"the error bound of {name}: tested, not proved"
     yield "binary64", "the compiler and the hardware compute binary64 as IEEE 754 says"
-
-
-def _prelude(facts: Facts) -> set[str]:
-    """Prelude functions that SC, a predicate or a plant calls, directly or through others."""
-    assert facts.sc.node is not None
-    todo: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
-    for c in facts.plants:
-        assert c.plant is not None
-        todo += [e for _, e in (*c.plant.lets, *c.plant.drives)]
-        todo += [*c.plant.der.values(), *c.plant.next.values()]
-    names: set[str] = set()
-    seen: set[typed.FunSymbol] = set()
-    while todo:
-        for call in calls_in(todo.pop()):
-            if call.fun not in seen:
-                seen.add(call.fun)
-                if call.fun.prelude:
-                    names.add(call.fun.name)
-                todo += call.fun.body or ()
-    return names

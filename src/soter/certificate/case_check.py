@@ -2,6 +2,11 @@
 
 Purpose: what is asked of which groups, in which order, and to have it shown on all processors.
 Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`).
+
+The argument: a state of the module is one of each group. Each part of `safe` is the share of one
+group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let
+AC have control only where its R(H) is. What a group asks is a list of tasks, of which each one has
+to answer that nothing went wrong.
 """
 
 from __future__ import annotations
@@ -14,7 +19,7 @@ from soter.certificate.cells.predicates import certain, published
 from soter.certificate.cells.unbounded_axes import nothing_reads
 from soter.certificate.format.claimed_parts import FREE, OF_SETS
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.handover import not_entered
+from soter.certificate.handover import require_entered
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.definedness import rates_are_defined
 from soter.certificate.reading.module_facts import bounded_topics, number_of
@@ -26,7 +31,6 @@ if TYPE_CHECKING:
 
     from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
-    from soter.certificate.reading.module_facts import Facts, ModuleAbove
     from soter.language.model import typed
 
 
@@ -143,22 +147,15 @@ class CaseCheck:
         """The declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
         if facts.above is not None:
-            self._handed_back(facts.above)
+            require_entered(self.model, self.groups, self.claims)
             return
-        if not _is_initial(facts, self.model.parameter):
-            return
+        pairs = zip(facts.parameters, self.model.parameter, strict=True)
+        if not all(v in p.begins for p, v in pairs):
+            return  # no run starts with these values
         self._ask(c.start(facts.start_ns) for c in self.checks)
         for c in facts.controls:
             if not c.low <= flat(facts.system.topics[c.owner].default)[c.leaf] <= c.high:
                 raise RejectedError(f"the default of `{c.name}` is outside its set")
-
-    def _handed_back(self, above: ModuleAbove) -> None:
-        """Below another module: wherever that one may give control back, the state is in R(H)."""
-        if not self.claims & FREE or any(g.unentered for g in self.groups):
-            raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
-        why = not_entered(self.model, self.groups, above.safer)
-        if why:
-            raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
 
     def _show(self) -> None:
         self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
@@ -190,19 +187,3 @@ def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:
         for state, edges in zip(part.states, part.grid.edges, strict=True):
             ends[state] = edges[0], edges[-1]
     return tuple(ends)
-
-
-def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:
-    """Whether a run may start with these values of the parameters."""
-    for p, v in zip(facts.parameters, values, strict=True):
-        component = next(c for c in facts.plants if c.index == p.owner)
-        assert component.plant is not None
-        names = [s.name for s in component.plant.states]
-        at = names.index(p.variable)
-        drawn = component.initial_range[at]
-        if drawn is not None:
-            if not drawn[0] <= v <= drawn[1]:
-                return False
-        elif int(flat(component.initial[at])[p.leaf]) != v:
-            return False
-    return True

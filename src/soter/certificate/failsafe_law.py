@@ -11,13 +11,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import missing_of
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.report import missing_of
 from soter.language.model import typed
 
 if TYPE_CHECKING:

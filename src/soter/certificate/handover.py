@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.cells.predicates import Decision, both_all
 from soter.certificate.format.claimed_parts import FREE
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import driven_topics, read_by
 from soter.certificate.reading.problem import followed
@@ -32,13 +32,7 @@ from soter.certificate.terms.arb_balls import (
     exact,
     magnitude,
 )
-from soter.certificate.terms.terms import (
-    both,
-    conjuncts,
-    influence,
-    inputs_of,
-    negation,
-)
+from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves
 
@@ -47,9 +41,9 @@ if TYPE_CHECKING:
 
     from flint import arb
 
-    from soter.certificate.assumptions import Said
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
 
@@ -74,11 +68,7 @@ class Jump:
     why: str
 
 
-def jumps_of(
-    facts: Facts,
-    groups: Groups,
-    claims: set[str],
-) -> dict[str, list[Jump]]:
+def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
     """By the name of what abstracts; `groups`: of every case, when their claims were confirmed.
 
     Nothing where a module has no views, or no `enters`.
@@ -170,6 +160,16 @@ def confirmed(facts: Facts, jumps: Jumps) -> Said:
 
 
 # ---------------------------------------------------------------- where `enters` holds
+
+
+def require_entered(model: CaseModel, groups: Sequence[Group], claims: set[str]) -> None:
+    """RejectedError of a start below another module, which may give control back outside R(H)."""
+    above = model.facts.above
+    assert above is not None
+    if not claims & FREE or any(g.unentered for g in groups):
+        raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
+    if why := not_entered(model, groups, above.safer):
+        raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
 
 
 def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:

@@ -19,8 +19,8 @@ from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
-    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
     from soter.language.model.system import Module
 
 OWN = ("late_dm", "response_dm")

@@ -19,6 +19,7 @@ import os
 import time
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -253,23 +254,34 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     return facts
 
 
-def _module(
-    certificate: Certificate, facts: Facts, entry: dict[str, Any], progress: Progress, workers: int
-) -> RecheckedModule:
+@dataclass(eq=False)
+class Claimed:
+    """What an entry claims of its module, and with which sets."""
+
+    claims: set[str]
+    groups: list[list[Group]]
+    """Of every combination of parameter values."""
+    law: Law | None
+
+
+def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
+    """All that an entry says of its module, compared with the program; RejectedError else."""
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
         compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
-    said = static_claims(facts, entry["claims"])
-    name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
-    report = RecheckedModule(name, said, system=entry["system"])
-    report.stays, report.above = bool(facts.symbol.stays), getattr(facts.above, "name", "")
-    report.safe = " ".join(facts.symbol.safe.span.text.split())
+    static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     if given != [list(c) for c in facts.cases()]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    read = partial(read_case, certificate, facts)
+
+    def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[Group]:
+        _keys(case, "parameter groups", "a case")
+        with _understood("a group"):
+            refuse_unclaimed(case["groups"], claims, computed=computed)
+            return groups_of(certificate, facts, case["groups"])
+
     groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
@@ -284,7 +296,16 @@ def _module(
     if "law" in entry:
         with _understood("a law"):
             law = law_in(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
-    asked = partial(_cases, facts, groups, entry, claims, progress, workers, law)
+    return Claimed(claims, groups, law)
+
+
+def _module(
+    certificate: Certificate, facts: Facts, entry: dict[str, Any], progress: Progress, workers: int
+) -> RecheckedModule:
+    """Every claim is shown; then it is said what that is about."""
+    claimed = read_claimed(certificate, facts, entry)
+    groups, name = claimed.groups, f"{entry['module']}{f' as {facts.view}' * bool(facts.view)}"
+    asked = partial(_cases, facts, claimed, entry, progress, workers)
     try:  # where there is a choice, with reads that are older than any
         asked()
     except (RejectedError, NotRecheckedError):
@@ -293,49 +314,33 @@ def _module(
         facts.times["d_ns"] = facts.own.delay  # older ones may be too much for our bounds
         phase(f"{name}: again, with reads as old as there are", anew=True)
         asked()
-    jumps = jumps_of(facts, groups, claims) if facts.view else {}
+    report = RecheckedModule(name, dict(entry["claims"]), system=entry["system"])
+    report.confirmed = [c for c in CLAIMS if c in claimed.claims]
+    jumps = jumps_of(facts, groups, claimed.claims) if facts.view else {}
     report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    report.stays, report.above = bool(facts.symbol.stays), getattr(facts.above, "name", "")
+    report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.vacuous, report.unseen = vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     for g in (g for of_case in groups for g in of_case):
         g.tell(report)
-    report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
     return report
 
 
 def _cases(
-    facts: Facts,
-    groups: list[list[Group]],
-    entry: dict[str, Any],
-    claims: set[str],
-    progress: Progress,
-    workers: int,
-    law: Law | None,
+    facts: Facts, claimed: Claimed, entry: dict[str, Any], progress: Progress, workers: int
 ) -> None:
     """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
-    for k, (values, own) in enumerate(zip(cases, groups, strict=True)):
-        ranges = narrowed(facts.extents, [g.part(errors=False) for g in own])
+    for k, (values, own) in enumerate(zip(cases, claimed.groups, strict=True)):
+        model = CaseModel(
+            facts, values, narrowed(facts.extents, [g.part(errors=False) for g in own])
+        )
         share = partial(_share, progress, k, len(cases))
-        case = CaseCheck(CaseModel(facts, values, ranges), own, claims, entry, share, workers)
-        if law is not None:
-            case.lawful = kept_by_law(law, k, case)
+        case = CaseCheck(model, own, claimed.claims, entry, share, workers)
+        if claimed.law is not None:
+            case.lawful = kept_by_law(claimed.law, k, case)
         case.check()
-
-
-def read_case(
-    certificate: Certificate,
-    facts: Facts,
-    case: dict[str, Any],
-    claims: set[str],
-    *,
-    computed: bool,
-) -> list[Group]:
-    """The groups of a case, of which each part is one that a claim rests on."""
-    _keys(case, "parameter groups", "a case")
-    with _understood("a group"):
-        refuse_unclaimed(case["groups"], claims, computed=computed)
-        return groups_of(certificate, facts, case["groups"])
 
 
 def compare_tables(

@@ -10,47 +10,67 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.certificate.allowed_claims import missing_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 
 if TYPE_CHECKING:
-    from soter.certificate.assumptions import RecheckAssumption
+    from collections.abc import Iterator
+
+    Said = Iterator[tuple[str, str]]
+    """Key and text of one thing that is said after the other."""
+
+SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
+
+
+def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
+    """What safety needs and a certificate does not establish; P1c may be assumed.
+
+    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
+    """
+    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
+    return [n for n in SAFETY if n not in held]
+
+
+@dataclass(frozen=True)
+class RecheckAssumption:
+    """`key`: what it is about, the same for the same thing in every verdict."""
+
+    key: str
+    text: str
 
 
 @dataclass
 class RecheckedModule:
-    """What was confirmed about a module of a system, for these values of the parameters."""
+    """What was confirmed about a module of a system, for these values of the parameters.
+
+    `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
+    why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
+    looked at. `stays`: `recover never`; `safe`: as the program writes it; `above`: the module
+    while which is in AC it is kept; `half_spaces`: of K, of all groups. `parameters`: each of the
+    program with the value that was checked; `otherwise`: those to which the program gives another
+    value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
+    names in a manifest, what the claims were held to; `shown`: what was confirmed beside the
+    claims.
+    """
 
     name: str
     claims: dict[str, str]
     cells: int = 0
     half_spaces: int = 0
-    """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
     not_rechecked: str = ""
-    """Why its claims were not checked, none of which is confirmed then; "": they hold."""
     vacuous: str = ""
-    """Why that says next to nothing, as AC never has, or keeps, control; "": it does."""
     unseen: str = ""
-    """Why it was not looked at whether AC ever has control; "": it was."""
     stays: bool = False
-    """`recover never`: the program does not ask for P2b."""
     system: str = ""
     safe: str = ""
-    """What `safe` of the module is, as the program writes it."""
     above: str = ""
-    """The module while which is in AC `safe` is kept; "": at all times."""
     parameters: dict[str, str] = field(default_factory=dict)
-    """Of the program, each with the value that was checked."""
     otherwise: dict[str, str] = field(default_factory=dict)
-    """Those to which the program by itself gives another value in that system, with that one."""
     contradicted: bool = False
-    """Whether a `set` of the program does."""
     times: dict[str, int] = field(default_factory=dict)
-    """In ns, by their names in a manifest: what the claims were held to."""
     assumptions: list[RecheckAssumption] = field(default_factory=list)
     shown: list[RecheckAssumption] = field(default_factory=list)
-    """What was confirmed beside the claims; where it is not it is one of the assumptions."""
 
     @property
     def verdict(self) -> str:

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.certificate.assumptions import RecheckAssumption
 from soter.certificate.reading.module_facts import Facts
+from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.durations import show_ns
@@ -18,8 +18,9 @@ from soter.language.model.system import holder_of
 from soter.language.model.types import DurationType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
+    from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import ModuleSymbol, TypedProgram
@@ -79,55 +80,45 @@ def uncovered(
     values = {n: v for f in covered for n, v in parameters_of(f.flying).items()}
     if values:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
-        gaps.append(RecheckAssumption("parameters", f"values of parameters other than {shown}"))
+        gaps.append(("parameters", f"values of parameters other than {shown}"))
     for facts in covered:
         gaps += _of(facts)
     gaps += _plants_of_no_claim(covered)
-    gaps.append(RecheckAssumption("compiled", "the code that a decision module is compiled to"))
-    return list(dict.fromkeys(gaps))
+    gaps.append(("compiled", "the code that a decision module is compiled to"))
+    return [RecheckAssumption(key, text) for key, text in dict.fromkeys(gaps)]
 
 
 def _modules(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
-) -> Iterator[RecheckAssumption]:
+) -> Said:
     """Modules of any system of the program that the certificate is not about."""
     known = {(f.flying.name, f.flying_module.name) for f in covered}
     for name in checked.systems:
         try:
             system = system_to_prove(checked, name, overrides, exact=False)
         except SoterError:
-            yield RecheckAssumption(
-                f"system {name}", f"system {name}, which has errors with these parameters"
-            )
+            yield f"system {name}", f"system {name}, which has errors with these parameters"
             continue
-        for module in system.modules:
-            if (name, module.name) not in known:
-                forced = f" (forced to {module.forced})" if module.forced else ""
-                yield RecheckAssumption(
-                    f"module {name} {module.name}", f"module {module.name} of system {name}{forced}"
-                )
+        for module in (m for m in system.modules if (name, m.name) not in known):
+            forced = f" (forced to {module.forced})" if module.forced else ""
+            text = f"module {module.name} of system {name}{forced}"
+            yield f"module {name} {module.name}", text
 
 
-def _plants_of_no_claim(covered: Sequence[Covered]) -> Iterator[RecheckAssumption]:
+def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
     """Plants that a value outside of a declared set stops, and that no claim is about."""
     for system in dict.fromkeys(f.flying for f in covered):
-        modelled = {
-            name
-            for f in covered
-            if f.flying is system and not (isinstance(f, Facts) and f.above)
-            for name in _modelled(f)
-        }
+        own = (f for f in covered if f.flying is system and not (isinstance(f, Facts) and f.above))
+        modelled = {name for f in own for name in _modelled(f)}
         for c in system.components:
             if c.plant is None or c.name in modelled:
                 continue
             topics = [system.topics[c.scope.topics[t]] for t, _ in c.plant.drives]
             names = ", ".join(t.name for t in topics if t.set_declared)
+            text = f"plant {c.name} of system {system.name}, which stops where what it drives"
             if names:
-                yield RecheckAssumption(
-                    f"plant {system.name} {c.name}",
-                    f"plant {c.name} of system {system.name}, which stops where what it drives "
-                    f"leaves its declared set: {names}",
-                )
+                key = f"plant {system.name} {c.name}"
+                yield key, f"{text} leaves its declared set: {names}"
 
 
 def _modelled(facts: Covered) -> set[str]:
@@ -139,34 +130,23 @@ def _modelled(facts: Covered) -> set[str]:
     return {*names, *(f"{around}.{name}" for name in names if around)}
 
 
-def _of(facts: Covered) -> Iterator[RecheckAssumption]:
+def _of(facts: Covered) -> Said:
     """What is left open about a module that is covered."""
-    name, system = facts.flying_module.name, facts.flying
-    for link in facts.symbol.verify.abstracts:
-        yield RecheckAssumption(
-            f"conformance {system.name} {link.instance}",
-            f"whether {link.instance} of system {system.name} conforms to {link.plant.name}",
-        )
-    if facts.symbol.verify.dropout is None and facts.symbol.verify.induction is None:
-        yield RecheckAssumption(f"dropout {name}", f"runs of {name} in which a sensor drops out")
-    if facts.symbol.contract:
-        yield RecheckAssumption(
-            f"contract of {name}", f"the contract of {name}: assumes, guarantees"
-        )
+    name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
+    for link in symbol.verify.abstracts:
+        text = f"whether {link.instance} of system {system.name} conforms to {link.plant.name}"
+        yield f"conformance {system.name} {link.instance}", text
+    if symbol.verify.dropout is None and symbol.verify.induction is None:
+        yield f"dropout {name}", f"runs of {name} in which a sensor drops out"
+    if symbol.contract:
+        yield f"contract of {name}", f"the contract of {name}: assumes, guarantees"
     sc = facts.sc.node
     if sc is not None and (sc.assumes or sc.guarantees):
-        yield RecheckAssumption(
-            f"contracts {sc.name}", f"the contracts of {sc.name}: assumes, guarantees"
-        )
+        yield f"contracts {sc.name}", f"the contracts of {sc.name}: assumes, guarantees"
     if any(p.component is None for p in system.properties):
-        yield RecheckAssumption(
-            f"properties {system.name}",
-            f"what system {system.name} says under `always` and `never`: "
-            f"only `safe` of {name} is covered",
-        )
+        text = f"what system {system.name} says under `always` and `never`"
+        yield f"properties {system.name}", f"{text}: only `safe` of {name} is covered"
     said = system.program.systems.get(system.name)
     if said is not None and said.faults:
-        yield RecheckAssumption(
-            f"faults {system.name}",
-            f"runs of system {system.name} in which its `faults` go wrong",
-        )
+        text = f"runs of system {system.name} in which its `faults` go wrong"
+        yield f"faults {system.name}", text

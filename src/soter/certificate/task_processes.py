@@ -1,7 +1,7 @@
 """Tasks that forked processes do while this one goes on.
 
-Purpose: `TaskProcesses`: some processes that take tasks one after the other and tell what came of
-each. They see what there was when they were forked; only answers come back.
+Purpose: `TaskProcesses`: some processes, among which tasks are dealt out, and which tell what came
+of each. They see what there was when they were forked; only answers come back.
 Non-goals: what a task is (`case_check.py`). There is no thread: this process may fork again.
 """
 
@@ -10,10 +10,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import struct
 from concurrent.futures import BrokenExecutor
 from multiprocessing.connection import wait
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from soter.workers.child_process import end_with
@@ -21,8 +19,6 @@ from soter.workers.child_process import end_with
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
     from multiprocessing.connection import Connection
-
-NUMBER = struct.Struct("<i")
 
 
 def can_fork() -> bool:
@@ -35,16 +31,12 @@ class TaskProcesses:
 
     def __init__(self, tasks: int, answer: Callable[[int], str], workers: int) -> None:
         fork = multiprocessing.get_context("fork")
-        # processes that were forked share where they are in an open file
-        self._numbers = TemporaryFile(buffering=0)  # noqa: SIM115  until all is told
-        self._numbers.write(b"".join(map(NUMBER.pack, range(tasks))))
-        self._numbers.seek(0)
         self._left = set(range(tasks))
         self._processes: list[Any] = []
         self._answers: list[Connection] = []
-        for _ in range(workers):
+        for first in range(workers):
             ours, theirs = fork.Pipe(duplex=False)
-            given = self._numbers.fileno(), answer, theirs, os.getpid()
+            given = range(first, tasks, workers), answer, theirs, os.getpid()
             process = fork.Process(target=_work, args=given)
             process.start()
             theirs.close()
@@ -82,15 +74,13 @@ class TaskProcesses:
             process.close()
         for side in self._answers:
             side.close()
-        self._numbers.close()
         self._processes, self._answers = [], []
 
 
-def _work(numbers: int, answer: Callable[[int], str], to: Connection, parent: int) -> None:
+def _work(tasks: range, answer: Callable[[int], str], to: Connection, parent: int) -> None:
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted ends this one
-    while number := os.read(numbers, NUMBER.size):
-        (k,) = NUMBER.unpack(number)
+    for k in tasks:
         try:
             to.send((k, answer(k)))
         except Exception as error:  # noqa: BLE001  whoever asked is told

@@ -97,11 +97,7 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
 
 
 def _asked(
-    facts: Facts,
-    values: tuple[int, ...],
-    expr: typed.TypedExpr,
-    *,
-    admits: bool,
+    facts: Facts, values: tuple[int, ...], expr: typed.TypedExpr, *, admits: bool
 ) -> AdmitCheck:
     """Whether a predicate refuses AC, of states anywhere."""
     box = Axes(tuple(range(len(facts.extents))), Grid(facts.extents))
@@ -127,9 +123,7 @@ def _taken_by_age(facts: Facts) -> bool:
 
 
 def _of_predicates(
-    facts: Facts,
-    values: tuple[int, ...],
-    groups: Sequence[Group],
+    facts: Facts, values: tuple[int, ...], groups: Sequence[Group]
 ) -> tuple[str, str]:
     """`ttf` and `safer` of estimates of states drawn from K, all groups together."""
     ttf, safer = facts.ttf, facts.symbol.safer

@@ -223,7 +223,7 @@ def _modules(report: Report) -> dict[str, RecheckedModule]:
     return {_name(m, report): m for m in report.modules}
 
 
-ASSUMPTION = JsonObject("soter.certificate.assumptions.RecheckAssumption", "key text")
+ASSUMPTION = JsonObject("soter.certificate.report.RecheckAssumption", "key text")
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
     "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "

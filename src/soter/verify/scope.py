@@ -109,6 +109,7 @@ def problem_key(problem: Problem) -> object:
         problem.times,
         problem.groups,
         problem.initial,
+        problem.parameter_starts,
         problem.levels,
         problem.recover_ns,
         problem.assumptions,

@@ -21,7 +21,7 @@ from soter.certificate.polytope import polytope_group
 from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.polytope_group import PolytopeGroup
-from soter.certificate.rechecker import Report, recheck
+from soter.certificate.rechecker import recheck
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
 from soter.verify.polytope import linear_group as polytope_model
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from soter.certificate.report import Report
     from soter.verify.claims.results import VerifyReport
 
     Edit = Callable[["Opened"], None]
@@ -380,8 +381,8 @@ UNREAD: dict[str, tuple[Edit, str]] = {
         "no claim rests on `instants.start`",
     ),
     "a way back that is not claimed": (
-        lambda c: (c.entry["claims"].update(P2b="undecided"), c.group.pop("Q")),
-        "no claim rests on `target`",
+        lambda c: c.entry["claims"].update(P2b="undecided"),
+        "no claim rests on `Q`",
     ),
     "a word beside a matrix": (lambda c: c.group["C"].update(by="me"), "a matrix is a file"),
     "a word in the law": (lambda c: c.group["law"].update(by="me"), "the law of a polytope"),

@@ -13,7 +13,7 @@ import pytest
 from json_documents import problems_of
 from soter.api.program import load
 from soter.certificate import rechecker
-from soter.certificate.allowed_claims import CLAIMS, SAFETY
+from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.format.errors import (
     ACCEPTED,
     NOT_RECHECKED,
@@ -26,7 +26,7 @@ from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import recheck
-from soter.certificate.report import RecheckedModule, Report
+from soter.certificate.report import SAFETY, RecheckedModule, Report
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.vacuous_proofs import _of_tables, of_those_above
 from soter.cli.main import main
@@ -337,11 +337,11 @@ ALL = [((1.0, 0.0), exact(2.0))]
 
 def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tuple[str, str]:
     at = SimpleNamespace(low=start, high=start)
-    facts: Any = SimpleNamespace(states=[at, at])
+    facts: Any = SimpleNamespace(states=[at, at], extents=((-1.0, 1.0), (-1.0, 1.0)))
     tables: Any = SimpleNamespace(
         states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
     )
-    return _of_tables(facts, [PolytopeGroup(tables)], ((-1.0, 1.0), (-1.0, 1.0)))
+    return _of_tables(facts, [PolytopeGroup(tables)])
 
 
 def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:

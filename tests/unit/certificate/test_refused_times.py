@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -166,3 +170,120 @@ def test_what_is_published_at_once_is_default_at_once(tmp_path: Path, pairs: Pai
     facts = facts_of(tmp_path, SEEN, *pairs)
     assert facts.setting.first_available(0, facts.setting.by_sc) > facts.setting.sc.phase
     survives_the_start(facts)
+
+
+# ---------------------------------------------------------------- commands through other modules
+
+STEERED = """soter 1;
+topic x: float max_age 30ms;
+topic goal: float in [-1.0, 1.0] = 0.0;
+topic passed: float in [-1.0, 1.0] = 0.0;
+topic motor: float in [-1.0, 1.0] = 0.0;
+topic lit: float max_age 30ms;
+plant World period 10ms { reads motor; drives x = q; state q: float = 0.0; der q = motor; }
+plant Lamp period 10ms { reads goal; drives lit = l; state l: float = 0.0; der l = goal; }
+plant Model period 10ms { reads goal; drives x = p; state p: float = 0.0; der p = goal; }
+node Relay period 10ms { subscribes goal; publishes passed; step { publish passed = goal; } }
+node Fast period 50ms { subscribes x; publishes goal; step { publish goal = 1.0; } }
+node Slow period 50ms {
+  subscribes x; publishes goal; step { publish goal = clamp(-x, -1.0, 1.0); }
+}
+node Pilot period 200ms { subscribes goal; publishes motor; step { publish motor = goal; } }
+node Hover period 50ms { subscribes x; publishes motor; step { publish motor = 0.0; } }
+rta M {
+  ac Fast; sc Slow; period 50ms;
+  safe abs(x) < 3.0; ttf abs(x) > 2.0; safer abs(x) < 1.0;
+  verify { abstracts w by m: Model = { p: w.truth.q }; grid x in [-3.0, 3.0] / 60; }
+}
+rta Fly {
+  ac Pilot; sc Hover; period 200ms;
+  safe abs(x) < 9.0; ttf abs(x) > 8.0; safer abs(x) < 7.0;
+}
+system S { w: World; l: Lamp; node Relay; module M; module Fly; }
+"""
+"""What M says acts on the lamp at once, and on the world when the AC of another module lets it."""
+
+
+PILOT = "Pilot period 200ms { subscribes goal"
+THROUGH = {
+    "its AC": (),
+    "its SC": (("ac Pilot; sc Hover;", "ac Hover; sc Pilot;"), ("200ms { sub", "50ms { sub")),
+    "a queue": ((PILOT, f"{PILOT} queue 2"), ("publish motor = goal", "publish motor = 0.0")),
+    "behind a node": (
+        (PILOT, PILOT.replace("goal", "passed")),
+        ("publish motor = goal", "publish motor = passed"),
+    ),
+}
+
+
+@pytest.mark.parametrize("pairs", THROUGH.values(), ids=list(THROUGH))
+def test_commands_that_another_module_passes_on_are_not_followed(
+    tmp_path: Path, pairs: Pairs
+) -> None:
+    with pytest.raises(NotRecheckedError, match=r"`Fly\.Pilot` of another module reads"):
+        facts_of(tmp_path, STEERED, *pairs)
+
+
+def test_commands_that_go_straight_are_followed(tmp_path: Path) -> None:
+    pairs = (
+        ("reads motor; drives x", "reads goal; drives x"),
+        ("der q = motor", "der q = goal"),
+        ("Pilot period 200ms { subscribes goal", "Pilot period 200ms { subscribes x"),
+        ("publish motor = goal", "publish motor = 1.0"),
+    )
+    facts = facts_of(tmp_path, STEERED, *pairs)
+    assert {e.clocks for e in facts.setting.effects} == {()}
+
+
+# ---------------------------------------------------------------- what nodes elsewhere say
+
+NODES = {
+    "Estimate": "subscribes raw; publishes x; step { publish x = raw; } }",
+    "Driver": "subscribes u; publishes force; step { publish force = u; } }",
+}
+UNDECLARED = ((", Driver 0ms", ""), (", Driver 1ms", ""))
+
+
+def extern(node: str, says: str) -> tuple[tuple[str, str], ...]:
+    """One of the two nodes of a program is an extern that says this of itself."""
+    topics = NODES[node].split("step")[0]
+    period = {"Estimate": "period 10ms", "Driver": "period 5ms"}[node]
+    now = f'extern node {node} {period} from "c:e.c:e" {{ {topics}{says} }}'
+    return ((f"node {node} {period} {{ {NODES[node]}", now),)
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        extern("Estimate", "jitter 2ms;"),
+        extern("Estimate", "wcet 2ms;"),
+        extern("Driver", "jitter 1ms;"),
+        (*extern("Driver", "jitter 1ms;"), *UNDECLARED),
+        (*extern("Driver", "wcet 1us;"), *UNDECLARED),
+    ],
+    ids=["late sensor", "slow sensor", "late driver", "late in step", "slow in step"],
+)
+def test_a_node_elsewhere_that_says_longer_times_is_refused_by_both(
+    tmp_path: Path, pairs: Pairs
+) -> None:
+    with pytest.raises(DiffersError, match="says itself that it may be later"):
+        facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
+    with pytest.raises(SoterError, match="R033"):
+        extract(flat, flat.modules[0])
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        extern("Estimate", "jitter 1ms; wcet 1ms;"),
+        extern("Driver", "wcet 1ms;"),
+        (*extern("Driver", ""), *UNDECLARED),
+        (*extern("Driver", "jitter 1ms;"), ("Driver 0ms", "Driver 1ms")),
+    ],
+    ids=["sensor", "driver", "in step", "declared late"],
+)
+def test_a_node_elsewhere_within_its_times_is_part_of_a_proof(tmp_path: Path, pairs: Pairs) -> None:
+    facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
+    extract(flat, flat.modules[0])

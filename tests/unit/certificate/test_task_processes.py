@@ -8,7 +8,6 @@ from concurrent.futures import BrokenExecutor
 
 import pytest
 
-from soter.certificate import task_processes
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.task_processes import TaskProcesses, can_fork
 from soter.certificate.terms.terms import NotRecheckedError
@@ -86,18 +85,3 @@ def test_processes_end_when_nobody_waits() -> None:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     running.end()
-
-
-def test_a_task_that_two_processes_did_stands_for_no_other_one(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Where the system lets both read the same number, one task would be left out."""
-    real = os.read
-
-    def same(numbers: int, size: int) -> bytes:
-        number = real(numbers, size)
-        return task_processes.NUMBER.pack(0) if number == task_processes.NUMBER.pack(1) else number
-
-    monkeypatch.setattr(task_processes.os, "read", same)
-    with pytest.raises((KeyError, BrokenExecutor)):
-        list(TaskProcesses(4, lambda _: "", 1).answers())

@@ -95,3 +95,36 @@ def test_a_step_that_faults_is_a_reason(tmp_path: Path) -> None:
     report = recheck(tmp_path / "cert")
     assert not report.accepted
     assert "faults" in report.reason
+
+
+LOG = """topic seen: int in [0, 9] = 0;
+node Log period 50ms {
+  subscribes SUBSCRIBED;
+  publishes seen;
+  step { publish seen = 1; }
+}
+node Slow"""
+
+
+def beside(folder: Path, subscribed: str) -> Facts:
+    """The plain module, and a node that listens to it and leads nowhere."""
+    text = PROGRAMS["written"].replace("node Slow", LOG.replace("SUBSCRIBED", subscribed), 1)
+    path = folder / "small.soter"
+    path.write_text(text.replace("module M; until", "module M; node Log; until"))
+    return small_proofs.facts_of(path, "S", "M")
+
+
+@pytest.mark.parametrize("subscribed", ["u", "x", "u, x"])
+def test_a_node_that_leads_nowhere_changes_no_time(tmp_path: Path, subscribed: str) -> None:
+    plain = tmp_path / "plain.soter"
+    plain.write_text(PROGRAMS["written"])
+    facts, alone = beside(tmp_path, subscribed), small_proofs.facts_of(plain, "S", "M")
+    assert not facts.ways.notes
+    assert facts.times == alone.times
+    assert assumptions_of(facts) == assumptions_of(alone)
+
+
+@pytest.mark.parametrize("subscribed", ["u queue 3", "x queue 3", "u, x queue 3"])
+def test_a_node_with_a_queue_is_not_followed(tmp_path: Path, subscribed: str) -> None:
+    with pytest.raises(NotRecheckedError, match="reads a queue of"):
+        beside(tmp_path, subscribed)

@@ -17,13 +17,15 @@ from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from long_tests import some
-from soter.certificate.rechecker import Report, recheck
+from soter.certificate.rechecker import recheck
 from soter.certificate.terms.arb_balls import greatest_below
 from soter.cli.main import main
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from soter.certificate.report import Report
 
 WRITTEN, COMPUTED = PROGRAMS["written"], PROGRAMS["computed"]
 BOUND = ("topic x: float max_age", "topic x: float in [{}, {}] max_age")

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from soter.native.build import library_flags
 from soter.native.compiler import find, told_version
 from soter.native.package_sources import SOTER, files_below, soter_sha256
-from soter.report.printable_text import visible
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 
 RECHECKER = ("certificate", "language")
 """The rooms that a re-check rests on: its own, and the front end that it shares."""
-VERSION_MAX = 40
-"""Letters of a version that a certificate says."""
 UNUSED = "none: no decision module was compiled for this case"
 
 
@@ -51,11 +48,7 @@ def compiler_used() -> str:
 
 def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
     """What made the case, by the names that a page has for it; the compiler is entered later."""
-    made_by = ""
-    if proof.certificate is not None:
-        said = visible(str(proof.certificate.manifest["soter"])[:VERSION_MAX])
-        made_by = f", which says that Soter {said} wrote it"
-    certificate = f"SHA-256 {proof.sha256}{made_by}" if proof.sha256 else ""
+    certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
     return {

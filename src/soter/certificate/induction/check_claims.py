@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import z3
 
 from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
-from soter.certificate.assumptions import RecheckAssumption, acknowledged
+from soter.certificate.assumptions import acknowledged
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import (
     compare,
@@ -24,7 +24,7 @@ from soter.certificate.induction.induction_problem import (
 )
 from soter.certificate.induction.solver_values import both, negation, one_of
 from soter.certificate.induction.transition_system import TransitionSystem, calendar_of
-from soter.certificate.report import RecheckedModule
+from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.language.evaluate.topic_ranges import always_by_parts

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.terms import Linear
+    from soter.certificate.terms.terms import Linear, Proposition, Terms
 
 CERTAIN = 2
 
@@ -38,13 +38,16 @@ def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> Non
         if shown and not inputs & {_atom(x) for x in states}:
             continue  # about commands and disturbances alone: every such group asks it
         left.append(truth)
-    if not left:
-        return
-    places = sorted(inputs_of(terms, left))
-    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
-    decided = compile_truths(terms, places, left, {})(form_of_box(box, symbols=False))
-    if any(d != CERTAIN for d in decided):
+    if not all_certain(terms, left):
         raise NotRecheckedError("a plant's equation that is not defined everywhere on the grid")
+
+
+def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
+    """Whether all of them certainly hold, whatever the inputs are in their ranges."""
+    places = sorted(inputs_of(terms, truths))
+    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
+    decided = compile_truths(terms, places, truths, {})(form_of_box(box, symbols=False))
+    return all(bits == CERTAIN for bits in decided)
 
 
 def _atom(x: Linear) -> int:

@@ -20,8 +20,8 @@ from soter.language.model.tree_walk import nodes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
     from soter.certificate.terms.terms import Terms
 
     Key = typed.ModuleSymbol | str

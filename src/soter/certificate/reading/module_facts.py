@@ -62,6 +62,8 @@ class StateParameter:
     variable: str
     leaf: int
     values: tuple[int, ...]
+    begins: tuple[int, ...]
+    """Those with which a run may start."""
 
 
 @dataclass(frozen=True, eq=False)

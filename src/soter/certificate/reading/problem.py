@@ -4,6 +4,9 @@ Purpose: plants, inputs with their ranges, times, H*, declared axes of one modul
 docs/verification.md (section 1) defines them, to be compared with what a certificate says.
 Non-goals: sharing code with `verify/problem/extract.py`; diagnostics (a program that determines no
 problem has no certificate: `NotRecheckedError` or `DiffersError`).
+
+The argument: what moves a state is the plant, what SC commands, and what nobody knows; each thing
+that nobody knows is an input with the range that the program declares, or there is no problem.
 """
 
 from __future__ import annotations
@@ -115,12 +118,15 @@ def _kind(c: Component) -> Literal["flow", "map"]:
 
 
 def _read_states(facts: Facts, c: Component) -> None:
-    """Numbers that move, with the range of their initial values; all else is a parameter."""
+    """Numbers that move, with the range of their initial values; all else is a parameter.
+
+    A run may start as the plant declares it, and where the map of `abstracts` puts what flies.
+    """
     plant = c.plant
     assert plant is not None
     begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
-    every = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
-    for variable, initial, drawn, real in every:
+    starts = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
+    for variable, initial, drawn, real in starts:
         moves = variable in plant.der or variable in plant.next
         if any("[]" in path for path, _ in leaves(variable.type)):
             raise NotRecheckedError(f"a list in the state `{variable.name}`")
@@ -130,14 +136,15 @@ def _read_states(facts: Facts, c: Component) -> None:
                 low, high = drawn if drawn is not None else (values[k], values[k])
                 if begun is not None:
                     low, high = min(low, reals[k]), max(high, reals[k])
-                state = Input("state", name, c.index, k, low, high, variable.name, moves)
-                facts.states.append(state)
+                state = Input("state", name, c.index, k, low, high, variable=variable.name)
+                facts.states.append(replace(state, moves=moves))
             elif moves:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:
-                facts.parameters.append(
-                    StateParameter(name, c.index, variable.name, k, _values_of(of, name))
-                )
+                begins = (int(values[k]), int(reals[k]))
+                every = _values_of(of, name)
+                parameter = StateParameter(name, c.index, variable.name, k, every, begins)
+                facts.parameters.append(parameter)
 
 
 def _read_disturbances(facts: Facts, c: Component) -> None:
@@ -146,8 +153,8 @@ def _read_disturbances(facts: Facts, c: Component) -> None:
         for k, name, of in named(f"{c.name}.{d.variable.name}", d.variable.type):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"the disturbance `{name}` is no float")
-            own = Input("disturbance", name, c.index, k, d.low, d.high, d.variable.name)
-            facts.disturbances.append(replace(own, unit=of.unit))
+            own = Input("disturbance", name, c.index, k, d.low, d.high, unit=of.unit)
+            facts.disturbances.append(replace(own, variable=d.variable.name))
     for symbol in topics_of_others(c, facts.module):
         for x in _leaves_of(facts, c.scope.topics[symbol], "disturbance"):
             path = x.name.removeprefix(facts.system.topics[x.owner].name)

@@ -125,7 +125,7 @@ def check_supported(facts: Facts) -> None:
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:
-        if c.plant and any(isinstance(x, t.TypedChoose) for x in _parts(_equations(c.plant))):
+        if c.plant and any(isinstance(x, t.TypedChoose) for x in parts_of(equations(c.plant))):
             raise NotRecheckedError(f"the plant `{c.name}` chooses")
         if c.role not in ROLES:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
@@ -180,11 +180,12 @@ def _plant(c: Component) -> None:
         raise NotRecheckedError(f"the plant `{c.name}` is extern")
     if c.phase_ns != 0:
         raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
-    for root in _equations(c.plant):
+    for root in equations(c.plant):
         _code(root, f"the plant `{c.name}`")
 
 
-def _equations(plant: t.PlantSymbol) -> list[object]:
+def equations(plant: t.PlantSymbol) -> list[object]:
+    """All code of a plant."""
     pairs = (*plant.drives, *plant.lets, *plant.der.items(), *plant.next.items())
     return [expr for _, expr in pairs]
 
@@ -194,7 +195,7 @@ def _equations(plant: t.PlantSymbol) -> list[object]:
 
 def _code(root: object, where: str) -> None:
     """Every part of a piece of code, and of every function that it calls, is on the list."""
-    for part in _parts([root]):
+    for part in parts_of([root]):
         if type(part) not in CODE:
             name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())
             raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
@@ -202,7 +203,7 @@ def _code(root: object, where: str) -> None:
             raise NotRecheckedError(f"`{part.name}` is an extern function: its values are unknown")
 
 
-def _parts(roots: list[object]) -> Iterator[object]:
+def parts_of(roots: list[object]) -> Iterator[object]:
     """Each piece of code, what it is made of, and the functions that it calls; not their types."""
     seen: set[int] = set()
     todo = list(roots)

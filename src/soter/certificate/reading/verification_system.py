@@ -22,8 +22,8 @@ from soter.language.model.tree_walk import topic_reads
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.certificate.assumptions import Said
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
     from soter.language.model.system import Component, Module, System
 
 

@@ -18,12 +18,13 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed
-from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator
+    from collections.abc import Collection, Iterator, Sequence
 
+    from soter.diagnostics.span import Span
     from soter.language.model.system import Module
 
     Part = tuple[typed.TypedExpr, bool]
@@ -84,18 +85,14 @@ def said_of(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.T
 
     All of `e` implies it.
     """
-    conjunction: typed.TypedExpr | None = None
-    for expr, truth in _parts(e, wanted=True):
-        read = topic_reads(expr)
-        if not read or not all(t in shown for t in read):
-            continue
-        if any(isinstance(node, ELSEWHERE) for node in nodes([expr])):
-            continue
-        own = expr if truth else _not(expr)
-        conjunction = (
-            own if conjunction is None else typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
-        )
-    return conjunction
+    own = [
+        part
+        for part in _parts(e, wanted=True)
+        if topic_reads(part[0])
+        and _in(part, shown)
+        and not any(isinstance(node, ELSEWHERE) for node in nodes([part[0]]))
+    ]
+    return _joined("&&", e.span, own, wanted=True) if own else None
 
 
 def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
@@ -103,25 +100,16 @@ def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
 
     "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
     """
-    rest = [part for part in _parts(ttf, wanted=False) if not _aged(part[0])]
-    if not rest:
-        return ttf
-    weaker: typed.TypedExpr = typed.Literal(BOOL, ttf.span, value=False)
-    for expr, truth in rest:
-        part = _not(expr) if truth else expr
-        weaker = typed.TypedBinary(BOOL, ttf.span, "||", weaker, part)
-    return weaker
-
-
-def _aged(e: typed.TypedExpr) -> bool:
-    return any(type(node) is typed.AgeRead for node in nodes([e]))
+    parts = _parts(ttf, wanted=False)
+    rest = [p for p in parts if not any(isinstance(n, typed.AgeRead) for n in nodes([p[0]]))]
+    return _joined("||", ttf.span, rest, wanted=False) if rest else ttf
 
 
 def _shown(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
     return {topic for link in block.abstracts for topic, _ in link.plant.drives}
 
 
-def _in(part: Part, shown: set[typed.TopicSymbol]) -> bool:
+def _in(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
     return all(topic in shown for topic in topic_reads(part[0]))
 
 
@@ -145,35 +133,27 @@ def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
     only = steps[0] if len(steps) == 1 else None
     if not isinstance(only, typed.TypedReturn):
         return None
-    expansion: typed.TypedExpr = _filled(
-        only.value, {id(p): a for p, a in zip(call.fun.parameters, call.arguments, strict=True)}
-    )
+    value = {id(p): a for p, a in zip(call.fun.parameters, call.arguments, strict=True)}
+
+    def filled(e: Any) -> Any:  # noqa: ANN401 - any expression
+        return value.get(id(e.variable), e) if isinstance(e, typed.VarRead) else e
+
+    expansion: typed.TypedExpr = rewritten(only.value, filled)
     return expansion
-
-
-def _filled(e: Any, arguments: dict[int, typed.TypedExpr]) -> Any:  # noqa: ANN401 - any field
-    if isinstance(e, tuple):
-        return tuple(_filled(x, arguments) for x in e)
-    if isinstance(e, typed.VarRead) and id(e.variable) in arguments:
-        return arguments[id(e.variable)]
-    if not isinstance(e, typed.TypedExpr):
-        return e
-    inside = {
-        f.name: _filled(getattr(e, f.name), arguments)
-        for f in dataclasses.fields(e)
-        if isinstance(getattr(e, f.name), (typed.TypedExpr, tuple))
-    }
-    return dataclasses.replace(e, **inside)
 
 
 def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
     """That all parts hold which are shown; true where there are none."""
-    conjunction: typed.TypedExpr = typed.Literal(BOOL, e.span, value=True)
-    for part in _parts(e, wanted=wanted):
-        if _in(part, shown):
-            own = part[0] if part[1] else _not(part[0])
-            conjunction = typed.TypedBinary(BOOL, e.span, "&&", conjunction, own)
-    return conjunction
+    own = [part for part in _parts(e, wanted=wanted) if _in(part, shown)]
+    return _joined("&&", e.span, own, wanted=True)
+
+
+def _joined(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> typed.TypedExpr:
+    """All of them, or one of them; each as it is where it says `wanted`, else not."""
+    joined: typed.TypedExpr = typed.Literal(BOOL, span, value=op == "&&")
+    for e, truth in parts:
+        joined = typed.TypedBinary(BOOL, span, op, joined, e if truth == wanted else _not(e))
+    return joined
 
 
 def _not(e: typed.TypedExpr) -> typed.TypedExpr:

@@ -8,7 +8,6 @@ Non-goals: the derivation (`derived_times.py`), the nodes (`sensor_paths.py`).
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from soter.certificate.reading.module_facts import (
     DiffersError,
@@ -19,14 +18,11 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.verification_system import seen_from_what_is_abstracted
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import derive
+from soter.certificate.time.derived_times import Clock, TimingSetting, TopicReading, derive
 from soter.certificate.time.node_paths import NodeWays
-from soter.certificate.time.sensor_paths import Ways, nodes_between, setting_of
+from soter.certificate.time.sensor_paths import Ways, nodes_between
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
-
-if TYPE_CHECKING:
-    from soter.certificate.time.derived_times import TimingSetting
 
 DELAYS = {
     "J_dm_ns": ("late dm", "late_dm"),
@@ -60,13 +56,7 @@ def read_times(facts: Facts) -> None:
         facts.ways = NodeWays(facts.flying, facts.flying_module, number)
     else:
         facts.ways = Ways(facts.flying, facts.flying_module)
-    more = {"silent_ns": number_of(facts, verify.dropout), "instants": int(facts.kind == "map")}
-    setting = setting_of(
-        facts.ways,
-        _ages(facts, by_dm),
-        _ages(facts, by_sc),
-        {**time_by_name, **more},
-    )
+    setting = _setting(facts, by_dm, by_sc, time_by_name)
     if verify.abstracts:
         seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
     if facts.kind == "map":
@@ -89,15 +79,33 @@ def read_times(facts: Facts) -> None:
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 
 
-def _ages(facts: Facts, topics: list[int]) -> dict[int, int]:
-    """Topics as the system that runs knows them, with their `max_age`."""
-    age_by_topic = {}
-    for index in topics:
-        topic = facts.system.topics[index]
-        if topic.max_age_ns is None:
-            raise NotRecheckedError("a topic that the module reads has no `max_age`")
-        age_by_topic[facts.running[index]] = topic.max_age_ns
-    return age_by_topic
+def _setting(
+    facts: Facts, by_dm: list[int], by_sc: list[int], times: dict[str, int]
+) -> TimingSetting:
+    """Everything that the times depend on; topics are those of the system that runs."""
+    system, module = facts.flying, facts.flying_module
+    dm, sc = system.components[module.dm], system.components[module.sc]
+
+    def reads(topics: list[int]) -> tuple[TopicReading, ...]:
+        found = []
+        for index in topics:
+            age, running = facts.system.topics[index].max_age_ns, facts.running[index]
+            if age is None:
+                raise NotRecheckedError("a topic that the module reads has no `max_age`")
+            name = system.topics[running].name
+            found.append(TopicReading(name, facts.ways.to(running), age))
+        return tuple(found)
+
+    found_dm, found_sc = reads(by_dm), reads(by_sc)  # before effects: they say what is vehicle
+    return TimingSetting(
+        Clock("the DM", module.period_ns, dm.phase_ns, times["J_dm_ns"], times["R_dm_ns"]),
+        Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),
+        found_dm,
+        found_sc,
+        facts.ways.effects(0, times["L_ns"]),
+        number_of(facts, facts.symbol.verify.dropout),
+        facts.kind == "map",
+    )
 
 
 def _check_map(facts: Facts, setting: TimingSetting) -> None:

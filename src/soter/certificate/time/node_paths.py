@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import Clock, Effect, TopicPath, releases
-from soter.certificate.time.sensor_paths import Ways, straight
+from soter.certificate.time.sensor_paths import Ways, published, read, straight
 from soter.language.model import typed
 from soter.language.model.system import holder_of, tower_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from soter.certificate.assumptions import Said
+    from soter.certificate.report import Said
     from soter.language.model.system import Component, System
 
 NODES_MAX = 16
@@ -201,17 +201,17 @@ class NodeWays(Ways):
         its state is what it last published.
         """
         assert c.node is not None
-        read = _subscribed(self.system, c)
-        before = [p for i in read for p in self._to(i, behind)]
+        topics = _subscribed(self.system, c)
+        before = [p for i in topics for p in self._to(i, behind)]
         if before:
             self._steps(c, index)
             self._noted(c)
             self.notes["shows", c.name] = None
-            for i in read:
+            for i in topics:
                 if not self._to(i, behind) and self._commanded(i, behind):
                     self.notes["vehicle", self.system.topics[i].name] = None
             return [NodePath(p.sensor, (*p.clocks[1:], self._clock(c))) for p in before]
-        if len(behind) == 1 and any(self._commanded(i, behind) for i in read):
+        if len(behind) == 1 and any(self._commanded(i, behind) for i in topics):
             self._steps(c, index)
             self._noted(c)
             self.notes["vehicle", self.system.topics[index].name] = None
@@ -252,8 +252,11 @@ class NodeWays(Ways):
             return [nodes]
         routes: list[tuple[Clock, ...]] = []
         for c in self.system.components:
-            if c.plant is not None and index in {c.scope.topics[t] for t in c.plant.reads}:
+            if c.plant is not None and index in read(c):
                 routes.append(nodes)
+            if c.role in ("ac", "sc") and c.module not in self.own and self._reads(c, index):
+                name = self.system.topics[index].name
+                raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
             if c.role != "node" or c.index in behind or index not in _subscribed(self.system, c):
                 continue
             if len(behind) >= NODES_MAX:
@@ -307,17 +310,15 @@ class NodeWays(Ways):
 
     def _writers(self, index: int) -> list[Component]:
         """Plants, nodes, and controllers of other modules that publish a topic."""
-        writers = []
-        for c in self.system.components:
-            if c.plant is not None:
-                written = [t for t, _ in c.plant.drives]
-            elif c.node is not None and c.module not in self.own:
-                written = list(c.node.publishes)
-            else:
-                continue
-            if index in {c.scope.topics[t] for t in written}:
-                writers.append(c)
-        return writers
+        return [
+            c
+            for c in self.system.components
+            if index in published(c) and (c.plant is not None or c.module not in self.own)
+        ]
+
+    def _reads(self, c: Component, index: int) -> bool:
+        """Whether a topic reaches a component, through a queue or not."""
+        return any(index in (i, self.system.topics[i].queue_of) for i in read(c))
 
     def _steps(self, c: Component, index: int) -> None:
         """That a node publishes a topic in every step: seen, or of an extern assumed."""
@@ -365,14 +366,13 @@ def _subscribed(system: System, c: Component) -> list[int]:
 
 def _always(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
     """Whether a body publishes a topic whatever it reads."""
-    for s in body:
-        if isinstance(s, typed.TypedPublish) and s.topic is topic:
-            return True
+
+    def does(s: typed.TypedStmt) -> bool:
         if isinstance(s, typed.TypedIf):
-            sides = [b for _, b in s.arms] + [s.otherwise]
-            if all(_always(b, topic) for b in sides):
-                return True
-    return False
+            return all(_always(b, topic) for b in (*(b for _, b in s.arms), s.otherwise))
+        return isinstance(s, typed.TypedPublish) and s.topic is topic
+
+    return any(map(does, body))
 
 
 def assumed(ways: Ways) -> Said:

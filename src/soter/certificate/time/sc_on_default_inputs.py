@@ -1,4 +1,4 @@
-"""What SC does before anything was published: it must not fault, or it never steps again.
+"""An SC that steps before anything was published: it must not fault, or it never steps again.
 
 Purpose: `survives_the_start`: SC's step on the default values of its topics, or, where not all that
 it reads is published at once, on anything that may be published, publishes values in their sets and
@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.cells.predicates import both_all
 from soter.certificate.reading.case_model import commanded, stepping
+from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.modes_of_other_modules import any_mode
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_values import filled
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of
+from soter.certificate.terms.terms import NotRecheckedError, Terms
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Topic
 
-CERTAIN = 2
 READ_EARLY = "what was published before all that it reads shows a state"
 READ_ELSEWHERE = "what is published while it has no control"
 
@@ -91,12 +89,7 @@ def _harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -
     published = stepping(terms, sc, known, any_mode(terms, sc.node.step))({})
     for control in facts.controls:
         commanded(terms, control, [published])
-    fine = both_all(terms.obligations)
-    places = sorted(inputs_of(terms, [fine]))
-    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
-    (bits,) = compile_truths(terms, places, [fine], {})(form_of_box(box, symbols=False))
-    certain: bool = bits == CERTAIN
-    return certain
+    return all_certain(terms, terms.obligations)
 
 
 def _anything(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value

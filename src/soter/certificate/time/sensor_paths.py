@@ -1,7 +1,6 @@
 """How plants and module are connected, in the system that runs.
 
-Purpose: from the flattened system to the `TimingSetting` of `derived_times.py`: the sensors of what
-DM and SC read, and how what SC publishes comes to the plant.
+Purpose: `Ways`: the sensors of what DM and SC read, and how what SC publishes comes to the plant.
 Non-goals: what follows from them (`derived_times.py`); nodes in between (`node_paths.py`, which
 answers where there is one that reads an output or publishes what is read).
 """
@@ -12,13 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import (
-    Clock,
-    Effect,
-    TimingSetting,
-    TopicPath,
-    TopicReading,
-)
+from soter.certificate.time.derived_times import Clock, Effect, TopicPath
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -73,33 +66,15 @@ def read(c: Component) -> set[int]:
 
 
 def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool:
-    """Whether a node publishes one of these topics, or reads what the module publishes."""
-    shown, outputs = set(topics), set(module.outputs)
-    return any(
-        c.plant is None and (published(c) & shown or (c.role == "node" and read(c) & outputs))
-        for c in system.components
-    )
+    """Whether a node publishes one of these topics, or reads what the module publishes.
 
-
-def setting_of(
-    ways: Ways, by_dm: dict[int, int], by_sc: dict[int, int], times: dict[str, int]
-) -> TimingSetting:
-    """Everything together. `by_dm`, `by_sc`: topics of the running system and their `max_age`."""
-    system, module = ways.system, ways.module
-    dm, sc = system.components[module.dm], system.components[module.sc]
-
-    def reads(topics: dict[int, int]) -> tuple[TopicReading, ...]:
-        return tuple(
-            TopicReading(system.topics[i].name, ways.to(i), age) for i, age in topics.items()
-        )
-
-    found_dm, found_sc = reads(by_dm), reads(by_sc)  # before effects: they say what is vehicle
-    return TimingSetting(
-        Clock("the DM", module.period_ns, dm.phase_ns, times["J_dm_ns"], times["R_dm_ns"]),
-        Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),
-        found_dm,
-        found_sc,
-        ways.effects(0, times["L_ns"]),
-        times["silent_ns"],
-        bool(times["instants"]),
-    )
+    What a queue shows a node may be that, too.
+    """
+    felt = {*module.outputs, *(t.index for t in system.topics if t.queue_of is not None)}
+    for c in system.components:
+        queues = c.node is not None and any(s.queue is not None for s in c.node.subscribes)
+        if c.role == "node" and (queues or read(c) & felt):
+            return True
+        if c.plant is None and published(c) & {*topics}:
+            return True
+    return False

@@ -51,11 +51,12 @@ def check_thread(
     `in_step`: nodes behind SC in its instant, by name. NotRecheckedError where there are too many
     releases.
     """
+    clocks = {c.name: c for c in _nodes(setting)}
+    _check_elsewhere(system, clocks, in_step)
     thread = [c for c in system.components if _there(c)]
     if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
     turns = _turns(thread)
-    clocks = {c.name: c for c in _nodes(setting)}
     dm, sc = system.components[module.dm], system.components[module.sc]
     for t in turns:
         if t.ends > t.release + t.who.period_ns:
@@ -80,6 +81,18 @@ def check_thread(
     )
 
 
+def _check_elsewhere(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
+    """DiffersError where a node in a process of its own says longer times than are counted with.
+
+    Of a node that is taken to run with SC none are.
+    """
+    times = {name: (clock.late, clock.response) for name, clock in clocks.items()}
+    for name, (late, response) in (times | dict.fromkeys(in_step, (0, 0))).items():
+        c = system.component(name)
+        if not _there(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
+            raise DiffersError(f"`{name}` says itself that it may be later, or take longer")
+
+
 def delayed(system: System, followed: Iterable[Component]) -> str:
     """Who of some components may start or end after its release in the thread; "" if nobody.
 
@@ -87,7 +100,7 @@ def delayed(system: System, followed: Iterable[Component]) -> str:
     """
     thread = [c for c in system.components if _there(c)]
     own = {c.index for c in followed}
-    apart = [c.name for c in followed if c not in thread and c.jitter_ns]
+    apart = [c.name for c in followed if c not in thread and (c.jitter_ns or c.wcet_ns)]
     late = [t.who.name for t in _turns(thread) if t.who.index in own and t.ends > t.release]
     return next(iter([*apart, *late]), "")
 

@@ -180,7 +180,7 @@ def start(case: Case) -> None:
     if case.problem.above:
         handed_back(case)
         return
-    if case.parameter != case.problem.parameter_start:
+    if not case.problem.starts_with(case.parameter):
         return
     wrong_read = fault_on_defaults(case.problem)
     if wrong_read:

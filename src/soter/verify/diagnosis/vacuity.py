@@ -336,7 +336,7 @@ def of_those_above(results: Sequence[ModuleResult]) -> None:
 def at_the_start(done: Sequence[Case]) -> str:
     """A line where AC cannot have control at the start: the state is not in `safer` yet."""
     for case in done:
-        if case.parameter != case.problem.parameter_start or case.failed("P2a"):
+        if not case.problem.starts_with(case.parameter) or case.failed("P2a"):
             continue
         if any(p.waits_at_start(case) for p in case.proofs) or _refused_at_start(case):
             return "at the start `safer` does not hold: SC has control until the state is there"

@@ -425,12 +425,11 @@ def _rests(
     """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
     by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
     dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
-    nodes = {
-        c.name: by_name[c.name]
-        for c in flat.components
-        if c.name in by_name and c.role in ("node", "ac") and in_thread(c)
-    }
-    return check_deployed(flat, module, AssumedTimes(by_name[dm], by_name[sc], nodes), diagnostics)
+    others = [c for c in flat.components if c.name in by_name and c.role in ("node", "ac")]
+    nodes = {c.name: by_name[c.name] for c in others if in_thread(c)}
+    elsewhere = {c.name: by_name[c.name] for c in others if not in_thread(c)}
+    assumed = AssumedTimes(by_name[dm], by_name[sc], nodes, elsewhere=elsewhere)
+    return check_deployed(flat, module, assumed, diagnostics)
 
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:

@@ -152,7 +152,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         modes=modes if modes.topics or modes.margins else None,
         influences=at.influences,
         commands=commands,
-        parameter_start=tuple(inputs.parameter_start),
+        parameter_starts=tuple(inputs.parameter_starts),
         schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),

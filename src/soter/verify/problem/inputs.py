@@ -48,7 +48,7 @@ class Inputs:
     other_ranges: list[Interval] = field(default_factory=list)
     parameter_leaves: list[Leaf] = field(default_factory=list)
     parameters: list[DiscreteParameter] = field(default_factory=list)
-    parameter_start: list[int] = field(default_factory=list)
+    parameter_starts: list[tuple[int, ...]] = field(default_factory=list)
     still: set[int] = field(default_factory=set)
     """States without dynamics: constants of a run, over their initial range."""
 
@@ -127,7 +127,7 @@ def _states(
                 )
             else:
                 _parameter(leaf, t, variable.span, inputs, diagnostics)
-                inputs.parameter_start.append(int(value))
+                inputs.parameter_starts.append(tuple(sorted({int(value), int(there)})))
 
 
 def _parameter(leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics) -> None:

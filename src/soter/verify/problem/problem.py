@@ -249,8 +249,8 @@ class Problem:
     """The module that stands in the place of AC, the one in the place of its AC, and so on."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""
-    parameter_start: tuple[int, ...] = ()
-    """Declared first value of each parameter."""
+    parameter_starts: tuple[tuple[int, ...], ...] = ()
+    """First values of each parameter: the declared one, and that of the map of what flies."""
     still: frozenset[int] = frozenset()
     """States without dynamics: constants of a run."""
     schemes: tuple[tuple[float, int, int], ...] = ()
@@ -267,6 +267,11 @@ class Problem:
     """The same module with its fail-safe law in the place of SC; None: none is declared."""
     law_unread: str = ""
     """Why a declared law determines no such problem."""
+
+    def starts_with(self, parameter: tuple[int, ...]) -> bool:
+        """Whether a run may start with these values of the parameters."""
+        pairs = zip(parameter, self.parameter_starts, strict=True)
+        return all(value in starts for value, starts in pairs)
 
     @property
     def returning(self) -> str:

@@ -39,13 +39,15 @@ class AssumedTimes:
     """The times that a proof of a module counts with.
 
     `nodes`: by full name, of those that are followed and stand in the thread; `in_step`: full names
-    of nodes behind SC in its instant.
+    of nodes behind SC in its instant; `elsewhere`: of those that are followed in processes of their
+    own, zero where one counts as a node behind SC in its instant.
     """
 
     dm: Pair
     sc: Pair
     nodes: dict[str, Pair] = field(default_factory=dict)
     in_step: tuple[str, ...] = ()
+    elsewhere: dict[str, Pair] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -145,6 +147,7 @@ def check_deployed(
 
     What a proof rests on here, in words; nothing where no execution times are declared.
     """
+    _check_elsewhere(flat, module, assumed, diagnostics)
     deployment = deployed(flat, module, assumed)
     if deployment is None:
         return []
@@ -156,8 +159,8 @@ def check_deployed(
         return _too_long(flat, module, diagnostics)
     pairs = {"dm": (assumed.dm, deployment.dm), "sc": (assumed.sc, deployment.sc)}
     pairs |= {n: (pair, deployment.nodes[n]) for n, pair in assumed.nodes.items()}
-    wrong = list(_beyond(pairs, deployment))
-    if wrong:
+    at = deployment.late_at if timing.exact else {}
+    if wrong := list(_beyond(pairs, at)):
         diagnostics.error(
             "R033",
             f"the thread of system `{flat.name}` does not keep the times of the proof of "
@@ -192,12 +195,28 @@ def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[st
     return []
 
 
-def _beyond(pairs: dict[str, tuple[Pair, Pair]], deployment: DeployedTimes) -> Iterator[str]:
-    """What is later or longer than a proof counts with, with a release at which it is."""
+def _check_elsewhere(
+    flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
+) -> None:
+    """R033 where a node in a process of its own says longer times than a proof counts with."""
+    said = {n: flat.component(n) for n in assumed.elsewhere}
+    pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in said.items()}
+    if wrong := list(_beyond(pairs, {})):
+        diagnostics.error(
+            "R033",
+            f"nodes of system `{flat.name}` do not keep the times of the proof of `{module.name}`",
+            _place(module),
+            notes=(*wrong, "they run in processes of their own, and say these times themselves"),
+            helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
+        )
+
+
+def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
+    """What is later or longer than a proof counts with, with the release where that is known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
-            when = f" at {show_ns(deployment.late_at[name])}" if deployment.timing.exact else ""
+            when = f" at {show_ns(late_at[name])}" if name in late_at else ""
             yield (
                 f"{who} may start {show_ns(needed[0])} after its release{when}, "
                 f"the proof counts with {show_ns(assumed[0])}"

@@ -92,16 +92,18 @@ def times_of(
 
 
 def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
-    """What the proof counts with, of everybody on the way who runs in the thread."""
+    """What the proof counts with, of everybody on the way."""
     at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _stations(q)}
     at.update((n, chains.releases[n]) for n in chains.behind)
+    in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
+    elsewhere = {n.name: (0, 0) for n in in_step if not in_thread(n)}
+    elsewhere |= {n.name: (r.late, r.response) for n, r in at.items() if not in_thread(n)}
     return AssumedTimes(
         dm=(schedule.dm.late, schedule.dm.response),
         sc=(schedule.sc.late, schedule.sc.response),
         nodes={n.name: (r.late, r.response) for n, r in at.items() if in_thread(n)},
-        in_step=tuple(
-            dict.fromkeys(n.name for w in chains.ways for n in w.in_step if in_thread(n))
-        ),
+        in_step=tuple(n.name for n in in_step if in_thread(n)),
+        elsewhere=elsewhere,
     )
 
 

@@ -17,7 +17,7 @@ from unit.verify.diagnosis.tank_modules import TANK, changed
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.certificate.rechecker import Report
+    from soter.certificate.report import Report
     from soter.verify.claims.results import ModuleResult
 
 TTF = "ttf level < 0.25 || level > 1.75;"

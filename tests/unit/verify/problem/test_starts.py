@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import load
+from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.language.evaluate.abstraction_start import start_behind
-from soter.language.front_end import check_file, system_of
+from soter.language.front_end import check_file, system_of, system_to_prove
 from soter.verify.problem.assumption import texts
+from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -105,6 +107,99 @@ def test_the_re_checker_sees_it_by_itself(tmp_path: Path, monkeypatch: pytest.Mo
     path = tmp_path / "p.soter"
     path.write_text(text("3.5"))
     monkeypatch.setattr(inputs, "start_behind", lambda *_: None)
+    (module,) = load(path).verify(cert=tmp_path / "cert", refute=False).modules
+    assert str(module.findings["start"].verdict) == "proved"
+    recheck_report = recheck(tmp_path / "cert")
+    assert not recheck_report.accepted
+    assert "initial state" in recheck_report.reason
+
+
+# ---------------------------------------------------------------- parameters
+
+FLOWN = """\
+soter 1;
+type Plan = enum {{ A, B, C }};
+type Way = {{ to: Plan, laps: int in [0, 2] }};
+type Seen = {{ narrow: bool, x: float }};
+topic place: float max_age 20ms;
+topic asked: {of} = {asked};
+topic seen: Seen max_age 20ms;
+topic u: float in [-1.0, 1.0];
+plant Body period 10ms {{ reads u; drives place = p; state p: float = {start}; der p = u; }}
+plant Tube period 10ms {{
+  reads u; drives seen = {{ narrow: narrow(which), x: p }};
+  state which: {of} = {own};
+  state p: float = 0.0;
+  der p = u;
+}}
+fun narrow(asked: {of}): bool {{ return {seen}; }}
+fun room(m: Seen): float {{ return m.narrow ? 1.0 : 2.0; }}
+node Asks period 1s {{ publishes asked; step {{ publish asked = {asked}; }} }}
+node Sees period 10ms {{
+  subscribes place, asked; publishes seen;
+  step {{ publish seen = {{ narrow: narrow(asked), x: place }}; }}
+}}
+node Fast period 20ms {{ publishes u; step {{ publish u = 1.0; }} }}
+node Slow period 20ms {{
+  subscribes seen; publishes u; step {{ publish u = clamp(-2.0 * seen.x, -1.0, 1.0); }}
+}}
+rta Keep {{
+  ac Fast; sc Slow; period 20ms;
+  safe abs(seen.x) < room(seen);
+  ttf abs(seen.x) > room(seen) - 0.4; safer abs(seen.x) < room(seen) - 0.7;
+  verify {{
+    abstracts a by m: Tube = {{ which: asked, p: a.truth.p }};
+    grid m.p in [-2.0, 2.0] / 40;
+  }}
+}}
+system S {{ a: Body; node Asks; node Sees; module Keep; until 1s; }}
+"""
+"""What is asked decides how much room there is; it is asked before anything is published."""
+KINDS = {
+    "enum": {"of": "Plan", "own": "Plan.A", "asked": "Plan.B", "seen": "asked == Plan.B"},
+    "bool": {"of": "bool", "own": "false", "asked": "true", "seen": "asked"},
+    "int": {"of": "int in [0, 2]", "own": "0", "asked": "2", "seen": "asked == 2"},
+    "record": {
+        "of": "Way",
+        "own": "{ to: Plan.A, laps: 1 }",
+        "asked": "{ to: Plan.A, laps: 2 }",
+        "seen": "asked.laps == 2",
+    },
+}
+STARTS = {"enum": ((0, 1),), "bool": ((0, 1),), "int": ((0, 2),), "record": ((0,), (1, 2))}
+
+
+def flown(kind: str, start: str = "1.5") -> str:
+    return FLOWN.format(start=start, **KINDS[kind])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parameters_start_where_the_map_puts_them(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(flown(kind))
+    checked = check_file(str(path))
+    flat = system_to_prove(checked, "S")
+    assert extract(flat, flat.modules[0]).parameter_starts == STARTS[kind]
+    found = [p.begins for p in read_facts(flat, "Keep").parameters]
+    assert tuple(tuple(sorted(set(begins))) for begins in found) == STARTS[kind]
+
+
+@pytest.mark.parametrize(("start", "expected"), [("1.5", "undecided"), ("0.1", "proved")])
+def test_the_start_lies_among_the_sets_of_the_parameters_that_fly(
+    tmp_path: Path, start: str, expected: str
+) -> None:
+    """Declared is a wide tube, in which 1.5 is fine; flown is a narrow one."""
+    assert verdict(tmp_path, flown("enum", start))[0] == expected
+
+
+def test_the_re_checker_sees_the_start_of_parameters_by_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.verify.problem.problem import Problem
+
+    path = tmp_path / "p.soter"
+    path.write_text(flown("enum"))
+    monkeypatch.setattr(Problem, "starts_with", lambda _, values: values == (0,))
     (module,) = load(path).verify(cert=tmp_path / "cert", refute=False).modules
     assert str(module.findings["start"].verdict) == "proved"
     recheck_report = recheck(tmp_path / "cert")

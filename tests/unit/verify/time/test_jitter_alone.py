@@ -79,6 +79,17 @@ def test_an_induction_counts_with_jitter_that_stands_alone() -> None:
     assert codes_of(text_of(TENS, late, verify=enough)) == []
 
 
+@pytest.mark.parametrize("says", ["jitter 4ms;", "wcet 4ms;"])
+def test_an_induction_counts_with_what_an_ac_elsewhere_says(says: str) -> None:
+    says_it = "publishes candidate; \n  step { publish candidate = choose Plan; } }"
+    here = f"node Any period 10000us {{\n  {says_it}"
+    there = f'extern node Any period 10000us from "c:a.c:a" {{ publishes candidate; {says} }}'
+    enough = text_of(TENS, {}, verify="late Any 4ms; response Any 4ms;")
+    assert here in enough
+    assert codes_of(text_of(TENS, {}).replace(here, there)) == ["R033"]
+    assert codes_of(enough.replace(here, there)) == []
+
+
 def test_the_table_of_check_says_who_has_no_wcet() -> None:
     checked = check_file("plans.soter", text_of(TENS, {"Follower": "jitter 6ms;"}))
     (timing,), diagnostics = timing_reports([system_to_prove(checked, "S")])

@@ -18,7 +18,7 @@ from soter.verify.verify_module import verify_module
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.certificate.rechecker import Report
+    from soter.certificate.report import Report
     from soter.verify.claims.results import ModuleResult
 
 ms = 1_000_000
