@@ -14,7 +14,7 @@ nothing is given.
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from flint import arb
@@ -25,7 +25,7 @@ from soter.certificate.terms.operations import CERTAIN, DEMAND, OPERATIONS, PART
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    Number = arb | "Value"
+    Number: TypeAlias = "arb | Value"
 
 CONSTANT, INPUT = "constant", "input"
 
