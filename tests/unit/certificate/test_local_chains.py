@@ -129,6 +129,7 @@ def model_of(
         )
     )
     facts = small_proofs.facts_of(path, "S", "Module")
+    facts.times["d_ns"] = age * 10**6  # as of a sensor that may be so late
     return CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
 
 
