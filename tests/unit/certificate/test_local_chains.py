@@ -13,12 +13,12 @@ from flint import arb
 
 from soter.certificate.cells.cell_sets import Grid
 from soter.certificate.grid.flow_chains import FlowChain, Times
-from soter.certificate.grid.flow_enclosures import Enclosure, LocalFlow, integral_of
+from soter.certificate.grid.flow_enclosures import Enclosure, LocalFlow, SolvedFlow, integral_of
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, delays, windows
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.operations import NotCertainError
@@ -129,6 +129,7 @@ def model_of(
         )
     )
     facts = small_proofs.facts_of(path, "S", "Module")
+    facts.times["d_ns"] = age * 10**6  # as of a sensor that may be so late
     return CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
 
 
@@ -147,10 +148,13 @@ TWO = (
 def local_chain(
     model: CaseModel, kept: Sequence[tuple[bool, bool]] = ((False, False),) * 2
 ) -> FlowChain:
-    """The chain of the two states, as of a flow that is not linear."""
+    """The chain of the two states, over balls."""
     delta, d, j = (t * NANOSECOND for t in (model.facts.times["delta_ns"], *delays(model)))
     times = Times(delta, d, j, j, (-d, Fraction(0)))
-    return FlowChain(model, (0, 1), LocalFlow(model, (0, 1), kept), times)
+    flow: LocalFlow | SolvedFlow = LocalFlow(model, (0, 1), kept)
+    if is_linear(model, (0, 1)):
+        flow = SolvedFlow(model, (0, 1), linear_flow(model, (0, 1)), kept)
+    return FlowChain(model, (0, 1), flow, times)
 
 
 def group_of(model: CaseModel) -> GroupTables:
@@ -578,7 +582,7 @@ def crafted(depth: int, state: Floats, old: Floats) -> tuple[arb, ...]:
 
 @pytest.mark.parametrize("pieces", [1, 3])
 @pytest.mark.parametrize("times", [(15, 20, 3), (50, 20, 2), (75, 20, 4)])
-@pytest.mark.parametrize("name", ["drag", "product"])
+@pytest.mark.parametrize("name", ["drag", "product", "linear"])
 def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, looked at thrice
     tmp_path: Path, name: str, times: tuple[int, int, int], pieces: int
 ) -> None:
@@ -591,6 +595,8 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
     reached = {"sample": 0.0, "state": 0.0, "command": 0.0}
     for seed in range(8):
         state, old = draw.uniform(-0.4, 0.4, 2), draw.choice([-0.9, 0.9], local.depth)
+        if seed < 2:  # the latest command against all others
+            old = np.array([0.9, *[-0.9] * (local.depth - 1)]) * (1 - 2 * seed)
         form = crafted(local.depth, state, old)
         start = local.layout.opened(form, None)
         sample = local._sampled(start, fresh=False)

@@ -21,6 +21,8 @@ from soter.certificate.terms.arb_balls import (
     line_or_range,
 )
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
+from soter.certificate.terms.operations import OPERATIONS
+from soter.certificate.terms.straight_line import Builder, Function
 from soter.certificate.terms.terms import Linear, Terms
 from soter.language.front_end import check_file
 from soter.language.model import typed
@@ -317,3 +319,20 @@ def test_structure_stays_exact() -> None:
     assert e[1][0].is_zero()
     assert e[1][1] == 1
     assert e[0][1].contains(arb(0.05))
+
+
+@pytest.mark.parametrize("name", ["add", "sub", "mul"])
+def test_what_is_folded_is_what_is_computed(name: str) -> None:
+    """Zeros and ones that are known need no operation; the same of a program in a program."""
+    numbers = [exact(x) for x in (0.0, 1.0, -1.0, 2.5)]
+    for known in numbers:
+        make = Builder()
+        x = make.input(0)
+        both = [make.apply(name, known, x), make.apply(name, x, known)]
+        function = Function(make, 1, both)
+        other = Builder()
+        again = Function(other, 1, function((other.input(0),)))
+        for y in (exact(-3.0), exact(0.125)):
+            expected = (OPERATIONS[name](known, y), OPERATIONS[name](y, known))
+            assert function((y,)) == expected
+            assert again((y,)) == expected

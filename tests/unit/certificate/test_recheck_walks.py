@@ -277,52 +277,27 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[CaseModel, GroupTab
     return model, GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
 
 
-def test_steps_without_boxes_give_the_same_forms(small: tuple[CaseModel, GroupTables]) -> None:
-    model, group = small
-    chain = ChainCheck(model, group).chain(1)
-    for i in range(12):
-        form = form_of_box(group.grid.box(((i, i + 1), (4, 6))), symbols=True)
-        for k in range(4):
-            full = (chain.first, chain.later)[k > 0](form)
-            bare = chain.bare[k > 0](form)
-            assert bare is not None
-            assert bare[1] == ()
-            if full is None:
-                break
-            assert [str(x) for x in full[0]] == [str(x) for x in bare[0]]
-            form = full[0]
-
-
-def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
-    small: tuple[CaseModel, GroupTables], monkeypatch: pytest.MonkeyPatch
+def test_a_block_is_followed_while_all_of_it_is_within(
+    small: tuple[CaseModel, GroupTables],
 ) -> None:
-    """`seen` is written for the block alone, and only as far as it was within."""
+    """Every number of holds that is wanted, in parts as in one, and none from where it is left."""
     model, group = small
     check = ChainCheck(model, group)
     everywhere = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
-    seen = np.zeros(group.grid.shape, dtype=np.uint16)
-    at = ((5, 7), (4, 6))
-    whole = list(check.reached(at, [2, 5], everywhere, seen))
-    assert [k for k, _ in whole] == [2, 5]
-    assert (seen[5:7, 4:6] == 5).all()
-    assert seen.sum() == 4 * 5
-    assert list(check.reached(at, [2, 5], everywhere, seen)) == whole
-    looked: list[int] = []
-    contains_all = everywhere.contains_all
-
-    def noted(boxes: Sequence[float]) -> bool:
-        looked.append(len(boxes))
-        return contains_all(boxes)
-
-    monkeypatch.setattr(everywhere, "contains_all", noted)
-    list(check.reached(at, [2], everywhere, seen))
-    assert [n > 0 for n in looked] == [False, False, True], "only the end of the last hold"
-    looked.clear()
-    list(check.reached(((5, 8), (4, 6)), [2], everywhere, seen))
-    assert [n > 0 for n in looked] == [True, True, True]
-    edge = ((11, 12), (9, 10))  # at the wall, as fast as the grid goes
-    assert list(check.reached(edge, [3], everywhere, seen)) == []
-    assert seen[11, 9] < 3
+    box = group.grid.box(((5, 7), (4, 6)))
+    whole = dict(check.reached(box, [2, 5], everywhere, 1))
+    assert list(whole) == [2, 5]
+    assert all(len(ends) == 1 for ends in whole.values())
+    assert check.leads(box, 5, everywhere, lambda end: end in whole[5], 1)
+    assert not check.leads(box, 5, everywhere, lambda end: end in whole[2], 1)
+    halves = dict(check.reached(box, [2, 5], everywhere, 1, cuts=1))
+    assert [len(ends) for ends in halves.values()] == [1, 2]
+    for axis in (0, 1):  # the parts together are no larger than the whole
+        low, high = whole[5][0][2 * axis : 2 * axis + 2]
+        assert min(end[2 * axis] for end in halves[5]) >= low
+        assert max(end[2 * axis + 1] for end in halves[5]) <= high
+    edge = group.grid.box(((11, 12), (9, 10)))  # at the wall, as fast as the grid goes
+    assert list(check.reached(edge, [3], everywhere, 1)) == []
 
 
 def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]) -> None:

@@ -177,9 +177,6 @@ class Cells:
     def count(self, block: Block) -> int:
         """Members in a block."""
         sums, strides = self._sums, self._strides
-        if len(block) == 2:
-            ((a, b), (c, d)), s = block, strides[0]
-            return sums[b * s + d] - sums[a * s + d] - sums[b * s + c] + sums[a * s + c]
         total = 0
         for corner in product((0, 1), repeat=len(block)):
             at, sign = 0, 1
@@ -231,29 +228,6 @@ def parts(block: Block, count: int) -> list[Block]:
     return blocks
 
 
-def uncovered(
-    todo: Cells, block: Block, attempt: Callable[[Block], bool], largest: int
-) -> Iterator[Block]:
-    """Cells of `todo` in the block for which nothing worked.
-
-    `attempt` is made on blocks that consist of such cells and have at most `largest`; what holds
-    for the block holds for its cells.
-    """
-    waiting = [block]
-    while waiting:
-        block = waiting.pop()
-        wanted = todo.count(block)
-        if wanted == 0:
-            continue
-        size = volume(block)
-        if wanted == size and size <= largest and attempt(block):
-            continue
-        if size == 1:
-            yield block
-        else:
-            waiting.extend(halves(block))
-
-
 def unshown(
     todo: NDArray[np.bool_],
     block: Block,
@@ -285,6 +259,17 @@ def unshown(
             yield at
         else:
             waiting.extend((half, limit) for half in halves(at))
+
+
+def uncovered(
+    todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
+) -> Iterator[Block]:
+    """The same where what holds of a block holds of its cells, all of which have to be wanted."""
+
+    def whole(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        return wanted if wanted.all() and attempt(at) else np.zeros_like(wanted)
+
+    return unshown(todo, block, whole, largest)
 
 
 def finer(

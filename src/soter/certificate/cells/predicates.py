@@ -238,4 +238,4 @@ def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterat
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
         return check.decision.holds_in(grid, at, splits)
 
-    return uncovered(Cells(grid, ~free), block, attempt, volume(grid.whole))
+    return uncovered(~free, block, attempt, volume(grid.whole))

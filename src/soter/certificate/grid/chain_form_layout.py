@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
-from soter.certificate.terms.rows import dot, product, total, units
+from soter.certificate.terms.rows import dot, product, sum_of_sizes, total, units
 from soter.certificate.terms.straight_line import applied
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ class FormLayout:
         """
         n = self.n
         a = [applied("mid", 2 * own[i] - dot(own, [row[i] for row in way.rows])) for i in range(n)]
-        rest = dot(map(abs, a), way.rest)
+        rest = sum_of_sizes(a, way.rest)
         left = (x - dot(a, column) for x, *column in zip(values, *spread, strict=True))
         return [*values[: 1 + n], rest + spread_of(list(left)[1 + n :])], a
 

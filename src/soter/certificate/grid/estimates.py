@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from flint import arb
+    from numpy.typing import NDArray
 
     from soter.certificate.cells.cell_sets import Block
     from soter.certificate.grid.group_claims import FreeCheck, GroupTables
@@ -63,7 +64,7 @@ def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 
 
 def levels_hold(
-    model: CaseModel, group: GroupTables, claimed: Cells, inside: Cells, block: Block
+    model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
     """Cells of estimates, some state behind which is not certainly inside."""
 
@@ -73,7 +74,9 @@ def levels_hold(
     return uncovered(claimed, block, attempt, 1 << 20)
 
 
-def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
+def drifts(
+    check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
+) -> Iterator[Block]:
     """Cells of estimates, some state behind which may be driven out of `within` in time."""
     grid = check.group.grid
 

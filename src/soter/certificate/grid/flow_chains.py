@@ -40,7 +40,7 @@ from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.operations import DEMAND, NotCertainError, grown
-from soter.certificate.terms.rows import beside, dot, plus, product, units
+from soter.certificate.terms.rows import beside, dot, plus, product, sum_of_sizes, units
 from soter.certificate.terms.straight_line import applied
 from soter.certificate.terms.terms import NotRecheckedError
 
@@ -52,10 +52,10 @@ if TYPE_CHECKING:
         Enclosure,
         Interval,
         LocalFlow,
-        Solution,
         SolvedFlow,
     )
     from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.reading.linear_flows import Solution
     from soter.certificate.terms.rows import Rows
     from soter.certificate.terms.straight_line import Function
 
@@ -194,7 +194,7 @@ class FlowChain:
             row[-1] += constant
             row[k - 1 - q] = ONE
             rows.append(row)
-            start.z[k - 1 - q][k - q] = spread + dot(list(map(abs, gain)), sample.rest)
+            start.z[k - 1 - q][k - q] = spread + sum_of_sizes(gain, sample.rest)
             ranges.append((low, high))
         return CommandRows(rows, ranges)
 
@@ -323,11 +323,6 @@ class FlowChain:
 
 
 # ---------------------------------------------------------------- helpers
-
-
-def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
-    """What these add at most."""
-    return dot(list(map(abs, row)), sizes) if sizes else ZERO
 
 
 def _apart(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value

@@ -47,7 +47,16 @@ from soter.certificate.terms.arb_balls import (
 )
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.rows import beside, dot, plus, product, times, total, units
+from soter.certificate.terms.rows import (
+    beside,
+    dot,
+    plus,
+    product,
+    sum_of_sizes,
+    times,
+    total,
+    units,
+)
 from soter.certificate.terms.straight_line import applied
 from soter.certificate.terms.terms import NotRecheckedError, Proposition, inputs_of
 
@@ -57,10 +66,9 @@ if TYPE_CHECKING:
 
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.rows import Rows
-    from soter.certificate.terms.straight_line import Number
     from soter.certificate.terms.terms import Terms
 
-    Interval = tuple[Number, Number]
+    Interval = tuple[Any, Any]
 
 ROUNDS = 8
 """How often a box is enlarged before there is none."""
@@ -134,7 +142,8 @@ class SolvedFlow(KeptEnds):
         self.moves = [k for k in columns if any(not row[k].is_zero() for row in flow.b)]
         """Controls that this group feels."""
         self.ranges = [flow.ranges[k] for k in self.moves]
-        self.flow = replace(flow, b=self._felt(flow.b), ranges=tuple(self.ranges))
+        felt = [[row[k] for k in self.moves] for row in flow.b]
+        self.flow = replace(flow, b=felt, ranges=tuple(self.ranges))
         self.disturbed = [total(map(abs, row)) for row in flow.noise]
         self._solution = lru_cache(maxsize=None)(self.flow.solution)
         self._added = lru_cache(maxsize=None)(self._added_within)
@@ -143,10 +152,6 @@ class SolvedFlow(KeptEnds):
         """Into how many a span is cut at least."""
         del span
         return 1
-
-    def _felt(self, control: Rows) -> Rows:
-        """The columns of the controls that the group feels."""
-        return [[row[k] for k in self.moves] for row in control]
 
     def around(
         self, box: Sequence[Interval], commands: Sequence[Interval], start: Fraction, end: Fraction
@@ -177,10 +182,10 @@ class SolvedFlow(KeptEnds):
 
     def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
         """What disturbances add at most, and each command that is anything in [-1, 1]."""
-        flow = self.flow
-        columns = [[[row[k]] for row in flow.b] for k in range(len(self.moves))]
-        gains = [flow.added(column, start, end) for column in columns]
-        return flow.added(flow.noise, start, end), [list(row) for row in zip(*gains, strict=True)]
+        flow, columns = self.flow, range(len(self.moves))
+        gains = [flow.added([[row[k]] for row in flow.b], start, end) for k in columns]
+        rows = [[gain[i] for gain in gains] for i in range(self.n)]
+        return flow.added(flow.noise, start, end), rows
 
     def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """Where the states are in the end, by `box` and by an enclosure of all of the span."""
@@ -202,9 +207,7 @@ class SolvedFlow(KeptEnds):
         """What disturbances add, and commands that are so far off at any time, in [start, end]."""
         del enclosure
         noise, gains = self._added(start, end)
-        return (
-            [x + dot(row, radii) for x, row in zip(noise, gains, strict=True)] if radii else noise
-        )
+        return [x + sum_of_sizes(row, radii) for x, row in zip(noise, gains, strict=True)]
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """That of e^{As} over [0, t], for all t in [start, end]."""
@@ -368,9 +371,8 @@ class LocalFlow(KeptEnds):
         major = [list(map(magnitude, row)) for row in enclosure.a]
         for i, row in enumerate(enclosure.a):
             major[i][i] = row[i] if start >= 0 else (-row[i] if end <= 0 else major[i][i])
-        sizes = list(enclosure.noise)
-        for i, row in enumerate(enclosure.b if radii else ()):
-            sizes[i] += dot(list(map(magnitude, row)), radii)
+        pairs = zip(enclosure.noise, enclosure.b, strict=True)
+        sizes = [x + sum_of_sizes(row, radii) for x, row in pairs]
         return times(integral_of(major, exact(max(-start, end))), sizes)
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:

@@ -265,7 +265,7 @@ class GridCheck(GroupCheck):
             return ()
         check = FreeCheck(self.model, self.tables, horizon_ns)
         check.phase(FREE_PIECES[0])
-        show = partial(free, check, Cells(self.grid, self.tables.free), self.kernel)
+        show = partial(free, check, self.tables.free, self.kernel)
         return blocks("some command leads out of K within H from", self.grid, show)
 
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
@@ -286,7 +286,7 @@ class GridCheck(GroupCheck):
         assert tables.free is not None
         if len(tables.levels) != facts.levels - 1:
             raise RejectedError("the tables S are not as many as the levels ask for")
-        levels = [Cells(self.grid, s) for s in tables.levels]
+        levels = tables.levels
         inside = Cells(self.grid, tables.free)
         show: Any = partial(levels_hold, self.model, tables, levels[0], inside)
         yield from blocks("an estimate in S_0 may be of a state outside R(H), in", self.grid, show)
@@ -295,9 +295,9 @@ class GridCheck(GroupCheck):
                 yield from blocks(what, self.grid, of_commands)
         check = FreeCheck(self.model, tables, between_ns)
         for k in range(1, len(levels)):
-            if (levels[k].members & ~levels[k - 1].members).any():
+            if (levels[k] & ~levels[k - 1]).any():
                 raise RejectedError(f"S_{k} is no part of S_{k - 1}")
-            calm = eroded(self.model, tables, levels[k - 1])
+            calm = eroded(self.model, tables, Cells(self.grid, levels[k - 1]))
             if not self._never_left(calm):
                 show = partial(drifts, check, levels[k], calm)
                 what = f"S_{k} may be left for outside S_{k - 1} at once, from"

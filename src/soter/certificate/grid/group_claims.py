@@ -124,64 +124,43 @@ class ChainCheck:
         cuts: int = 0,
         window: Window = EVERY,
     ) -> bool:
-        """Whether after so many holds everything is in `target`, and in `within` all the time.
+        """Whether after so many holds everything is in `target`, and in `within` all the time."""
+        reached = self.reached(box, [holds], within, pieces, cuts=cuts, window=window)
+        return any(all(map(target, ends)) for _, ends in reached)
 
-        `cuts`: so often on the way sets are halved along what errors and disturbances made of them.
-        `window`: of the runs in it.
+    def reached(
+        self,
+        box: list[tuple[arb, arb]],
+        wanted: Sequence[int],
+        within: Cells,
+        pieces: int,
+        *,
+        cuts: int = 0,
+        window: Window = EVERY,
+    ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
+        """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
+
+        An N after which the box is not certainly within until N delta + j is left out. `cuts`: so
+        often on the way sets are halved along what errors and disturbances made of them. `window`:
+        of the runs in it.
         """
-        chain = self.chain(pieces, window)
-        set_ = _Within(within, box)
-        forms = [form_of_box(box, symbols=True)]
-        step: Step = chain.first
-        at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
-        for k in range(holds):
-            if k and k in at:
+        chain, set_ = self.chain(pieces, window), _Within(within, box)
+        forms, step, last = [form_of_box(box, symbols=True)], chain.first, max(wanted, default=0)
+        at = {last * k // (cuts + 1) for k in range(1, cuts + 1)} - {0}
+        for k in range(last):
+            if k in at:
                 forms = [part for f in forms for part in self._parts(f)]
             after = []
             for form in forms:
                 image = step(form)
                 if image is None or not set_.contains_all(image[1]):
-                    return False
+                    return
                 after.append(image[0])
-            forms = after
-            step = chain.later
-        for form in forms:
-            ends = self._after(chain, form, set_)
-            if ends is None or not all(target(box) for box in ends):
-                return False
-        return True
-
-    def reached(
-        self, at: Block, wanted: Sequence[int], within: Cells, seen: NDArray[np.uint16]
-    ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
-        """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
-
-        An N after which the box is not certainly within until N delta + j is left out. `seen`: for
-        each cell how many holds were seen to be within from some block that holds it. It has the
-        grid's shape.
-        """
-        if not wanted:
-            return
-        chain = self.chain(PIECES[0])
-        set_ = _Within(within, self.group.grid.box(at))
-        form = form_of_box(set_.start, symbols=True)
-        before = seen[block_index(at)]
-        known = int(before.min())
-        rising = iter(wanted)
-        following = next(rising)
-        for k in range(1, wanted[-1] + 1):
-            steps = chain.bare if k <= known else (chain.first, chain.later)
-            image = steps[k > 1](form)
-            if image is None or not set_.contains_all(image[1]):
-                return
-            form = image[0]
-            if k > known:
-                np.maximum(before, k, out=before)
-            if k == following:
-                following = next(rising, 0)
-                ends = self._after(chain, form, set_)
-                if ends is not None:
-                    yield k, ends
+            forms, step = after, chain.later
+            if k + 1 in wanted:
+                ends = [self._after(chain, form, set_) for form in forms]
+                if all(ends):
+                    yield k + 1, [end for some in ends for end in some or ()]
 
     def _after(
         self, chain: Chain, form: tuple[arb, ...], within: _Within
@@ -251,12 +230,11 @@ def witnessed(
     `witnesses`: the number of holds, 0 for none, in the grid's shape.
     """
     grid = check.group.grid
-    seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         own = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(at, holds_of(own, wanted), within, seen):
+        for holds, ends in check.reached(grid.box(at), holds_of(own, wanted), within, PIECES[0]):
             if all(target.contains(end) for end in ends):
                 shown |= wanted & (own == holds)
         return shown
@@ -292,12 +270,13 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
         return int(order[block_index(cells)].max())
 
     todo = (group.rank > 0) & ~home.members
-    seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         own, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(at, holds_of(own, wanted), everywhere, seen):
+        for holds, ends in check.reached(
+            grid.box(at), holds_of(own, wanted), everywhere, PIECES[0]
+        ):
             top = max(highest(end) for end in ends)
             shown |= wanted & (own == holds) & (ranks > top)
         return shown
@@ -352,7 +331,9 @@ class FreeCheck:
         return splits > 0 and any(finer(box, stays, splits) for stays in tried)
 
 
-def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
+def free(
+    check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
+) -> Iterator[Block]:
     """Cells of `claimed` that some command may drive out of `within`."""
     grid = check.group.grid
 

@@ -45,14 +45,11 @@ class Chain:
 
     `last`: from the form before the last switch to the boxes it may then be in, None where that
     is simply the box of the form. A box is a flat tuple low, high, low, high, ...
-    `bare`: first and later for parts of a set from which everything on the way was seen already:
-    no boxes, and what must hold was shown.
     """
 
     first: Step
     later: Step
     last: Step | None
-    bare: tuple[Step, Step]
 
 
 @dataclass(frozen=True)
@@ -109,15 +106,16 @@ def sc_chain(
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
         step = map_step(model, members)
-        return Chain(step, step, None, (step, step))
+        return Chain(step, step, None)
     delta, d, j = (t * NANOSECOND for t in (model.facts.times["delta_ns"], *delays(model)))
     times = Times(delta, d, *window.ends(j), window.taken(d))
     chain = FlowChain(model, members, _flow(model, members), times)
     cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
-    first, bare_first = _steps(chain, partial(chain.first, pieces), cell)
-    later, bare_later = _steps(chain, partial(chain.later, pieces), form)
-    last = _steps(chain, partial(chain.last, pieces), form)[0] if chain.span else None
-    return Chain(first, later, last, (bare_first, bare_later))
+    first = _step(chain, partial(chain.first, pieces), cell)
+    later = _step(chain, partial(chain.later, pieces), form)
+    return Chain(
+        first, later, _step(chain, partial(chain.last, pieces), form) if chain.span else None
+    )
 
 
 def free_phase(
@@ -129,7 +127,7 @@ def free_phase(
     delta = model.facts.times["delta_ns"] * NANOSECOND
     chain = FlowChain(model, members, _flow(model, members), Times(delta))
     free = partial(chain.free, time_ns * NANOSECOND, pieces)
-    return (_steps(chain, free, chain.layout.length(fresh=True))[0],)
+    return (_step(chain, free, chain.layout.length(fresh=True)),)
 
 
 def _flow(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
@@ -139,20 +137,13 @@ def _flow(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
     return LocalFlow(model, members, kept)
 
 
-def _steps(
-    chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int
-) -> tuple[Step, Step]:
-    """A step, and the same without boxes; written down once where the flow is solved once.
-
-    `length`: of its forms.
-    """
+def _step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
+    """A step over balls; written down once where the flow is solved once. `length`: of a form."""
     if isinstance(chain.flow, LocalFlow):
-        step = partial(_of_balls, image)
-        return step, step
+        return partial(_of_balls, image)
     make = Builder()
     form, boxes = image(tuple(make.input(i) for i in range(length)))
-    full = Function(make, length, [*form, *boxes], after=len(form))
-    return full, Function(make, length, form, after=len(form), demands=False)
+    return Function(make, length, [*form, *boxes], after=len(form))
 
 
 def _of_balls(

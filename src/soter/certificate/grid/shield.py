@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.estimates import drifts
 from soter.certificate.grid.flow_enclosures import LocalFlow
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.cells.cell_sets import Block, Cells
     from soter.certificate.grid.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component
@@ -128,7 +127,7 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
             check = FreeCheck(between, group, horizon)
             ends = f"[{edges[i]:g}, {edges[j + 1]:g}]"
             what = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
-            yield what, partial(drifts, check, Cells(group.grid, claimed), core)
+            yield what, partial(drifts, check, claimed, core)
 
 
 def cut(low: float, high: float, k: int, n: int) -> float:

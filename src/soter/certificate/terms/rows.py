@@ -55,3 +55,8 @@ def plus(a: Rows, b: Rows, factor: Any = ONE) -> Rows:  # noqa: ANN401  a ball o
 def beside(a: Rows, b: Rows) -> Rows:
     """Two matrices side by side."""
     return [[*x, *y] for x, y in zip(a, b, strict=True)]
+
+
+def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
+    """What factors make of numbers of these sizes at most; 0 of none."""
+    return dot(list(map(abs, row)), sizes) if sizes else ZERO

@@ -14,7 +14,7 @@ nothing is given.
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from flint import arb
@@ -25,7 +25,7 @@ from soter.certificate.terms.operations import CERTAIN, DEMAND, OPERATIONS, PART
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    Number = arb | "Value"
+    Number: TypeAlias = "arb | Value"
 
 CONSTANT, INPUT = "constant", "input"
 
@@ -178,12 +178,10 @@ class Function:
         length: int,
         outputs: Sequence[Any],
         after: int | None = None,
-        *,
-        demands: bool = True,
     ) -> None:
-        """`length`: of a form; without `demands` what must hold is taken to have been shown."""
+        """`length`: of a form."""
         outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
-        order = _needed(builder.values, outputs, demands=demands)
+        order = _needed(builder.values, outputs)
         constants = [v for v in order if v.is_constant]
         place = {id(v): length + k for k, v in enumerate(constants)}
         place |= {id(v): v.content for v in order if v.operation == INPUT}
@@ -230,11 +228,11 @@ class Function:
         return made if self._after is None else (made[: self._after], made[self._after :])
 
 
-def _needed(values: Sequence[Value], outputs: Sequence[Value], *, demands: bool) -> list[Value]:
+def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
     """What outputs and demands depend on, in the order in which it was made."""
     needed = {id(v) for v in outputs}
     for v in reversed(values):
-        if id(v) in needed or (demands and v.operation == DEMAND):
+        if id(v) in needed or v.operation == DEMAND:
             needed.add(id(v))
             needed.update(id(x) for x in v.arguments)
     return [v for v in values if id(v) in needed]

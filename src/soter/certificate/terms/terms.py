@@ -428,3 +428,6 @@ def closure(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
             if atom.condition is not None:
                 todo.append(atom.condition)
     return indices
+
+
+__all__ = ["Atom", "Linear", "NotRecheckedError", "Proposition", "Terms"]
