@@ -79,7 +79,7 @@ class SolverReading(CodeReader):
     def truth(self, e: typed.TypedExpr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
         _, value = self.tried(True, lambda: self.expression(e))
-        return bool(value) if value is None else value, one_of(self.make.fault, self.make.doubt)
+        return (False if value is None else value), one_of(self.make.fault, self.make.doubt)
 
     def run(self, body: Sequence[typed.TypedStmt], frame: CallFrame, where: Term = True) -> Term:
         """Statements that run under a condition; what they return. NotRecheckedError as `value`."""
