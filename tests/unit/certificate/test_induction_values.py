@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import shutil
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +116,9 @@ def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None
     (k,) = fun.parameters
     for given in (z3.Int("k"), 1):
         reading = SolverReading(sight_of_nothing())
-        assert reading.run(fun.body or (), CallFrame({k: given})) is None
+        body, frame = fun.body or (), CallFrame({k: given})
+        fine, _ = reading.tried(True, partial(reading.block, body, frame))
+        assert not fine
         assert reading.make.fault is True
 
 

@@ -28,7 +28,6 @@ from soter.certificate.induction.solver_values import (
     term,
     unknown,
 )
-from soter.certificate.reading.symbolic_reading import CallFrame
 from soter.certificate.reading.symbolic_values import is_known
 from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.model import typed
@@ -242,15 +241,11 @@ class TransitionSystem:
         assert node is not None
         reading = SolverReading(self._sight(c, at, on))
         before = now["locals", c.index]
-        frame = CallFrame(dict(zip(node.locals, before, strict=True)))
-        reading.run(node.takeover or (), frame, both(on, negation(now["had", c.index])))
-        reading.run(node.step, frame)
+        taken = both(on, negation(now["had", c.index]))
+        behind, said = reading.step(node, before, taken)
         fault, doubt = reading.make.fault, reading.make.doubt
-        said = {}
-        for symbol, (flag, published) in frame.published.items():
+        for symbol, (flag, value) in said.items():
             topic = flying.topics[c.scope.topics[symbol]]
-            value = shaped(topic.type, published, self.constraints)
-            said[symbol] = flag, value
             refused = both(flag, negation(inside(value, topic.type, topic.bounds)))
             if is_exact(topic.type):
                 fault = one_of(fault, refused)
@@ -269,10 +264,7 @@ class TransitionSystem:
                 own = shaped(flying.topics[i].type, c.failsafe[i], self.constraints)
                 value = either(gone, own, value)
             _publish(after, i, both(on, either(gone, i in c.failsafe, flag)), value, at)
-        locals_after = tuple(
-            shaped(v.type, frame.variables[v], self.constraints) for v in node.locals
-        )
-        after["locals", c.index] = either(gone, before, locals_after)
+        after["locals", c.index] = either(gone, before, behind)
         after["had", c.index] = either(gone, now["had", c.index], on)
         after["latched", c.index] = gone
         return after
