@@ -145,7 +145,7 @@ ROOMS = {
         17,
         "one elaborator and what it places: a file a part of a system, found by its name",
     ),
-    "tests/generators": (73, "each makes one kind of input; nobody reads two of them at once"),
+    "tests/generators": (74, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (106, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
     "tests/unit/report": (19, "as above"),

@@ -1,15 +1,26 @@
-"""Constants and arrays in inductions: read as programs mean them, wrong ones told apart."""
+"""What inductions read of code: as programs mean it, wrong constants and arrays told apart."""
 
 from __future__ import annotations
 
+import random
 import shutil
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.random_functions import FunctionMaker
+from long_tests import some
 from soter.api import recheck
 from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.reading.symbolic_reading import (
+    CallFrame,
+    CodeReader,
+    Surroundings,
+    SymbolicReader,
+)
+from soter.certificate.terms.terms import Terms
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
@@ -18,7 +29,10 @@ from unit.certificate import small_proofs
 from unit.certificate.test_recheck_induction import PLANNER, certificate
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
+
+    from soter.language.model import typed
 
 z3 = pytest.importorskip("z3")
 
@@ -28,7 +42,6 @@ from soter.certificate.induction.solver_reading import (  # noqa: E402 - needs t
 )
 from soter.certificate.induction.solver_values import flat as terms_of  # noqa: E402
 from soter.certificate.induction.solver_values import unknown  # noqa: E402
-from soter.certificate.reading.symbolic_reading import CallFrame  # noqa: E402
 
 # ---------------------------------------------------------------- constants
 
@@ -103,7 +116,9 @@ def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None
     (k,) = fun.parameters
     for given in (z3.Int("k"), 1):
         reading = SolverReading(sight_of_nothing())
-        assert reading.run(fun.body or (), CallFrame({k: given})) is None
+        body, frame = fun.body or (), CallFrame({k: given})
+        fine, _ = reading.tried(True, partial(reading.block, body, frame))
+        assert not fine
         assert reading.make.fault is True
 
 
@@ -353,3 +368,64 @@ def sight_of_nothing() -> VisibleValues:
         raise AssertionError
 
     return VisibleValues(scope, none, none, mode=0, module=0, in_control=True, facts=[])
+
+
+# ---------------------------------------------------------------- functions that are drawn
+
+FAULT = "it faults"
+POINTS = [(a, b, c) for a in (-3, 0, 1, 2, 6) for b in (-1, 2) for c in (False, True)]
+DRAWN = 6
+"""Of one program."""
+
+
+def functions(folder: Path, seed: int) -> list[typed.FunSymbol]:
+    """Functions that are drawn; a program with an index that is outside for sure has none."""
+    maker = FunctionMaker(random.Random(seed))  # noqa: S311 - no secret
+    found: list[typed.FunSymbol] = []
+    for _ in range(DRAWN):
+        path = folder / "functions.soter"
+        path.write_text(f"soter 1;\n{maker.function()}\n")
+        checked = check_file(str(path))
+        if checked.ok and checked.program is not None:
+            found += checked.program.funs.values()
+    assert found
+    return found
+
+
+def tried(run: Callable[[], Any]) -> Any:
+    """What it gives, or that it faults."""
+    try:
+        return run()
+    except StepFault:
+        return FAULT
+
+
+@pytest.mark.parametrize("seed", some(range(40), 4))
+def test_what_is_known_is_what_the_evaluator_gives(seed: int, tmp_path: Path) -> None:
+    for fun in functions(tmp_path, seed):
+        evaluate = Evaluator({}).function(fun)
+        for at in POINTS:
+            value = tried(lambda e=evaluate, x=at: e(Environment(), x))  # type: ignore[misc]
+            terms, solver = Terms(), SolverReading(sight_of_nothing())
+            readers: list[CodeReader] = [SymbolicReader(terms, Surroundings({}, {})), solver]
+            for reader in readers:
+                assert tried(lambda r=reader, f=fun, x=at: r.called(f, x)) == value, at  # type: ignore[misc]
+            assert (terms.obligations, solver.make.fault, solver.make.doubt) == ([], False, False)
+
+
+@pytest.mark.parametrize("seed", some(range(40), 4))
+def test_what_is_read_of_any_values_is_so_at_each(seed: int, tmp_path: Path) -> None:
+    for fun in functions(tmp_path, seed):
+        reader = SolverReading(sight_of_nothing())
+        given = tuple(unknown(p.type, p.name, reader.sight.facts) for p in fun.parameters)
+        _, value = reader.tried(True, lambda r=reader, f=fun, x=given: r.called(f, x))  # type: ignore[misc]
+        assert reader.make.doubt is False
+        evaluate = Evaluator({}).function(fun)
+        for at in POINTS:
+            pairs = list(zip(terms_of(given), terms_of(at), strict=True))
+            (fault,) = (z3.substitute(x, *pairs) for x in terms_of(reader.make.fault))
+            true = tried(lambda e=evaluate, x=at: e(Environment(), x))  # type: ignore[misc]
+            assert z3.is_true(z3.simplify(fault)) is (true == FAULT), at
+            if true != FAULT:
+                (result,) = (z3.substitute(x, *pairs) for x in terms_of(value))
+                assert z3.simplify(result).as_long() == true, at

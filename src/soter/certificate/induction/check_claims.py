@@ -185,7 +185,8 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     run = TransitionSystem(facts, first=False, fresh=True)
     run.run(turns * facts.turn)
     solver = _solver(run)
-    solver.add(*[i.holds for i in run.instants], *[d for i in run.instants for d in i.decided])
+    solver.add(*[i.holds for i in run.instants])
+    solver.add(*[one_of(negation(d.turn), d.stays) for d in run.decisions])
     _refuse(_answer(facts, solver, WORK), "P2b")
 
 
@@ -209,7 +210,7 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
             solver = _solver(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
             since = 0 if first else k * facts.turn
-            solver.add(one_of(*[way for at, way in of(run) if at >= since]))
+            solver.add(one_of(*[both(d.turn, of(d)) for d in run.decisions if d.at >= since]))
             answers.add(str(_answer(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break

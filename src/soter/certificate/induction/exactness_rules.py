@@ -6,6 +6,8 @@ Non-goals: reading (`solver_reading.py`).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import (
@@ -51,6 +53,7 @@ def is_exact(t: Type) -> bool:
     return is_plain(t) if parts is None else all(is_exact(p) for p in parts)
 
 
+@lru_cache(maxsize=1_000)
 def is_read(fun: typed.FunSymbol, *, deep: bool) -> bool:
     """Whether a function is read wherever it is called; another one only where all is known.
 
@@ -80,6 +83,7 @@ def _joins(n: object, *, asks: bool) -> bool:
     return is_plain(n.type) if isinstance(n, typed.Builtin) else not isinstance(n, LONGER)
 
 
+@lru_cache(maxsize=1_000)
 def asks_extern(fun: typed.FunSymbol) -> bool:
     """Whether a call ends in an extern function, which may give another value each time."""
     seen, todo = {fun}, [fun]

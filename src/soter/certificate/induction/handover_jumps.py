@@ -28,7 +28,7 @@ from soter.certificate.induction.solver_values import (
     shaped,
     unknown,
 )
-from soter.certificate.reading.symbolic_reading import CallFrame, part_of
+from soter.certificate.reading.symbolic_reading import part_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
@@ -151,7 +151,7 @@ def _paths(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Pat
 class _Step:
     """One step: locals behind it; of each topic whether it is published, and what; its fault."""
 
-    env: dict[typed.Variable, Term]
+    behind: tuple[Term, ...]
     said: dict[int, tuple[Term, Term]]
     fault: Term
     read: dict[int, Term]
@@ -169,14 +169,14 @@ class _Steps:
         """Why a step may change a topic where it must not; "" where none does."""
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
-        anything = {v: unknown(v.type, v.name, self.known) for v in node.locals}
+        anything = [unknown(v.type, v.name, self.known) for v in node.locals]
         pairs = zip(node.locals, self.c.initial, strict=True)
-        initial = {v: shaped(v.type, value, self.known) for v, value in pairs}
+        initial = [shaped(v.type, value, self.known) for v, value in pairs]
         default = shaped(topic.type, topic.default, self.known)
         before = self._step(anything)
         for what, last, fault, step in (
             ("the first step", (True, default), False, self._step(initial)),
-            ("a step", before.said.get(index), before.fault, self._step(before.env)),
+            ("a step", before.said.get(index), before.fault, self._step(before.behind)),
         ):
             bad = self._bad(topic, paths, shown, last, step)
             if not self._never(both(negation(fault), bad)):
@@ -232,19 +232,14 @@ class _Steps:
         own = self.facts.flying_module.index
         return VisibleValues(scope, topic, age, mode, own, in_control=True, facts=self.known)
 
-    def _step(self, before: dict[typed.Variable, Term]) -> _Step:
-        node, topics = self.c.node, self.facts.flying.topics
-        assert node is not None
+    def _step(self, before: Sequence[Term]) -> _Step:
+        assert self.c.node is not None
         read: dict[int, Term] = {}
         sight = self._sight(self.c.scope, read, unknown(MODE, "mode", self.known))
-        reading, frame = SolverReading(sight, deep=True), CallFrame(dict(before))
-        reading.run(node.step, frame)
-        after = {v: shaped(v.type, frame.variables[v], self.known) for v in node.locals}
-        said = {}
-        for symbol, (says, value) in frame.published.items():
-            i = self.c.scope.topics[symbol]
-            said[i] = says, shaped(topics[i].type, value, self.known)
-        return _Step(after, said, one_of(reading.make.fault, reading.make.doubt), read)
+        reading = SolverReading(sight, deep=True)
+        behind, published = reading.step(self.c.node, before)
+        said = {self.c.scope.topics[t]: value for t, value in published.items()}
+        return _Step(behind, said, one_of(reading.make.fault, reading.make.doubt), read)
 
     def _enters(self, step: _Step) -> Term:
         """Whether `enters` holds of what a step reads and publishes."""

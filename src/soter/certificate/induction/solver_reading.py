@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 Term = Any
+Published = dict[typed.TopicSymbol, tuple[Term, Term]]
 
 
 @dataclass
@@ -79,13 +80,20 @@ class SolverReading(CodeReader):
     def truth(self, e: typed.TypedExpr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
         _, value = self.tried(True, lambda: self.expression(e))
-        return bool(value) if value is None else value, one_of(self.make.fault, self.make.doubt)
+        return (False if value is None else value), one_of(self.make.fault, self.make.doubt)
 
-    def run(self, body: Sequence[typed.TypedStmt], frame: CallFrame, where: Term = True) -> Term:
-        """Statements that run under a condition; what they return. NotRecheckedError as `value`."""
-        if isinstance(where, bool):
-            return self.tried(True, lambda: self.block(body if where else (), frame))[1]
-        return self.branch(where, body, (), frame)
+    def step(
+        self, node: typed.NodeSymbol, before: Sequence[Term], taken: Term = False
+    ) -> tuple[tuple[Term, ...], Published]:
+        """Locals behind a step, and of each topic whether it is published, and what.
+
+        `taken`: control was taken over just now. NotRecheckedError as `value`.
+        """
+        frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
+        self.tried(True, lambda: self.branch(taken, node.takeover or (), (), frame))
+        self.tried(True, lambda: self.block(node.step, frame))
+        said = {t: (says, shaped(t.type, x, facts)) for t, (says, x) in frame.published.items()}
+        return tuple(shaped(v.type, frame.variables[v], facts) for v in node.locals), said
 
     # ------------------------------------------------------------ what names mean
 

@@ -28,7 +28,6 @@ from soter.certificate.induction.solver_values import (
     term,
     unknown,
 )
-from soter.certificate.reading.symbolic_reading import CallFrame
 from soter.certificate.reading.symbolic_values import is_known
 from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
 from soter.language.model import typed
@@ -55,8 +54,17 @@ class Instant:
     at: int
     holds: Term
     always: Term
-    decided: tuple[Term, ...]
-    """The modes that the DM found and left, where it stepped."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A step of the DM, if it is its turn then: whether SC keeps control, AC gets or keeps it."""
+
+    at: int
+    turn: Term
+    stays: Term
+    gets: Term
+    keeps: Term
 
 
 def calendar_of(
@@ -84,9 +92,7 @@ class TransitionSystem:
         """A fault of what is opaque latches its node; without it such a fault fails."""
         self.constraints: list[Term] = []
         self.instants: list[Instant] = []
-        self.gets: list[tuple[int, Term]] = []
-        self.keeps: list[tuple[int, Term]] = []
-        """When the DM steps, and whether it then gives AC control, or leaves it in control."""
+        self.decisions: list[Decision] = []
         self.now = self._start()
 
     def _start(self) -> State:
@@ -137,32 +143,24 @@ class TransitionSystem:
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
-            self._judge(0, first, ())
+            self._judge(0, first)
 
     def _instant(self, at: int, due: list[Component], following: int) -> None:
         """Each of them once, in any order."""
         raise_if_interrupted()
-        left = list(range(len(due)))
         turns = []
-        decided: list[Term] = []
-        for _k in left:
+        for _ in due:
             who = z3.FreshInt("who")
             turns.append(who)
             self.constraints += [who >= 0, who < len(due)]
-            after = None
-            for n, c in enumerate(due):
-                one, seen = self._stepped(c, at)
-                if seen is not None:
-                    stays, gets, keeps = seen
-                    decided.append(one_of(who != n, stays))
-                    self.gets.append((at, both(who == n, gets)))
-                    self.keeps.append((at, both(who == n, keeps)))
-                after = one if after is None else _one_state(who == n, one, after)
-            assert after is not None
+            after = self._stepped(due[0], at, who == 0)
+            for n, c in enumerate(due[1:], 1):
+                one = self._stepped(c, at, who == n)
+                after = {k: either(who == n, x, after[k]) for k, x in one.items()}
             self.now = {k: self._name(v) for k, v in after.items()}
         if len(turns) > 1:
             self.constraints.append(z3.Distinct(*turns))
-        self._judge(at, following, tuple(decided))
+        self._judge(at, following)
 
     def _name(self, value: Term) -> Term:
         """Terms of bounded size: a new name for every part of a state that is none yet."""
@@ -177,13 +175,12 @@ class TransitionSystem:
 
     # ------------------------------------------------------------ steps
 
-    def _stepped(self, c: Component, at: int) -> tuple[State, tuple[Term, Term, Term] | None]:
+    def _stepped(self, c: Component, at: int, turn: Term) -> State:
         if c.role == "dm":
-            return self._decision(at)
-        on = True
-        if c.role in ("ac", "sc"):
-            on = self.now["mode"] == (IN_AC if c.role == "ac" else IN_SC)
-        return (self._anything if c.role == "ac" else self._code)(c, at, on), None
+            return self._decision(at, turn)
+        if c.role == "ac":
+            return self._anything(c, at, self.now["mode"] == IN_AC)
+        return self._code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
 
     def _sight(self, c: Component, at: Term, on: Term) -> VisibleValues:
         now, flying = self.now, self.facts.flying
@@ -208,7 +205,7 @@ class TransitionSystem:
         own = self.facts.flying_module.index
         return VisibleValues(c.scope, topic, age, now["mode"], own, on, self.constraints)
 
-    def _decision(self, at: int) -> tuple[State, tuple[Term, Term, Term]]:
+    def _decision(self, at: int, turn: Term) -> State:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
         assert symbol.ttf is not None
         assert symbol.safer is not None
@@ -226,8 +223,8 @@ class TransitionSystem:
         had = self.now["mode"]
         mode = either(either(had == IN_AC, stay, get), IN_AC, IN_SC)
         ways = ((IN_SC, IN_SC), (IN_SC, IN_AC), (IN_AC, IN_AC))
-        stays, gets, keeps = (both(had == a, mode == b) for a, b in ways)
-        return {**self.now, "mode": mode}, (stays, gets, keeps)
+        self.decisions.append(Decision(at, turn, *(both(had == a, mode == b) for a, b in ways)))
+        return {**self.now, "mode": mode}
 
     def _anything(self, c: Component, at: int, on: Term) -> State:
         """AC: each of its topics, or not, any value of the set."""
@@ -244,15 +241,11 @@ class TransitionSystem:
         assert node is not None
         reading = SolverReading(self._sight(c, at, on))
         before = now["locals", c.index]
-        frame = CallFrame(dict(zip(node.locals, before, strict=True)))
-        reading.run(node.takeover or (), frame, both(on, negation(now["had", c.index])))
-        reading.run(node.step, frame)
+        taken = both(on, negation(now["had", c.index]))
+        behind, said = reading.step(node, before, taken)
         fault, doubt = reading.make.fault, reading.make.doubt
-        said = {}
-        for symbol, (flag, published) in frame.published.items():
+        for symbol, (flag, value) in said.items():
             topic = flying.topics[c.scope.topics[symbol]]
-            value = shaped(topic.type, published, self.constraints)
-            said[symbol] = flag, value
             refused = both(flag, negation(inside(value, topic.type, topic.bounds)))
             if is_exact(topic.type):
                 fault = one_of(fault, refused)
@@ -271,17 +264,14 @@ class TransitionSystem:
                 own = shaped(flying.topics[i].type, c.failsafe[i], self.constraints)
                 value = either(gone, own, value)
             _publish(after, i, both(on, either(gone, i in c.failsafe, flag)), value, at)
-        locals_after = tuple(
-            shaped(v.type, frame.variables[v], self.constraints) for v in node.locals
-        )
-        after["locals", c.index] = either(gone, before, locals_after)
+        after["locals", c.index] = either(gone, before, behind)
         after["had", c.index] = either(gone, now["had", c.index], on)
         after["latched", c.index] = gone
         return after
 
     # ------------------------------------------------------------ what holds
 
-    def _judge(self, at: int, following: int, decided: tuple[Term, ...]) -> None:
+    def _judge(self, at: int, following: int) -> None:
         symbol, dm = self.facts.symbol, self.facts.dm
 
         def holds(e: typed.TypedExpr, now: Term) -> Term:
@@ -296,14 +286,9 @@ class TransitionSystem:
             self.constraints.append(z3.And(later >= at, later < following))
             always = both(safe, holds(symbol.safe, later))
         every = both(negation(self.now["faulted"]), safe, *lemmas)
-        self.instants.append(Instant(at, every, always, decided))
+        self.instants.append(Instant(at, every, always))
 
 
 def _publish(state: State, topic: int, out: Term, value: Term, at: int) -> None:
     state["topic", topic] = either(out, value, state["topic", topic])
     state["stamp", topic] = either(out, at, state["stamp", topic])
-
-
-def _one_state(c: Term, a: State, b: State) -> State:
-    """One of two states."""
-    return {k: either(c, x, b[k]) for k, x in a.items()}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -120,19 +119,15 @@ def read_polytope(
         if not least <= a < b <= most:
             raise RejectedError("C of a polytope is no box within the ranges of its states")
     law = _law(reader, entry["law"], inputs)
-    sets = {k: reader.half_spaces(entry[k]) if k in entry else None for k in ("K", "R", *OPTIONAL)}
-    core, free = sets["K"], sets["R"]
-    assert core is not None
-    assert free is not None
     tables = PolytopeTables(
         states=states,
         constraint=HalfSpaces(low, high, (), ()),
         law=law,
         flow=_rates(reader, entry["flow"], len(law.controls)) if "flow" in entry else None,
-        core=core,
-        free=free,
-        home=sets["Q"],
-        target=sets["target"],
+        core=reader.half_spaces(entry["K"]),
+        free=reader.half_spaces(entry["R"]),
+        home=reader.half_spaces(entry["Q"]) if "Q" in entry else None,
+        target=reader.half_spaces(entry["target"]) if "target" in entry else None,
         levels=[reader.half_spaces(e) for e in entry["S"]],
         carried=[reader.half_spaces(e) for e in entry["G"]],
         rates={k: reader.matrix(rate, None) for k, rate in entry["rates"].items()},
@@ -182,12 +177,11 @@ def _whole(value: object, most: int, what: str) -> int:
     return value
 
 
-def _instants(value: object, what: str) -> tuple[int, ...]:
-    if not isinstance(value, list) or not BOX <= len(value) <= INSTANTS_MAX or value[0] != 0:
-        raise RejectedError(f"the instants of `{what}` are not as they should be")
-    if not all(type(t) is int for t in value) or any(a > b for a, b in pairwise(value)):
-        raise RejectedError(f"the instants of `{what}` are not as they should be")
-    return tuple(value)
+def _instants(value: Any, what: str) -> tuple[int, ...]:  # noqa: ANN401
+    whole = isinstance(value, list) and all(type(t) is int for t in value)
+    if whole and BOX <= len(value) <= INSTANTS_MAX and value[0] == 0 and sorted(value) == value:
+        return tuple(value)
+    raise RejectedError(f"the instants of `{what}` are not as they should be")
 
 
 class _MatrixReader:
@@ -220,16 +214,13 @@ class _MatrixReader:
     def half_spaces(self, entry: Any) -> HalfSpaces:  # noqa: ANN401
         if set(entry) != {"box", "faces"}:
             raise RejectedError("a polytope is a box with faces")
-        low, high = self.box(entry["box"])
-        rows = self.matrix(entry["faces"], None)
+        box, rows = self.box(entry["box"]), self.matrix(entry["faces"], None)
         if rows.ndim != BOX or rows.shape[1] != self.n + 1:
             raise RejectedError("the faces of a polytope are not over the states of its group")
         if len(rows) > FACES_MAX:
             raise NotRecheckedError(f"a polytope of more than {FACES_MAX:,} half-spaces")
         faces = rows.tolist()
-        return HalfSpaces(
-            low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
-        )
+        return HalfSpaces(*box, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces))
 
     def triples(self, entry: Any) -> Triples:  # noqa: ANN401
         """Multipliers: none is negative, and each belongs to a row and a half-space."""

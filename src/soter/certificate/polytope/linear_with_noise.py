@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
-from soter.certificate.terms.compile_terms import TAIL, compile_lines
+from soter.certificate.terms.compile_terms import TAIL, compile_lines, form_of_box
 from soter.certificate.terms.terms import NotRecheckedError, inputs_of
 
 if TYPE_CHECKING:
@@ -67,9 +67,7 @@ def enclosed_flow(
     width = len(inputs) + TAIL
 
     def sizes(box: Ranges) -> list[arb]:
-        centres = [(low + high) * HALF for low, high in box]
-        radii = [(high - low) * HALF for low, high in box]
-        found = lines((*(end for ends in box for end in ends), *centres, *radii))
+        found = lines(form_of_box(box, symbols=False))
         if found is None:
             raise NotRecheckedError("a flow that is not certainly defined all over the box of C")
         ends = [found[(at + 1) * width - 2 : (at + 1) * width] for at in range(len(members))]

@@ -10,6 +10,7 @@ output acts early. The state is in K at a_0, which is the first nominal time.
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -30,7 +31,7 @@ from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exac
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from flint import arb
     from numpy.typing import NDArray
@@ -44,18 +45,6 @@ if TYPE_CHECKING:
     from soter.language.model import typed
 
     Floats = NDArray[np.float64]
-
-
-def errors_of(model: CaseModel, tables: PolytopeTables) -> list[arb]:
-    """By how much estimates of the group's states may be off, with the rounding of their sum."""
-    errors = []
-    for state in tables.states:
-        error = exact(error_of(model.facts, state))
-        if not error.is_zero():
-            largest = max((abs(exact(x)) for x in model.extents[state]), key=float)
-            error += (largest + error) * (2 * UNIT_ROUNDOFF) + TINIEST
-        errors.append(error)
-    return errors
 
 
 WORK_MAX = 1_000_000
@@ -125,25 +114,33 @@ class PolytopeCheck(GroupCheck):
 
     @cached_property
     def errors(self) -> list[arb]:
-        """E."""
-        return errors_of(self.model, self.tables)
+        """E: how far estimates of the group's states may be off, and their sum is rounded."""
+        errors = []
+        for state in self.tables.states:
+            error = exact(error_of(self.model.facts, state))
+            if not error.is_zero():
+                largest = max((abs(exact(x)) for x in self.model.extents[state]), key=float)
+                error += (largest + error) * (2 * UNIT_ROUNDOFF) + TINIEST
+            errors.append(error)
+        return errors
 
     # ------------------------------------------------------------ helpers
 
-    def _given(self, part: str) -> Iterator[Triples]:
-        """The multipliers of a part of the proof, one claim after the other."""
+    @contextmanager
+    def _given(self, part: str) -> Iterator[Callable[[], Triples]]:
+        """The multipliers of a part of the proof, one claim after the other, and no others."""
         if part not in self.tables.multipliers:
             raise RejectedError(f"there are no multipliers for {part}")
-        yield from self.tables.multipliers[part]
-        raise RejectedError(f"there are too few multipliers for {part}")
+        left = self.tables.multipliers[part][::-1]
 
-    def _spent(self, part: str, given: Iterator[Triples]) -> None:
-        """RejectedError where there are multipliers that nothing needed."""
-        try:
-            next(given)
-        except RejectedError:
-            return
-        raise RejectedError(f"there are too many multipliers for {part}")
+        def following() -> Triples:
+            if not left:
+                raise RejectedError(f"there are too few multipliers for {part}")
+            return left.pop()
+
+        yield following
+        if left:
+            raise RejectedError(f"there are too many multipliers for {part}")
 
     def _instants(self, name: str, until_ns: int) -> tuple[int, ...]:
         instants = self.tables.instants.get(name, (0,))
@@ -172,20 +169,20 @@ class PolytopeCheck(GroupCheck):
         hold: HoldImage,
         own: HalfSpaces,
         within_faces: HalfSpaces,
-        given: Iterator[Triples],
+        given: Callable[[], Triples],
     ) -> None:
         """SC keeps a set and, on the way, C and some half-spaces."""
         self._boxed_in(f"{what} in C", own, self.tables.constraint)
         if within_faces.rows:
-            own.require(f"{what} in what it keeps", *within_faces.own, next(given))
+            own.require(f"{what} in what it keeps", *within_faces.own, given())
         for rows, limits in hold.linear():
-            own.require(f"{what}: SC is linear", rows, limits, next(given))
+            own.require(f"{what}: SC is linear", rows, limits, given())
         faces, ends = within_faces.in_balls
         for row, loss in hold.everywhere(faces):
-            own.require(f"{what}: C during a period", row, less(ends, loss), next(given))
+            own.require(f"{what}: C during a period", row, less(ends, loss), given())
         faces, ends = own.in_balls
         row, loss = hold.after(faces)
-        own.require(f"{what} after a period", row, less(ends, loss), next(given))
+        own.require(f"{what} after a period", row, less(ends, loss), given())
 
     @cached_property
     def hold_of_core(self) -> HoldImage:
@@ -213,9 +210,8 @@ class PolytopeCheck(GroupCheck):
     @whole
     def core(self) -> None:
         """SC keeps K and, on the way, C."""
-        own, given = self.tables.constraint, self._given("K")
-        self._kept("K", self.hold_of_core, self.tables.core, own, given)
-        self._spent("K", given)
+        with self._given("K") as given:
+            self._kept("K", self.hold_of_core, self.tables.core, self.tables.constraint, given)
 
     @property
     def holds(self) -> int:
@@ -237,19 +233,17 @@ class PolytopeCheck(GroupCheck):
         home, target = tables.home, tables.target
         if home is None or target is None:
             raise RejectedError("a claim needs Q and its target, which are not there")
-        given = self._given("Q")
         rows, bounds = target.faces
         box = tables.constraint
         inside = HalfSpaces(box.low, box.high, tuple(rows), tuple(bounds))
-        self._kept("Q", self._hold("Q"), home, inside, given)
-        hold = self.hold_of_core
         row, ends = home.in_balls
         loss = [ZERO] * len(row)
         for _ in range(tables.periods):
-            row, more = hold.after(row)
+            row, more = self.hold_of_core.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
-        tables.core.require("K returns to Q", row, less(ends, loss), next(given))
-        self._spent("Q", given)
+        with self._given("Q") as given:
+            self._kept("Q", self._hold("Q"), home, inside, given)
+            tables.core.require("K returns to Q", row, less(ends, loss), given())
 
     @whole
     def _show_given_back(self) -> None:
@@ -274,13 +268,13 @@ class PolytopeCheck(GroupCheck):
         start: HalfSpaces,
         inner: tuple[Rows, Sequence[arb]],
         instants: Sequence[int],
-        given: Iterator[Triples] | None,
+        given: Callable[[], Triples] | None,
     ) -> None:
         """From `start` the state is in `inner` for all of the time, whatever is commanded."""
         self._boxed_in(f"{what} in C", start, self.tables.constraint)
         faces, ends = inner
         for row, loss in FreeImage(self.flow, instants).everywhere(faces):
-            start.require(what, row, less(ends, loss), None if given is None else next(given))
+            start.require(what, row, less(ends, loss), None if given is None else given())
 
     def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
         """{z : z + E in p}."""
@@ -295,9 +289,8 @@ class PolytopeCheck(GroupCheck):
     def free(self, horizon_ns: int) -> None:
         """From all of R."""
         instants = self._instants("R", horizon_ns)
-        tables, given = self.tables, self._given("R")
-        self._free("R(H)", tables.free, tables.core.in_balls, instants, given)
-        self._spent("R", given)
+        with self._given("R") as given:
+            self._free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
 
     @whole
     def start(self, until_ns: int) -> None:
@@ -345,20 +338,19 @@ class PolytopeCheck(GroupCheck):
     @whole
     def levels(self, between_ns: int) -> None:
         """S_0, S_1, ... of computed predicates; RejectedError where they are too few."""
-        tables, given = self.tables, self._given("S")
-        count = self.model.facts.levels - 1
+        tables, count = self.tables, self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:
             raise RejectedError("the sets S are not as many as the levels ask for")
-        self._estimates("S_0", tables.levels[0], tables.free, next(given))
         instants = self._instants("window", between_ns)
-        for k, carried in enumerate(tables.carried):
-            before, after = tables.levels[k], tables.levels[k + 1]
-            self._free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
-            self._estimates(f"S_{k + 1}", after, carried, next(given))
-            self._boxed_in(f"S_{k + 1} in S_{k}", after, before)
-            if before.rows:
-                after.require(f"S_{k + 1} in S_{k}", *before.own, next(given))
-        self._spent("S", given)
+        with self._given("S") as given:
+            self._estimates("S_0", tables.levels[0], tables.free, given())
+            for k, carried in enumerate(tables.carried):
+                before, after = tables.levels[k], tables.levels[k + 1]
+                self._free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
+                self._estimates(f"S_{k + 1}", after, carried, given())
+                self._boxed_in(f"S_{k + 1} in S_{k}", after, before)
+                if before.rows:
+                    after.require(f"S_{k + 1} in S_{k}", *before.own, given())
 
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples

@@ -83,15 +83,12 @@ class Operations:
             return plain(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
-        choice = self.terms.choose(c, self._linear(a), self._linear(b))
-        whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
-        return self.whole(choice) if whole else choice
+        return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
 
     def negated(self, x: Value) -> Value:
         """Minus x."""
         if isinstance(x, Linear):
-            negative = self.terms.combine(((-ONE, x),))
-            return self.whole(negative) if isinstance(x, SymbolicInt) else negative
+            return self._like(self.terms.combine(((-ONE, x),)), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     def compared(self, op: str, a: Value, b: Value) -> Value:
@@ -113,7 +110,7 @@ class Operations:
             return INTS[op](a, b)
         if not isinstance(a, Linear) and not isinstance(b, Linear) and self.is_rounded:
             return FLOATS[op](a, b)
-        whole = isinstance(a, int) or isinstance(b, int) or self._is_whole(a, b)
+        whole = _is_whole(a, b)
         x, y = self._linear(a), self._linear(b)
         if op == "+":
             result = self.terms.add(x, y)
@@ -125,9 +122,7 @@ class Operations:
             result = self.terms.divide(x, y)
         else:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
-        if whole:
-            return self.whole(result)
-        return self._as_computed(result)
+        return self.whole(result) if whole else self._as_computed(result)
 
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
@@ -138,9 +133,7 @@ class Operations:
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         # plants: limits keep ends of grids; two numbers that vary: either is a limit
         tight = not self.is_rounded or not (x.is_constant or y.is_constant)
-        result = choose(x, y, tight=tight)
-        whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
-        return self.whole(result) if whole else result
+        return self._like(choose(x, y, tight=tight), a, b)
 
     def prelude(self, name: str, x: Linear) -> Linear:
         """A function of the prelude: the exact one within its tested bound (an assumption).
@@ -177,8 +170,7 @@ class Operations:
                 self.terms.oblige(negation(self.terms.below(x)))
             return self._as_computed(self.terms.function("sqrt", x, nonnegative=True))
         if name == "abs":
-            size = self.terms.function("abs", x, nonnegative=True)
-            return self.whole(size) if isinstance(x, SymbolicInt) else size
+            return self._like(self.terms.function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
@@ -232,8 +224,8 @@ class Operations:
             return tuple(self.selected([e[k] for e in elements], index) for k in parts)
         if not all(type(e) in (float, int) for e in elements):
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
-        element = self.terms.lookup([float(e) for e in elements], (index,), (len(elements),))
-        return self.whole(element) if type(first) is int else element
+        values = [float(e) for e in elements]
+        return self._like(self.terms.lookup(values, (index,), (len(elements),)), first)
 
     def selected_twice(self, rows: Rows, index: Value) -> Value:
         """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
@@ -242,11 +234,12 @@ class Operations:
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         values = [float(v) for row in rows.elements for v in row]
         shape = (len(rows.elements), len(first))
-        element = self.terms.lookup(values, (rows.index, self._linear(index)), shape)
-        return self.whole(element) if type(first[0]) is int else element
+        indices = rows.index, self._linear(index)
+        return self._like(self.terms.lookup(values, indices, shape), first[0])
 
-    def _is_whole(self, a: Value, b: Value) -> bool:
-        return any(isinstance(x, SymbolicInt) for x in (a, b))
+    def _like(self, x: Linear, *of: Value) -> Value:
+        """An int where it is made of ints."""
+        return self.whole(x) if _is_whole(*of) else x
 
     def whole(self, x: Linear) -> Value:
         """An int: exact, and never near the ends of 64 bits; NotRecheckedError beyond 2^53."""
@@ -263,6 +256,10 @@ class Operations:
         if isinstance(x, float) and x - x != 0.0:
             raise NotRecheckedError(f"an infinite or undefined number {NOT_HERE}")
         return self.terms.constant(x)
+
+
+def _is_whole(*values: Value) -> bool:
+    return any(isinstance(x, (int, SymbolicInt)) for x in values)
 
 
 def in_range(index: int, size: int) -> int:

@@ -323,7 +323,6 @@ class Surroundings:
     params: Mapping[t.ParamSymbol, Value]
     topics: Mapping[t.TopicSymbol, Value]
     period: float | None = None
-    truths: Mapping[str, Value] = field(default_factory=dict)
     modes: Mapping[t.ModuleSymbol | str, Value] = field(default_factory=dict)
     """Of other modules, where they may be read."""
 
