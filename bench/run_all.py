@@ -549,6 +549,13 @@ BENCHMARKS = (
         "its variants is not re-checked, as it says.",
     ),
     Benchmark(
+        "Mutants of the re-checker's core",
+        ("bench/recheck/core_mutants.py",),
+        "Mutants of the files that docs/recheck.md lists in its steps 1 to 9, drawn by seed, each "
+        "judged by the quick tests of the room. Harmless is what changes no verdict, each with its "
+        "reason in `bench/recheck/core_mutants_harmless.txt`.",
+    ),
+    Benchmark(
         "Certificates that say more than is true",
         ("bench/recheck/overstated.py", "--share", "0.5"),
         "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and "
