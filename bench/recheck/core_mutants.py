@@ -40,6 +40,7 @@ from bench.pieces import Pieces  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from typing import TypeGuard
 
     Change = tuple[int, str, Callable[[], None]]
     """Of a tree: in which line, in words, and what makes it."""
@@ -108,8 +109,8 @@ def changes(tree: ast.AST) -> Iterator[Change]:
         line = getattr(node, "lineno", 0)
         for field, new, words in _fields(node):
             yield line, words, functools.partial(setattr, node, field, new)
-        for body in (getattr(node, f, None) for f in ("body", "orelse")):
-            for k, inner in enumerate(body if isinstance(body, list) else []):
+        for body in filter(_a_list, (getattr(node, f, None) for f in ("body", "orelse"))):
+            for k, inner in enumerate(body):
                 if isinstance(inner, ast.Raise) and _refuses(inner):
                     change = functools.partial(body.__setitem__, k, ast.Pass())
                     yield inner.lineno, "refusal left out", change
@@ -132,14 +133,18 @@ def _fields(node: ast.AST) -> Iterator[tuple[str, Any, str]]:
     elif (
         isinstance(node, ast.Constant) and type(node.value) in (int, bool) and node.value in (0, 1)
     ):
-        new_value = type(node.value)(1 - node.value)
-        yield "value", new_value, f"constant {new_value}"
+        other: object = not node.value if isinstance(node.value, bool) else int(not node.value)
+        yield "value", other, f"constant {other}"
     elif isinstance(node, (ast.If, ast.IfExp)):
         for value in (True, False):
             yield "test", ast.Constant(value), f"condition {value}"
     elif isinstance(node, ast.FunctionDef) and getattr(node.returns, "id", "") == "bool":
         for value in (True, False):
             yield "body", [ast.Return(ast.Constant(value))], f"verdict {value}"
+
+
+def _a_list(body: object) -> TypeGuard[list[ast.stmt]]:
+    return isinstance(body, list)
 
 
 def _refuses(node: ast.Raise) -> bool:
@@ -179,8 +184,8 @@ def of_room(path: str) -> importlib.machinery.FileFinder:
 # ---------------------------------------------------------------- certificates, made once
 
 
-def made(folder: Path) -> None:
-    """Certificates of `verify`, and forgeries of them that are rejected, with what is said."""
+def made(folder: Path) -> int:
+    """Certificates of `verify`, and forgeries of them that are rejected, with what is said; 0."""
     forgeries = importlib.import_module("bench.recheck.forgeries")
     bases = {n: forgeries.base_of(n) for n in RIGHT}
     for name, base in bases.items():
@@ -192,6 +197,7 @@ def made(folder: Path) -> None:
     said = {n: o for n, o in said.items() if n in RIGHT or o[0] == "rejected"}
     assert all(said[n][0] == "accepted" for n in RIGHT), said
     (folder / "said").write_text(json.dumps(said))
+    return 0
 
 
 def _said(folder: Path) -> list[Any]:
@@ -309,7 +315,7 @@ def main() -> int:
         (folder / "certificates").mkdir(parents=True, exist_ok=True)
         pieces = Pieces(folder / "done", "core")
         if not (folder / "certificates" / "said").exists():
-            code, text = in_child(lambda: made(folder / "certificates") or 0)
+            code, text = in_child(lambda: made(folder / "certificates"))
             assert code == 0, text
         for m in every[: given.count]:
             said = functools.partial(verdict, m, folder / "certificates")
