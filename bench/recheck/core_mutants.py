@@ -7,7 +7,7 @@ signs, `min` and `max`, ends of balls, 0 and 1, `and`, `or`, `not`, `any` and `a
 always or never hold, refusals left out, verdicts that are always the same. Each is imported in a
 process of its own in place of the file. It is killed where something else is said of a right
 certificate (what is claimed, times, assumptions), where a forged one is accepted that is rejected,
-or where one of the quick tests that name the module fails. Certificates are made once, without a
+or where one of the quick tests of its folder fails. Certificates are made once, without a
 mutant. What changes no verdict stands in `core_mutants_harmless.txt`, each with its reason, and is
 counted apart. What is done is written to `--keep`. Exit code 1 where fewer than 95 % are killed.
 Non-goals: mutants of the whole tool (`bench/house/mutation_sample.py`); long tests.
@@ -60,9 +60,16 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
          "claims", "exchanged", "facts", "verdicts")  # fmt: skip
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
-EXTRAS = ("polytope", "recheck_induction", "induction_values", "recheck_handover", "reading_order",
-          "nothing_is_executed", "slow_modules", "authority", "what_plants")  # fmt: skip
-"""Tests of the extras, of texts, and those that take longer than the others together."""
+TESTED_BY = {
+    "terms": ("operations", "recheck_enclosures", "beyond_doubles"),
+    "time": ("times", "ways", "nodes_that_take_time", "recheck_towers"),
+    "cells": ("certain_cells", "recheck_walks"),
+    "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
+    "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),
+    "format": ("hostile_certificates", "certificates"),
+    "": ("recheck_progress", "claims_without_tables", "certificates", "ways"),
+}
+"""By the folder of a file the files of quick tests that judge its mutants, in this order."""
 OTHERS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.GtE), ast.Gt: (ast.GtE, ast.Lt),
     ast.GtE: (ast.Gt, ast.LtE), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.In: (ast.NotIn,),
@@ -223,14 +230,8 @@ def _differ(folder: Path) -> str:
 
 
 def judges(file: str) -> list[str]:
-    """The three smallest files of tests that name the module."""
-    module = "soter.certificate." + file.removesuffix(".py").replace("/", ".")
-    named = [
-        str(p)
-        for p in sorted(TESTS.glob("test_*.py"), key=lambda p: (p.stat().st_size, p.name))
-        if module in p.read_text(encoding="utf-8") and not p.stem[5:].startswith(EXTRAS)
-    ]
-    return named[:3]
+    """The files of tests that judge the mutants of a file."""
+    return [str(TESTS / f"test_{n}.py") for n in TESTED_BY[file.rpartition("/")[0]]]
 
 
 def in_child(work: Callable[[], int], mutant: Mutant | None = None) -> tuple[int, str]:
@@ -279,7 +280,7 @@ def verdict(mutant: Mutant, folder: Path) -> str:
     """By what it is killed: a certificate, a test, the clock; or "survived"."""
     code, text = in_child(lambda: of_certificates(folder), mutant)
     tests = judges(mutant.file)
-    if code == 0 and tests:
+    if code == 0:
         code, text = in_child(lambda: of_tests(tests), mutant)
         failed = re.findall(r"^(?:FAILED|ERROR) (\S*\.py)(\S*)", text, re.MULTILINE)
         if failed and in_child(lambda: of_tests([failed[0][0]]))[0] != 0:
