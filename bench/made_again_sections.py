@@ -153,6 +153,7 @@ SMALL = {
     "Certificates: checking them again": Small("--only mountain_car --bytes 10", part=True),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
+    "Mutants of the re-checker's core": Small(apart=MINUTES),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
     "soter verify: eight robots and the first advice": Small(apart=MINUTES),
