@@ -198,7 +198,7 @@ class Function:
         self.content: object = (tuple(map(content_of, self._constants)), self._named, self._wanted)
         """Equal for functions only that give the same of every form."""
 
-    def __call__(self, form: tuple[arb, ...]) -> Any:  # noqa: ANN401  as was asked for
+    def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
         """Of one form; of values of another program: values of that one."""
         if form and isinstance(form[0], Value):
             return self._of_values(form[0].make, form)
