@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.format.claimed_parts import unclaimed, unclaimed_multipliers
+from soter.certificate.format.claimed_parts import unclaimed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -267,9 +267,8 @@ def _only_claimed(made: Forged) -> None:
         claims = {n for n, verdict in entry["claims"].items() if verdict == "proved"}
         for group in (g for c in entry.get("cases", []) for g in c["groups"]):
             for name in unclaimed(group, claims, computed="tables" in entry):
-                del group[name]
-            for name in unclaimed_multipliers(group, claims, computed="tables" in entry):
-                del group["multipliers"][name]
+                whole, _, part = name.rpartition(".")
+                del (group[whole] if whole else group)[part]
         if "P2b" not in claims and "recover_ns" in entry:
             entry["recover_ns"] = None
     named = json.dumps(made.manifest["modules"])

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.polytope.certificate_tables import ClaimedLaw
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.straight_line import Value
+    from soter.certificate.terms.affine_forms import Ends
     from soter.certificate.terms.terms import Terms
 
 
@@ -74,7 +74,7 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     make_atoms(forms, [*rests, *terms.obligations])
     demand(forms, terms.obligations)
     ends = [end for x in rests for end in forms.range_of(x)]
-    found = Function(forms.builder, forms.length, ends)(form)
+    found = Function(forms.make, forms.length, ends)(form)
     if found is None:
         raise RejectedError("SC is not certain to step within its sets where it is linear")
     own = [next(iter(states[i].terms)) for i in members]
@@ -156,10 +156,5 @@ def _with_limits(
 class _ByBothRanges(AffineForms):
     """Forms whose ranges are never wider than by the intervals of their atoms."""
 
-    def _make_range(self, x: Linear) -> tuple[Value, Value]:
-        low, high = super()._make_range(x)
-        natural = self.natural(x, *self.parts(x))
-        return (
-            self.builder.apply("larger", low, natural[0]),
-            self.builder.apply("smaller", high, natural[1]),
-        )
+    def _make_range(self, x: Linear) -> Ends:
+        return self.within(*super()._make_range(x), *self.natural(x))
