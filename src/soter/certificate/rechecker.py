@@ -265,7 +265,10 @@ class Claimed:
 
 
 def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) -> Claimed:
-    """All that an entry says of its module, compared with the program; RejectedError else."""
+    """All that an entry says of its module, compared with the program.
+
+    RejectedError where they differ, NotRecheckedError where there are too many cases.
+    """
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
         compare(facts, entry)

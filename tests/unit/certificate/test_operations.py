@@ -129,7 +129,10 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     ball = exact(min(between)).union(exact(max(between)))
     pulls = exact(rest[0]).union(exact(rest[1]))
     ends = (exact(v) for v in (*box, min(after), max(after)))
-    low, high = swept(*ends, ball, pulls, exact(own), grown(exact(own), exact(span)))
+    rate = exact(own) * ball + pulls
+    rates = arb(rate.lower()), arb(rate.upper())
+    growth = grown(exact(own), exact(span))
+    low, high = swept(*ends, *rates, exact(own), pulls, exact(span), growth)
     assert low <= min(between)
     assert max(between) <= high
     assert low >= min(between) - 1.0

@@ -331,7 +331,7 @@ def test_what_is_folded_is_what_is_computed(name: str) -> None:
         both = [make.apply(name, known, x), make.apply(name, x, known)]
         function = Function(make, 1, both)
         other = Builder()
-        again = Function(other, 1, function((other.input(0),)))  # type: ignore[arg-type]
+        again = Function(other, 1, function((other.input(0),)))
         for y in (exact(-3.0), exact(0.125)):
             expected = (OPERATIONS[name](known, y), OPERATIONS[name](y, known))
             assert function((y,)) == expected

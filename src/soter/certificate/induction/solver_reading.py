@@ -153,7 +153,10 @@ class SolverReading(CodeReader):
         return element(sequence, at, of, facts)
 
     def replaced(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
-        """A value of a type with another part at a path; an index that it has not is a fault."""
+        """A value of a type with another part at a path; an index that it has not is a fault.
+
+        NotRecheckedError for an index of what is not told apart.
+        """
         if keys and parts_of_value(of) is None:
             raise NotRecheckedError("an assignment at an index of what is not told apart")
         if not keys or isinstance(keys[0], int):

@@ -262,7 +262,10 @@ def stepping(
 
 
 def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
-    """A command that one of some steps publishes; that it lies in its set is an obligation."""
+    """A command that one of some steps publishes; that it lies in its set is an obligation.
+
+    NotRecheckedError where one of them publishes none.
+    """
     alternatives = []
     for by_index in published:
         if control.owner not in by_index:

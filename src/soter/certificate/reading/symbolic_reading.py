@@ -179,7 +179,10 @@ class CodeReader:
             )
 
     def replaced(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
-        """A value of a type with the part at these indices made new."""
+        """A value of a type with the part at these indices made new.
+
+        NotRecheckedError for an index that depends on inputs.
+        """
         if not keys:
             return new
         at, rest = keys[0], keys[1:]

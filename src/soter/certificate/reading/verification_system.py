@@ -67,7 +67,10 @@ def flown(facts: Facts, name: str) -> Sequence[Any] | None:
 
 
 def seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
-    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
+    """A topic has to come from the plant whose abstraction drives it, and not from another one.
+
+    DiffersError where it does not.
+    """
     outer = holder_of(facts.flying, facts.flying_module)
     driven = driven_topics(facts)
     for index in topics:

@@ -233,7 +233,10 @@ class NodeWays(Ways):
     # ------------------------------------------------------------ from the module
 
     def effects(self, least: int, most: int) -> tuple[Effect, ...]:
-        """All ways from an output to the plants, or to what belongs to the vehicle."""
+        """All ways from an output to the plants, or to what belongs to the vehicle.
+
+        NotRecheckedError where one leads nowhere.
+        """
         effects: list[Effect] = []
         for index in self.module.outputs:
             ends = [NodeEffect(least, most, nodes) for nodes in self._from(index, (), ())]
