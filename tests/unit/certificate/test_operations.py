@@ -20,6 +20,7 @@ from soter.certificate.terms.operations import (
     pick,
     swept,
 )
+from soter.certificate.terms.straight_line import Builder, Function
 
 ENDS = (-2.5, -1.0, -0.25, 0.0, 0.5, 1.0, 3.0)
 INTERVALS = [(a, b) for a in ENDS for b in ENDS if a <= b]
@@ -137,3 +138,13 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     assert max(between) <= high
     assert low >= min(between) - 1.0
     assert high <= max(between) + 1.0
+
+
+def test_a_form_of_another_length_is_refused() -> None:
+    """Constants stand behind the form: one number more or less would shift all of them."""
+    make = Builder()
+    function = Function(make, 2, [make.input(0) + make.input(1) + make.constant(exact(3.0))])
+    assert function((exact(1.0), exact(2.0))) == (6,)
+    for form in ((exact(1.0),), (exact(1.0),) * 3, (make.input(0),)):
+        with pytest.raises(AssertionError, match="another length"):
+            function(form)

@@ -160,7 +160,8 @@ class Cells:
     """A set of cells with a summed table: how many cells of a block belong to it."""
 
     def __init__(self, grid: Grid, members: NDArray[np.bool_]) -> None:
-        assert members.shape == grid.shape
+        if members.shape != grid.shape:
+            raise AssertionError("a set of other cells")
         self.grid = grid
         self.members = members
         self.size = int(np.count_nonzero(members))

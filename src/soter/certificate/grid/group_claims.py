@@ -159,7 +159,7 @@ class ChainCheck:
             forms, step = after, chain.later
             if k + 1 in wanted:
                 ends = [self._after(chain, form, set_) for form in forms]
-                if all(ends):
+                if ends and all(ends):  # nothing is said of no box
                     yield k + 1, [end for some in ends for end in some or ()]
 
     def _after(

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, exact, magnitude
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, magnitude
 from soter.certificate.terms.rows import beside, plus, product, total, units
 from soter.certificate.terms.terms import NotRecheckedError
 
@@ -157,7 +157,7 @@ def _around(a: Rows, width: Fraction) -> Rows:
     As many terms as make the rest a series that is at least halved from term to term.
     """
     half, absolute = exact(width), [list(map(magnitude, row)) for row in a]
-    size = max((float(total(row).upper()) for row in absolute), default=0.0)
+    size = max((above(total(row)) for row in absolute), default=0.0)
     last = TAYLOR
     while not exact(size) * half / (last + 2) < HALF:
         if last == TAYLOR_MAX:

@@ -139,9 +139,11 @@ class Operations:
         """A function of the prelude: the exact one within its tested bound (an assumption).
 
         Where it may leave the range of doubles, as `exp` does, that it does not is an obligation.
+        NotRecheckedError where the bound is one that is not read here.
         """
         bound = BOUNDS[name]
-        assert not bound.relative, name
+        if bound.relative:
+            raise NotRecheckedError(f"`{name}` has a bound of another kind")
         low, high = (exact(v) for v in bound.domain[0])
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((ONE, x),), -low))))
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((-ONE, x),), high))))

@@ -191,7 +191,7 @@ class Function:
         self._constants = tuple(v.content for v in constants)
         self._steps = [_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)
-        self._after = after
+        self._after, self._length = after, length
         self._named = tuple(
             (v.operation, v.content, tuple(place[id(x)] for x in v.arguments)) for v in steps
         )
@@ -199,9 +199,15 @@ class Function:
         """Equal for functions only that give the same of every form."""
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
-        """Of one form; of values of another program: values of that one."""
-        if form and isinstance(form[0], Value):
-            return self._of_values(form[0].make, form)
+        """Of one form; of values of another program: values of that one.
+
+        AssertionError for a form of another length: constants stand behind it.
+        """
+        if len(form) != self._length:
+            raise AssertionError("a form of another length")
+        if Value in map(type, form):
+            make = next(x.make for x in form if isinstance(x, Value))
+            return self._of_values(make, form)
         values: list[Any] = [*form, *self._constants]
         keep = values.append
         try:
