@@ -405,7 +405,7 @@ def _shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: E
 def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
     """The axes of a group that the DM can see.
 
-    A state that no topic of the DM shows may be anywhere on its axis (`predicates.around`),
+    A state that no topic of the DM shows may be anywhere on its axis (`estimates.around`),
     whatever the estimate of the others: NotRecheckedError where its axis has several cells.
     """
     axes = []

@@ -7,6 +7,11 @@ Non-goals: time (`linear_flows.py`, `map_steps.py`), sets.
 The argument: a term stands for every value that an expression may have. The states and whatever
 else is not known (disturbances, errors, what others publish) are inputs with their ranges; what
 must hold for an expression to have a value at all is an obligation, asked where the term is used.
+
+Terms are made for states within twice the grid, and what was decided of them holds there. That is
+enough: states enter a chain in a cell, at the end of each hold its boxes were seen to lie in cells,
+and in between solutions are continuous; those of the model that is read stay in the grid, so that
+they never come to where it is another one.
 """
 
 from __future__ import annotations
