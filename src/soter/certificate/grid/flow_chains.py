@@ -6,9 +6,9 @@ compute with balls; or with the values of a program, of a flow that is the same 
 Non-goals: maps (`map_steps.py`), sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
-before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the generators
-of z as rows over 1, the symbols of the cell, the betas of the states, those of the old commands,
-and those of the new ones: ranges are sums of absolute values of `rows z`.
+before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the
+generators of z as rows over 1, the symbols of the cell, the betas of the states, those of the old
+commands, and those of the new ones: ranges are sums of absolute values of `rows z`.
 
 A command acts from e before its nominal time to l after it (`sc_chains.Window`), w = e + l. The
 sample that it answers was taken at s in [-d, w] from k delta - e, while commands acted that are
