@@ -133,7 +133,8 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     rate = exact(own) * ball + pulls
     rates = arb(rate.lower()), arb(rate.upper())
     growth = grown(exact(own), exact(span))
-    low, high = swept(*ends, *rates, exact(own), pulls, exact(span), growth)
+    numbers = [*ends, *rates, exact(own), pulls, exact(span), growth]
+    low, high = swept(*numbers)
     assert low <= min(between)
     assert max(between) <= high
     assert low >= min(between) - 1.0
