@@ -162,8 +162,14 @@ def mutants(file: str) -> list[Mutant]:
     """Every mutant of a file of the room."""
     text = (ROOM / file).read_text(encoding="utf-8")
     lines = text.splitlines()
-    every = enumerate(changes(ast.parse(text)))
-    return [Mutant(file, k, at, f"{words}: {lines[at - 1].strip()}") for k, (at, words, _) in every]
+    found: list[Mutant] = []
+    seen: Counter[str] = Counter()
+    for k, (at, words, _) in enumerate(changes(ast.parse(text))):
+        what = f"{words}: {lines[at - 1].strip()}"
+        seen[what] += 1
+        again = f" ({seen[what]})" if seen[what] > 1 else ""
+        found.append(Mutant(file, k, at, what + again))
+    return found
 
 
 class Mutated(importlib.machinery.SourceFileLoader):
