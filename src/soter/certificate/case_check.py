@@ -53,14 +53,8 @@ class CaseCheck:
 
     def check(self) -> None:
         """Collect what is to be shown, and show it; RejectedError where it does not hold."""
-        try:
-            self._collect()
-            self._show()
-        except (RejectedError, NotRecheckedError) as error:
-            why = next((why for g in self.groups if (why := g.misled(self.model))), "")
-            if why:
-                raise RejectedError(f"{why} ({error})") from None
-            raise
+        self._collect()
+        self._show()
 
     def _collect(self) -> None:
         facts, claims = self.model.facts, self.claims

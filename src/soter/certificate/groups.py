@@ -82,11 +82,6 @@ class Group(ABC):
         del law
         raise NotRecheckedError(f"a fail-safe law on {self.kind}s is not rechecked")
 
-    def misled(self, model: CaseModel) -> str:
-        """Why another claim than the one that fails may be at fault; "": nothing is known."""
-        del model
-        return ""
-
     @abstractmethod
     def tell(self, report: RecheckedModule) -> None:
         """Add to a report how large K is."""

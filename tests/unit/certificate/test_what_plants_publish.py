@@ -227,7 +227,6 @@ def test_a_scheme_that_diverges_is_no_proof(
     text = changed(*BESIDE, ("  der p", f"  der z = {rate};\n  der p"), *more)
     report = recheck(certificate(tmp_path, text))
     assert (report.accepted and report.safe) == right, report.reason
-    assert right or "the scheme which integrates it" in report.reason or report.accepted
 
 
 # ---------------------------------------------------------------- late releases

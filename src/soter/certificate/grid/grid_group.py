@@ -27,7 +27,7 @@ from soter.certificate.grid.group_claims import (
     ranked,
     witnessed,
 )
-from soter.certificate.grid.inward_flow import points_inwards, scheme_at_fault
+from soter.certificate.grid.inward_flow import points_inwards
 from soter.certificate.grid.shield import cells_of, to_show, tops_of
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
@@ -135,10 +135,6 @@ class GridGroup(Group):
             if other.states == own.states and other.grid.edges == own.grid.edges:
                 return Cells(own.grid, other.core > 0)
         raise RejectedError("the law is looked at on other cells than SC")
-
-    def misled(self, model: CaseModel) -> str:
-        """Whether its scheme may lead out of the grid where its flow does not."""
-        return scheme_at_fault(model, self.states)
 
     def tell(self, report: RecheckedModule) -> None:
         """In cells."""

@@ -48,22 +48,6 @@ def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
     return all(low and high for low, high in uncrossed_ends(model, states))
 
 
-def scheme_at_fault(model: CaseModel, states: Sequence[int]) -> str:
-    """What is said of a group that its linear flow keeps, and its scheme perhaps not; or ""."""
-    if model.facts.kind != "flow" or not is_linear(model, states):
-        return ""
-    if LocalFlow(model, states).moves:
-        return ""
-    stepped, flows = (_ends(model, states, as_stepped=of) for of in (True, False))
-    if all(a and b for a, b in stepped) or not all(a and b for a, b in flows):
-        return ""
-    names = ", ".join(model.facts.states[i].name for i in states)
-    return (
-        f"no command moves {names}; its differential equation keeps it in its "
-        "grid, and that the scheme which integrates it does was not shown"
-    )
-
-
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """For each state whether its lower and its upper end are never crossed; False: uncertain.
 
@@ -71,12 +55,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """
     if model.facts.kind != "flow":
         return [(False, False)] * len(members)
-    return _ends(model, members, as_stepped=True)
-
-
-def _ends(model: CaseModel, members: Sequence[int], *, as_stepped: bool) -> Kept:
-    linear = is_linear(model, members)
-    inwards = _linear(model, members, as_stepped=as_stepped) if linear else _local(model, members)
+    inwards = (_linear if is_linear(model, members) else _local)(model, members)
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -90,9 +69,9 @@ def _ends(model: CaseModel, members: Sequence[int], *, as_stepped: bool) -> Kept
     return ends
 
 
-def _linear(model: CaseModel, members: Sequence[int], *, as_stepped: bool) -> Test:
+def _linear(model: CaseModel, members: Sequence[int]) -> Test:
     """A linear form over a box is least at a corner; what else acts on it is noise."""
-    flow = linear_flow(model, members, as_stepped=as_stepped)
+    flow = linear_flow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
         low = sign * flow.constant[i]

@@ -199,12 +199,12 @@ def is_linear(model: CaseModel, members: Sequence[int]) -> bool:
     return all(rows[i] is not None for i in members)
 
 
-def linear_flow(model: CaseModel, members: Sequence[int], *, as_stepped: bool = True) -> LinearFlow:
+def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     """The flow of a group; what other groups do to it counts as a disturbance.
 
     Where all that moves the group has a linear flow, one step of the simulator's scheme is a
-    solution, too (`_scheme`): with `as_stepped` it is one of what is found; otherwise that it is
-    one is a printed assumption. NotRecheckedError where a state of the group has no linear flow.
+    solution of what is found, too (`_scheme`); elsewhere that it is one is a printed assumption.
+    NotRecheckedError where a state of the group has no linear flow.
     """
     rows = _whole(model)
     if any(rows[i] is None for i in members):
@@ -212,7 +212,7 @@ def linear_flow(model: CaseModel, members: Sequence[int], *, as_stepped: bool = 
     moving = _moving(rows, members)
     whole = all(row is not None for row in rows)
     known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
-    if as_stepped and known and all(rows[i] is not None for i in moving):
+    if known and all(rows[i] is not None for i in moving):
         stepped = _as_stepped(model, rows, moving)
         rows = [stepped.get(i, row) for i, row in enumerate(rows)]
     inside = set(members)
