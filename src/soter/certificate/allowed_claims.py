@@ -14,7 +14,7 @@ from soter.certificate.tower import slowest_below
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
-    from soter.language.model.typed import ModuleSymbol
+    from soter.language.model.system import Module, System
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
@@ -36,29 +36,28 @@ def claimed_of(given: object) -> set[str]:
     return claims
 
 
-def gives_back(symbol: ModuleSymbol, given: dict[str, str]) -> None:
-    """`RejectedError` where P2b is claimed of a DM that never gives control back."""
-    latch = symbol.latch
+def of_the_module(system: System, module: Module, given: dict[str, str]) -> None:
+    """P1a, P1b, and that a DM can give control back; `RejectedError` where they overstate."""
+    ac, sc = (system.components[i] for i in (module.ac, module.sc))
+    latch = module.symbol.latch
     if given.get("P2b") == PROVED and latch is not None and latch.topic is None:
         raise RejectedError("P2b: the DM never gives control back (`returns never`)")
+    below = 0 if module.over is None else slowest_below(system, module)
+    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
+        raise RejectedError("P1a: a controller is slower than the DM")
+    outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
+    same = module.outputs and all(of == set(module.outputs) for of in outputs)
+    if given.get("P1b") == PROVED and not same:
+        raise RejectedError("P1b: AC and SC do not publish the same topics")
 
 
 def static_claims(facts: Facts, given: dict[str, str]) -> None:
     """P1a, P1b and P1c are seen to once more; `RejectedError` where they overstate."""
-    system, module = facts.flying, facts.flying_module
-    ac, sc = (system.components[i] for i in (module.ac, module.sc))
-    gives_back(facts.symbol, given)
+    of_the_module(facts.flying, facts.flying_module, given)
     if given.get("failsafe") == PROVED and len(facts.tower) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
     if given.get("P2b") == PROVED and facts.above is not None:
         raise RejectedError(f"P2b: SC has control only while {facts.above.name} is in AC")
-    below = 0 if module.over is None else slowest_below(system, module)
-    if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
-        raise RejectedError("P1a: a controller is slower than the DM")
-    if given.get("P1b") == PROVED:
-        outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
-        if not module.outputs or any(of != set(module.outputs) for of in outputs):
-            raise RejectedError("P1b: AC and SC do not publish the same topics")
     if given.get("P1c") not in (PROVED, "assumed"):
         return
     if facts.times["H_ns"] < facts.times["H_star_ns"]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, gives_back
+from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, of_the_module
 from soter.certificate.assumptions import acknowledged
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import (
@@ -96,14 +96,7 @@ def read_all(flat: System, entry: dict[str, Any]) -> None:
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
     """P1a, P1b, P1c and the latch seen to once more."""
-    gives_back(facts.symbol, said)
-    system, module = facts.flying, facts.flying_module
-    ac, sc = (system.components[i] for i in (module.ac, module.sc))
-    if said.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
-        raise RejectedError("P1a: a controller is slower than the DM")
-    outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
-    if said.get("P1b") == PROVED and any(of != set(module.outputs) for of in outputs):
-        raise RejectedError("P1b: AC and SC do not publish the same topics")
+    of_the_module(facts.flying, facts.flying_module, said)
     if said.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
