@@ -2,7 +2,8 @@
 
 Purpose: DM, SC, gate and actuators as "The model of time" of docs/proof.md and docs/semantics.md
 define them: late, slow, SC that waits for the DM, both orders of an instant, "not AC" at any look,
-any command of U from AC at every tick, outputs in flight; two maps, either at any look.
+any command of U from AC at every tick, outputs in flight, components that begin to act one after
+the other; several maps, any at any look.
 Non-goals: what the DM asks (`fallback_runs.py`); nodes on the ways.
 """
 
@@ -10,18 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from itertools import product
 from math import lcm
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+from unit.verify.tubes.fallback_runs import Command, Past
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from unit.verify.tubes.fallback_runs import Check, Past, Times
+    from unit.verify.tubes.fallback_runs import Check, Times
 
-Control: TypeAlias = Callable[[Hashable, int, bool], list[tuple[int, Hashable]]]
+Control: TypeAlias = Callable[[Hashable, int, bool], list[tuple[Command, Hashable]]]
 """A step of SC: its locals, a read, whether it has control -> commands and new locals."""
 Flying: TypeAlias = tuple[tuple[int, int], ...]
-"""Commands that SC published and that do not act yet, the first one first: value, ticks since."""
+"""Of one component, what SC published and does not act yet, the first first: value, ticks since."""
 
 
 class Mode(NamedTuple):
@@ -39,7 +43,7 @@ class Step(NamedTuple):
     """For which it has waited, or run."""
     blocked: bool = False
     """SC: the DM of before has not given its verdict."""
-    command: int = 0
+    command: Command = ()
     mode: Mode = Mode(False)
 
 
@@ -54,9 +58,9 @@ class Configuration(NamedTuple):
     sc: Step | None
     local: Hashable
     mode: Mode
-    acting: int | None
-    """None: AC's, so any of U at every tick."""
-    flying: Flying
+    acting: tuple[int | None, ...]
+    """Of each component; None: AC's, so any of U at every tick."""
+    flying: tuple[Flying, ...]
 
 
 @dataclass(frozen=True)
@@ -76,10 +80,11 @@ class Executions:
         """Whether one leaves C of the map of the last "AC", and the modes that were seen."""
         t, again = self.times, lcm(self.times.dm[0], self.times.sc[0])
         warm = t.dm[1] + t.sc[1] + t.age_sc + self.first
-        todo = [
-            (0, Configuration((x,), 0, 0, None, None, self.local, Mode(False), None, ()))
-            for x in starts
-        ]
+        sizes = len(self.checks[0].commands[0])
+        start = Configuration(
+            (), 0, 0, None, None, self.local, Mode(False), (None,) * sizes, ((),) * sizes
+        )
+        todo = [(0, start._replace(past=(x,))) for x in starts]
         told, modes = set(todo), {Mode(False)}
         while todo:
             now, here = todo.pop()
@@ -97,21 +102,26 @@ class Executions:
         """What is read, DM, SC, what acts, the plant. Both orders within an instant."""
         errors = self.checks[0].errors
         oldest = min(self.times.age_sc, len(here.past) - 1, now - self.first)
-        published = now >= self.first
-        for n in range(min(here.age + 1, oldest) + 1) if published else (0,):
-            reads = {here.past[-1 - n] + e for e in errors} if published else {0}
-            fresh = reads if published and n <= self.times.age else set[int]()
-            for m in range(min(here.own + 1, oldest) + 1) if self.own and published else (n,):
-                mine = {here.past[-1 - m] + e for e in errors} if published else {0}
+        spoken = now >= self.first
+        for n in range(min(here.age + 1, oldest) + 1) if spoken else (0,):
+            reads = {here.past[-1 - n] + e for e in errors} if spoken else {0}
+            fresh = reads if spoken and n <= self.times.age else set[int]()
+            for m in range(min(here.own + 1, oldest) + 1) if self.own and spoken else (n,):
+                mine = {here.past[-1 - m] + e for e in errors} if spoken else {0}
                 for dm, mode, sc, out, local in self.instant(here, fresh, mine, now):
-                    held = None if mode.ac or here.mode.ac else here.acting
-                    for u, flying in self.act(held, () if mode.ac else out):
-                        for p in self.move(here.past, u):
-                            yield Configuration(p, n, m, dm, sc, local, mode, u, flying)
+                    of_ac = mode.ac or here.mode.ac
+                    each = (
+                        list(self.act(None if of_ac else old, () if mode.ac else f))
+                        for old, f in zip(here.acting, out, strict=True)
+                    )
+                    for both in product(*each):
+                        acting, flying = (tuple(x) for x in zip(*both, strict=True))
+                        for p in self.move(here.past, acting):
+                            yield Configuration(p, n, m, dm, sc, local, mode, acting, flying)
 
     def instant(
         self, here: Configuration, fresh: set[int], mine: set[int], now: int
-    ) -> Iterator[tuple[Step | None, Mode, Step | None, Flying, Hashable]]:
+    ) -> Iterator[tuple[Step | None, Mode, Step | None, tuple[Flying, ...], Hashable]]:
         """The DM and then SC; and the other way round, where SC does not wait for it."""
         sc = here.sc
         for dm, mode in self.decide(here.dm, here.mode, fresh, now):
@@ -123,10 +133,11 @@ class Executions:
                 for dm, mode in self.decide(here.dm, here.mode, fresh, now):
                     yield dm, mode, *then
 
-    def move(self, past: Past, u: int | None) -> set[Past]:
+    def move(self, past: Past, acting: tuple[int | None, ...]) -> set[Past]:
         c, keep = self.checks[0], self.times.age_sc + 1
-        us = c.commands if u is None else (u,)
-        return {(*past, c.plant(past[-1], v, w))[-keep:] for v in us for w in c.wind}
+        each = zip(acting, zip(*c.commands, strict=True), strict=True)
+        us = product(*(set(of_u) if a is None else {a} for a, of_u in each))
+        return {(*past, c.plant(past[-1], sum(v), w))[-keep:] for v in us for w in c.wind}
 
     def decide(
         self, dm: Step | None, mode: Mode, reads: set[int], now: int
@@ -151,14 +162,14 @@ class Executions:
 
     def control(
         self, here: Configuration, dm: Step | None, mode: Mode, reads: set[int], now: int
-    ) -> Iterator[tuple[Step | None, Flying, Hashable]]:
+    ) -> Iterator[tuple[Step | None, tuple[Flying, ...], Hashable]]:
         """SC of this tick: itself, what of it is on its way to the plant, its locals."""
         _, _, late, response = self.times.sc
         sc, flying, local = here.sc, here.flying, here.local
         if sc is not None and sc.runs:
             if sc.ticks < response:
                 yield sc._replace(ticks=sc.ticks + 1), flying, local
-            flying = flying if mode.ac else (*flying, (sc.command, 0))
+            flying = flying if mode.ac else published(flying, sc.command)
             sc = None
         sc = Step(blocked=dm is not None) if released(self.times.sc, now) else sc
         if sc is None:
@@ -170,11 +181,11 @@ class Executions:
         if blocked:
             return
         for u, kept in (pair for y in reads for pair in self.answers(local, y, not mode.ac)):
-            yield None, flying if mode.ac else (*flying, (u, 0)), kept
+            yield None, flying if mode.ac else published(flying, u), kept
             if response:
                 yield Step(runs=True, ticks=1, command=u), flying, kept
 
-    def answers(self, local: Hashable, y: int, control: bool) -> list[tuple[int, Hashable]]:
+    def answers(self, local: Hashable, y: int, control: bool) -> list[tuple[Command, Hashable]]:
         if self.step is not None:
             return self.step(local, y, control)
         return [(u, local) for u in self.checks[0].law(y) if u is not None]
@@ -185,6 +196,10 @@ class Executions:
             yield from self.act(flying[0][0], flying[1:])
         if not flying or flying[0][1] < self.times.most:
             yield acting, tuple((v, n + 1) for v, n in flying)
+
+
+def published(flying: tuple[Flying, ...], command: Command) -> tuple[Flying, ...]:
+    return tuple((*f, (u, 0)) for f, u in zip(flying, command, strict=True))
 
 
 def released(who: tuple[int, int, int, int], now: int) -> bool:

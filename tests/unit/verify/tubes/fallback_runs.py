@@ -1,8 +1,8 @@
 """Fall-back runs and rest runs of docs/proof.md, "Decisions by tubes", on whole numbers.
 
 Purpose: `Check` says "good" by going through all fall-back runs of an estimate as they are defined;
-`Times` has the times of that section. One state, one command; a unit of time is one tick, in which
-the plant makes x + u + w of x. Nothing of the prover is used.
+`Times` has the times of that section. A unit of time is one tick, in which the plant makes x + u +
+w of x, u the sum of all components of the command. Nothing of the prover is used.
 Non-goals: executions (`executions.py`); intervals and rounding: every set is a set of points.
 """
 
@@ -10,16 +10,40 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from math import gcd
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 Past: TypeAlias = tuple[int, ...]
 """The states at the last ticks, the present one at the end: as many as a read reaches back."""
-Law: TypeAlias = Callable[[int], tuple[int | None, ...]]
+Command: TypeAlias = tuple[int, ...]
+"""A number for each component."""
+Law: TypeAlias = Callable[[int], tuple[Command | None, ...]]
 """What SC may answer to a read, whatever its locals are; None is a step fault."""
-Hold: TypeAlias = tuple[Past, int | None, int, int]
-"""A past, what SC commands from now on, ticks since the window of its next output began (below 0:
-until it does), and how many outputs may follow."""
+
+
+class Begun(NamedTuple):
+    """An output of SC some of whose components act."""
+
+    command: Command
+    acts: tuple[bool, ...]
+    age: int
+    """Of its read."""
+
+
+class Hold(NamedTuple):
+    """SC has control, and nothing but its outputs acts."""
+
+    past: Past
+    acting: Command
+    since: int
+    """Ticks since the window of the next output began; below 0: until it does."""
+    left: int
+    """How many outputs may follow."""
+    begun: Begun | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +79,7 @@ class Times:
 
 
 def moved(x: int, u: int, w: int) -> int:
+    """The plant, where nothing else is said."""
     return x + u + w
 
 
@@ -65,7 +90,7 @@ class Check:
     law: Law
     safe: frozenset[int]
     rest: frozenset[int]
-    commands: tuple[int, ...]
+    commands: tuple[Command, ...]
     wind: tuple[int, ...]
     errors: tuple[int, ...]
     holds: int
@@ -104,67 +129,97 @@ class Check:
             pasts = {self.later(p, u, w) for p in pasts for u in self.commands for w in self.wind}
         return True
 
-    def later(self, past: Past, u: int, w: int) -> Past:
+    def later(self, past: Past, u: Command, w: int) -> Past:
         """The past one tick later."""
-        return (*past, self.plant(past[-1], u, w))[-self.delay - 1 :]
-
-    def answers(self, past: Past) -> set[int | None]:
-        """What an output of SC may be that acts now: its read is up to d old."""
-        return {u for x in past for e in self.errors for u in self.law(x + e)}
+        return (*past, self.plant(past[-1], sum(u), w))[-self.delay - 1 :]
 
     def output(self, past: Past, c: int, left: int) -> bool:
-        """An output acts now, c ticks after its window began: rest, or SC goes on."""
+        """Output 0 is complete now, c ticks after its window began: rest, or SC goes on."""
         if past[-1] in self.rest:
             return True
         key = (past, c, left)
         if key not in self.known:
-            after = ((past, u, c - self.delta, left - 1) for u in self.answers(past))
-            self.known[key] = left > 0 and all(map(self.hold, after))
-        return self.known[key]
-
-    def hold(self, key: Hold) -> bool:
-        """The command acts for this tick, and then on until the next output acts."""
-        past, u, c, left = key
-        if u is None:
-            return False
-        if key not in self.known:
-            self.known[key] = all(
-                p[-1] in self.safe
-                and (c + 1 < 0 or self.output(p, c + 1, left))
-                and (c + 1 >= self.jitter or self.hold((p, u, c + 1, left)))
-                for p in (self.later(past, u, w) for w in self.wind)
+            self.known[key] = left > 0 and all(
+                u is not None and self.hold(Hold(past, u, c - self.delta, left - 1))
+                for u, _ in self.reads(past)
             )
         return self.known[key]
 
+    def hold(self, now: Hold) -> bool:
+        """What acts does so for this tick, and then on until components of the next output do."""
+        if now not in self.known:
+            self.known[now] = all(
+                (complete and p[-1] in self.rest)
+                or (after is not None and after.left >= 0 and self.hold(after))
+                for p in (self.later(now.past, now.acting, w) for w in self.wind)
+                for after, complete in self.instants(now, p)
+            )
+        return self.known[now]
+
+    def instants(self, now: Hold, p: Past) -> Iterator[tuple[Hold | None, bool]]:
+        """What may begin to act at p, a tick later, and whether the next output is complete then.
+
+        None: there is no output, but a fault, or x is not in C.
+        """
+        if p[-1] not in self.safe:
+            yield None, False
+            return
+        c, begun = now.since + 1, now.begun
+        begun = begun and begun._replace(age=begun.age + 1)
+        if c < self.jitter:
+            yield Hold(p, now.acting, c, now.left, begun), False
+        for begins in product((False, True), repeat=len(now.acting)) if c >= 0 else ():
+            acts = begun.acts if begun else (False,) * len(begins)
+            on = tuple(a or b for a, b in zip(acts, begins, strict=True))
+            complete = all(on)
+            if sum(on) == sum(acts) or (c >= self.jitter and not complete):
+                continue
+            for u, age in [(begun.command, begun.age)] if begun else self.reads(p):
+                if u is None:
+                    yield None, complete
+                elif age <= self.delay:
+                    new = zip(acts, on, u, now.acting, strict=True)
+                    acting = tuple(v if b and not a else old for a, b, v, old in new)
+                    if complete:
+                        yield Hold(p, acting, c - self.delta, now.left - 1), True
+                    else:
+                        yield Hold(p, acting, c, now.left, Begun(u, on, age)), False
+
+    def reads(self, past: Past) -> set[tuple[Command | None, int]]:
+        """What SC may have answered to reads of the past, and how old they are."""
+        aged = enumerate(reversed(past))
+        return {(u, n) for n, x in aged for e in self.errors for u in self.law(x + e)}
+
     def keeps(self, x: int, past_in: frozenset[int] | None = None) -> bool:
         """Condition 4: every rest run from x stays in C. `past_in`: only of pasts within it."""
+        assert self.plant is moved  # as what was before x is asked
+        before = {sum(u) + w for u in self.commands for w in self.wind}
         pasts: set[Past] = {(x,)}
         for _ in range(self.delay):
             pasts = {
-                (z, *p)
+                (p[0] - by, *p)
                 for p in pasts
-                for z in (range(p[0] - 9, p[0] + 10) if past_in is None else past_in)
-                if any(self.plant(z, u, w) == p[0] for u in self.commands for w in self.wind)
+                for by in before
+                if past_in is None or p[0] - by in past_in
             }
-        todo = [
-            (p, u, c - self.delta, 0)
-            for p in pasts
-            for c in range(self.jitter + 1)
-            for u in self.answers(p)
-        ]
-        seen = set[Hold](todo)
-        while todo:
-            past, u, c, _ = todo.pop()
-            if u is None:
-                return False
-            for p in (self.later(past, u, w) for w in self.wind):
-                if p[-1] not in self.safe:
+        seen, todo = set[Hold](), list[Hold]()
+
+        def add(after: Hold) -> None:
+            if after not in seen and after not in self.kept:
+                seen.add(after)
+                todo.append(after)
+
+        for p in pasts:
+            for (u, _), c in product(self.reads(p), range(self.jitter + 1)):
+                if u is None:
                     return False
-                after = set[Hold]({(p, u, c + 1, 0)} if c + 1 < self.jitter else ())
-                if c + 1 >= 0:
-                    after |= {(p, v, c + 1 - self.delta, 0) for v in self.answers(p)}
-                after -= seen | self.kept
-                todo += after
-                seen |= after
+                add(Hold(p, u, c - self.delta, 0))
+        while todo:
+            now = todo.pop()
+            for p in (self.later(now.past, now.acting, w) for w in self.wind):
+                for after, _ in self.instants(now, p):
+                    if after is None:
+                        return False
+                    add(after._replace(left=0))
         self.kept.update(seen)
         return True

@@ -9,21 +9,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from unit.verify.tubes.executions import Executions, Mode
-from unit.verify.tubes.fallback_runs import Check, Law, Times
+from unit.verify.tubes.fallback_runs import Check, Command, Law, Times
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterable
 
 SAFE, VIOLATED, REFUSED = "safe", "violated", "refused"
 Found = tuple[str, str]
+OfOne: TypeAlias = "Callable[[int], tuple[int | None, ...]]"
+"""The law of an SC with one command of one component."""
 
 
 def check(
     times: Times,
-    law: Law,
+    law: OfOne,
     safe: Iterable[int],
     rest: Iterable[int],
     commands: tuple[int, ...],
@@ -32,7 +34,12 @@ def check(
 ) -> Check:
     """One with the times of the page; no wind and no errors where nothing is said."""
     given = {"wind": (0,), "errors": (0,), **times.derived(), **more}
-    return Check(law, frozenset(safe), frozenset(rest), commands, holds=holds, **given)
+    us = tuple((u,) for u in commands)
+    return Check(one(law), frozenset(safe), frozenset(rest), us, holds=holds, **given)
+
+
+def one(law: OfOne) -> Law:
+    return lambda y: tuple(None if u is None else (u,) for u in law(y))
 
 
 def flown(times: Times, c: Check, starts: set[int], **more: Any) -> str:
@@ -61,14 +68,14 @@ def fault_in_the_background() -> Found:
     def right(y: int) -> tuple[int, ...]:
         return (1,) if y in {1, 19} else (0,)
 
-    def step(latched: Hashable, y: int, _control: bool) -> list[tuple[int, Hashable]]:
-        return [(0, True) if latched or law(y) == (None,) else (right(y)[0], False)]
+    def step(latched: Hashable, y: int, _control: bool) -> list[tuple[Command, Hashable]]:
+        return [((0,), True) if latched or law(y) == (None,) else (right(y), False)]
 
     def plant(x: int, u: int, _w: int) -> int:
         return min(25, x + 1 + u)  # a cart that only goes on; it has to jump over 20
 
     c = check(times, law, {*cells} - {20}, range(21, 26), (0, 1), 30, plant=plant)
-    assert flown(times, replace(c, law=right), {0}) == SAFE
+    assert flown(times, replace(c, law=one(right)), {0}) == SAFE
     asked = REFUSED if any(None in law(y) for y in cells) else SAFE
     return flown(times, c, {0}, step=step, local=False), asked
 
@@ -80,14 +87,14 @@ def takeover_block_that_does_not_run() -> Found:
     def goes(y: int, right: object) -> int:
         return sign(15 - y) if right and y >= 0 else -1 if right else sign(-15 - y)
 
-    def step(local: Any, y: int, control: bool) -> list[tuple[int, Hashable]]:
+    def step(local: Any, y: int, control: bool) -> list[tuple[Command, Hashable]]:
         right, had_control = local
         right = y >= 0 if control and not had_control else right
-        return [(goes(y, right), (right, control))]
+        return [((goes(y, right),), (right, control))]
 
     rest = {*range(-20, -9), *range(10, 21)}
     latched = check(times, lambda y: (goes(y, y >= 0),), range(-30, 31), rest, (-1, 0, 1))
-    any_local = replace(latched, law=lambda y: (goes(y, False), goes(y, True)))
+    any_local = replace(latched, law=one(lambda y: (goes(y, False), goes(y, True))))
     return flown(times, latched, {1}, step=step, local=(True, False)), flies(any_local)
 
 
@@ -96,14 +103,14 @@ def back(y: int) -> tuple[int, ...]:
     return (-1,) if y >= 4 else (0,)
 
 
-def expected(acted: tuple[int, ...], law: Law = back, most: int = 1) -> Found:
+def expected(acted: tuple[int, ...], law: OfOne = back, most: int = 1) -> Found:
     """A check that expects 0 to act says good of 4, `acted` acts; a check that expects all of U."""
     times, safe, commands = Times((5, 0, 0, 0), (1, 0, 0, 0)), range(1, 9), (-most, 0, most)
     c = check(times, law, safe, {y for y in safe if law(y) == (0,)}, (0,))
     assert {*acted} <= {*commands}
     assert c.good(4)
     out = set(accumulate(acted, initial=4)) - c.safe
-    return VIOLATED if out else SAFE, flies(replace(c, commands=commands))
+    return VIOLATED if out else SAFE, flies(replace(c, commands=tuple((u,) for u in commands)))
 
 
 def held_after_a_return() -> Found:
@@ -162,13 +169,13 @@ def latched_after_the_look() -> Found:
     """SC latches a target, 0 or 9, at takeover; the DM saw another one."""
     times = Times((4, 0, 0, 0), (4, 0, 0, 0))
 
-    def step(local: Any, y: int, control: bool) -> list[tuple[int, Hashable]]:
+    def step(local: Any, y: int, control: bool) -> list[tuple[Command, Hashable]]:
         target, had_control = local
         targets = (0, 9) if control and not had_control else (target,)
-        return [(sign(t - y), (t, control)) for t in targets]
+        return [((sign(t - y),), (t, control)) for t in targets]
 
     seen = check(times, lambda y: (sign(-y),), range(-6, 9), {0}, (-1, 0, 1), 4)
-    every = replace(seen, law=lambda y: (sign(-y), sign(9 - y)))
+    every = replace(seen, law=one(lambda y: (sign(-y), sign(9 - y))))
     return flown(times, seen, {0}, step=step, local=(0, False)), flies(every)
 
 
@@ -197,7 +204,7 @@ def fail_safe_law() -> Found:
     assert all(map(c.keeps, c.rest))
     assert flown(times, c, {3}) == SAFE
     run = {*accumulate((1, -1) * 3 + (1,) * 12, initial=3)}
-    as_sc = replace(c, law=lambda _: (0,))
+    as_sc = replace(c, law=one(lambda _: (0,)))
     asked = SAFE if any(map(as_sc.keeps, c.rest)) else REFUSED
     return SAFE if run <= c.safe else VIOLATED, asked
 

@@ -9,6 +9,7 @@ Non-goals: the definitions (`fallback_runs.py`), executions (`executions.py`).
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from random import Random
 
 from unit.verify.tubes.executions import Executions
@@ -25,12 +26,20 @@ KINDS = (
     ((-2, 1), (0,)),
     ((0, 1), (-1, 0)),
 )
-"""Commands and disturbances."""
+"""Of one component: commands and disturbances."""
+PAIRS = (
+    ((-1, 1), (0, 1)),
+    ((0, 1), (-1, 0)),
+    ((-1, 1), (-1, 1)),
+    ((0, 2), (-1, 0)),
+    ((0, 1), (-2, 0)),
+)
+"""Commands of two components."""
 MOST_HORIZON, MOST_DELAY = 5, 2
 """Larger ones have too many runs."""
 
 
-def times(draw: Random) -> Times:
+def times(draw: Random, parts: int) -> Times:
     def some(most: int) -> int:
         return draw.choice((0, 0, 1, draw.randrange(most + 1)))
 
@@ -43,15 +52,21 @@ def times(draw: Random) -> Times:
         d = t.derived()
         out = d["jitter"] - t.most + t.least  # of SC, at most, after its release
         kept = 2 * d["jitter"] <= delta and out <= delta and dm[2] + dm[3] < period
-        if kept and d["horizon"] <= MOST_HORIZON and d["delay"] <= MOST_DELAY:
+        small = d["horizon"] <= MOST_HORIZON and d["delay"] <= MOST_DELAY
+        if kept and small and (parts == 1 or t.most > t.least):  # else they act at one instant
             return t
 
 
-def drawn(number: int, maps: int = 1) -> tuple[Executions, set[int]] | None:
-    """A module and its starts; None: SC keeps nothing, or a map has no good estimate."""
+def drawn(number: int, maps: int = 1, parts: int = 1) -> tuple[Executions, set[int]] | None:
+    """A module and its starts; None: SC keeps nothing, or a map has no good estimate.
+
+    `parts`: components of its command, 1 or 2.
+    """
     draw = Random(number)  # noqa: S311
-    t = times(draw)
-    commands, wind = draw.choice(KINDS)
+    t = times(draw, parts)
+    kinds = [((u,), w) for u, w in KINDS] if parts == 1 else [(us, (0,)) for us in PAIRS]
+    each, wind = draw.choice(kinds)
+    commands = tuple(product(*each))
     width = draw.choice((7, 10, 14))
     constraints = [frozenset(x for x in range(width) if draw.random() < 0.9) for _ in range(maps)]
     law = {y: (draw.choice(commands),) for y in range(-9, width + 9)}

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import random
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING
+
 import pytest
 
+from generators.schedule_systems import _drawn
 from unit.verify.tubes.executions import Mode
+from unit.verify.tubes.fallback_runs import Check
 from unit.verify.tubes.naive_variants import REFUSED, SAFE, VARIANTS, VIOLATED
 from unit.verify.tubes.small_systems import drawn, off
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from unit.verify.tubes.fallback_runs import Hold, Past
 
 SHARP = (
     (2894, "alpha", 1),  # H - delta - j is its larger part
@@ -17,6 +28,9 @@ SHARP = (
 )
 """Numbers of modules in which one time that is a tick off lets an execution be unsafe."""
 
+APART = (136, 472, 1204, 1900, 2542, 2973, 3264, 3380)
+"""Numbers of modules with two components that begin to act one after the other."""
+
 STILL_GOOD = {
     "rest_entered_from_outside",
     "start_by_the_state_alone",
@@ -25,11 +39,20 @@ STILL_GOOD = {
 """Variants in which AC goes on flying, by the conditions of the page."""
 
 
-def holds(numbers: range, maps: int) -> int:
+class Together(Check):
+    """Wrong: the components of an output begin to act at one instant."""
+
+    def instants(self, now: Hold, p: Past) -> Iterator[tuple[Hold | None, bool]]:
+        for after, complete in super().instants(now, p):
+            if after is None or after.begun is None:
+                yield after, complete
+
+
+def holds(numbers: Iterable[int], maps: int = 1, parts: int = 1) -> int:
     """No execution of any of these modules is unsafe; in how many both fly, with each map."""
     switched = 0
     for number in numbers:
-        if (got := drawn(number, maps)) is not None:
+        if (got := drawn(number, maps, parts)) is not None:
             module, starts = got
             unsafe, modes = module.violated(starts)
             assert not unsafe, number
@@ -38,17 +61,36 @@ def holds(numbers: range, maps: int) -> int:
 
 
 def test_no_execution_of_small_modules_is_unsafe() -> None:
-    assert holds(range(1000), maps=1) > 40
+    assert holds(range(800)) > 30
+
+
+def test_no_execution_is_unsafe_where_two_components_begin_apart() -> None:
+    assert holds(APART, parts=2) == len(APART)
+
+
+def test_components_that_are_taken_to_begin_together_are_seen_to_be_unsafe() -> None:
+    got = drawn(3380, parts=2)
+    assert got is not None
+    module, _ = got
+    of = {f.name: getattr(module.checks[0], f.name) for f in fields(Check) if f.init}
+    wrong = Together(**of)
+    wrong = replace(wrong, rest=frozenset(x for x in wrong.safe if wrong.keeps(x)))
+    starts = {x for x in wrong.safe if wrong.starts_well(x)}
+    assert replace(module, checks=(wrong,)).violated(starts)[0]
 
 
 def test_the_constraint_of_the_last_map_holds_where_maps_change() -> None:
-    assert holds(range(1000), maps=2) > 10
+    assert holds(range(500), maps=2) > 15
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("maps", [1, 2])
-def test_no_execution_of_many_small_modules_is_unsafe(maps: int) -> None:
-    assert holds(range(1000, 12_000), maps) > 100
+@pytest.mark.parametrize(
+    ("maps", "parts", "last", "least"), [(1, 1, 12_000, 300), (2, 1, 8_000, 150), (1, 2, 5_000, 5)]
+)
+def test_no_execution_of_many_small_modules_is_unsafe(
+    maps: int, parts: int, last: int, least: int
+) -> None:
+    assert holds(range(1000, last), maps, parts) > least
 
 
 @pytest.mark.parametrize(("number", "time", "by"), SHARP)
@@ -80,3 +122,21 @@ def test_a_naive_variant_is_unsafe_and_the_conditions_exclude_it(name: str) -> N
     naive, by_the_page = VARIANTS[name]()
     assert naive == VIOLATED
     assert by_the_page == (SAFE if name in STILL_GOOD else REFUSED)
+
+
+def test_a_step_of_sc_is_out_before_the_next_one_is_due() -> None:
+    """By R015 and R018: what SC began before a look cannot pass after the next one."""
+    with_nodes, waits_longer, otherwise = 0, 0, 0
+    for number in range(4000):
+        s = _drawn(random.Random(number))  # noqa: S311
+        if s.sc.period > s.dm.period or any(
+            o.loses(s.sc, s.published) is not None for o in s.outputs
+        ):
+            continue
+        if s.ordered:
+            assert s.published <= s.sc.period, number
+            with_nodes += any(o.nodes for o in s.outputs)
+            waits_longer += s.published > s.jitter
+        else:
+            otherwise += s.published > s.sc.period
+    assert min(with_nodes, waits_longer, otherwise) > 0
