@@ -10,7 +10,7 @@ import pytest
 
 from generators.schedule_systems import _drawn
 from unit.verify.tubes.executions import Mode
-from unit.verify.tubes.fallback_runs import Check
+from unit.verify.tubes.fallback_runs import Check, Times
 from unit.verify.tubes.naive_variants import REFUSED, SAFE, VARIANTS, VIOLATED
 from unit.verify.tubes.small_systems import drawn, off
 
@@ -77,6 +77,15 @@ def test_components_that_are_taken_to_begin_together_are_seen_to_be_unsafe() -> 
     wrong = replace(wrong, rest=frozenset(x for x in wrong.safe if wrong.keeps(x)))
     starts = {x for x in wrong.safe if wrong.starts_well(x)}
     assert replace(module, checks=(wrong,)).violated(starts)[0]
+
+
+def test_answers_that_stand_still_move_the_plant_where_their_components_begin_apart() -> None:
+    """The second rule of rest asks of each component what SC may answer, not of whole answers."""
+    times = Times((2, 0, 0, 0), (2, 0, 0, 0), most=1)
+    still = ((1, -1), (-1, 1))
+    given = (lambda _: still, frozenset(range(-9, 10)), frozenset[int](), still, (0,), (0,), 9)
+    assert Together(*given, **times.derived()).keeps(0)
+    assert not Check(*given, **times.derived()).keeps(0)
 
 
 def test_the_constraint_of_the_last_map_holds_where_maps_change() -> None:
