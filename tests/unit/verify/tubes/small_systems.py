@@ -48,12 +48,13 @@ def times(draw: Random, parts: int) -> Times:
         period = draw.choice([b for b in (2, 3, 4, 5, 6, 8) if b >= delta])
         dm = (period, draw.randrange(period), some(2), some(2))
         sc, least = (delta, draw.randrange(delta), some(2), some(2)), draw.choice((0, 0, 1))
-        t = Times(dm, sc, least, least + some(2), some(3), some(3))
+        most = least + max(some(2), parts - 1)  # two that begin apart have L > L_min
+        t = Times(dm, sc, least, most, some(3), some(3))
         d = t.derived()
         out = d["jitter"] - t.most + t.least  # of SC, at most, after its release
         kept = 2 * d["jitter"] <= delta and out <= delta and dm[2] + dm[3] < period
         small = d["horizon"] <= MOST_HORIZON and d["delay"] <= MOST_DELAY
-        if kept and small and (parts == 1 or t.most > t.least):  # else they act at one instant
+        if kept and small:
             return t
 
 
