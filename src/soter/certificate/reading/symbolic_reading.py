@@ -352,6 +352,7 @@ class SymbolicReader(CodeReader):
         """By its static type an int stays an int, whatever it went through, and a bool is one.
 
         `rows`: a row of a table may stay unread, as one of its numbers is asked for next.
+        NotRecheckedError for a bool that is neither known nor a proposition.
         """
         value = super().value(e, frame)
         if isinstance(value, Rows) and not rows:
