@@ -95,11 +95,6 @@ def windows(
     return tuple(Window(k, counts, age, ages) for k in range(counts) for age in range(ages))
 
 
-def delays(model: CaseModel) -> tuple[int, int]:
-    """D and j in ns: how old the sample behind a command is, how late a command may act."""
-    return model.facts.delay_ns, model.facts.jitter_ns
-
-
 def sc_chain(
     model: CaseModel, members: Sequence[int], pieces: int, window: Window = EVERY
 ) -> Chain:
@@ -107,7 +102,9 @@ def sc_chain(
     if model.facts.kind == "map":
         step = map_step(model, members)
         return Chain(step, step, None)
-    delta, d, j = (t * NANOSECOND for t in (model.facts.times["delta_ns"], *delays(model)))
+    facts = model.facts
+    given = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
+    delta, d, j = (t * NANOSECOND for t in given)
     times = Times(delta, d, *window.ends(j), window.taken(d))
     chain = FlowChain(model, members, _flow(model, members), times)
     cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
