@@ -154,3 +154,19 @@ def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.Mon
     assert len(made) == len(others)
     for one, other in zip(first, again, strict=True):
         assert np.array_equal(one.members, other.members)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_every_box_on_the_way_counts_for_runs_that_begin_beyond_an_end(turned: bool) -> None:
+    """None of them may be further inwards than the outer cell is wide."""
+    grid = Grid(((0.0, 1.0, 2.0, 3.0), (0.0, 1.0)), (True, False))
+    for start, good, bad in (
+        ((2.5, 3.0), (1.6, 3.4), (1.4, 3.0)),
+        ((0.0, 0.5), (-0.4, 1.4), (0.0, 1.6)),
+    ):
+        box = [(exact(start[0]), exact(start[1])), (exact(0.0), exact(1.0))]
+        for way, followed in (((good, good), True), ((good, bad), False), ((bad, bad), False)):
+            boxes = [x for ends in way[:: -1 if turned else 1] for x in (*ends, 0.0, 1.0)]
+            assert grid.followed_beyond(box, boxes) == followed
+    inside = [(exact(1.2), exact(1.4)), (exact(0.0), exact(1.0))]
+    assert grid.followed_beyond(inside, [-5.0, 9.0, 0.0, 1.0])
