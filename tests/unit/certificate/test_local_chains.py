@@ -16,7 +16,7 @@ from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import Enclosure, LocalFlow, SolvedFlow, integral_of
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.grid.inward_flow import uncrossed_ends
-from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, delays, windows
+from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, windows
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
@@ -143,6 +143,11 @@ TWO = (
     ),
 )
 """Two commands, whose sum is what is felt."""
+
+
+def delays(model: CaseModel) -> tuple[int, int]:
+    """How old the sample behind a command is, how late a command may act, in ns."""
+    return model.facts.delay_ns, model.facts.jitter_ns
 
 
 def local_chain(
