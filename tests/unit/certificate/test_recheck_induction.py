@@ -12,6 +12,7 @@ from generators.opaque_planner import OPAQUE as SLOW
 from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
+from soter.certificate.induction import check_claims
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
 
@@ -233,6 +234,28 @@ def test_too_small_a_k_is_rejected(tmp_path: Path) -> None:
     assert recheck(folder).accepted
     sealed_again(folder, edited("k", k - 1))
     assert not recheck(folder).accepted
+
+
+def test_a_greater_k_than_is_needed_is_hardly_more_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where it is asked whether AC ever has control. The solver counts its work itself."""
+    folder, done = certificate(tmp_path), [0]
+    answer = check_claims._answer
+
+    def counted(facts: Any, *rest: Any) -> Any:
+        said = answer(facts, *rest)
+        done[-1] = facts.work
+        return said
+
+    monkeypatch.setattr(check_claims, "_answer", counted)
+    for k in (1, 64):
+        sealed_again(folder, edited("k", k))
+        done.append(0)
+        report = recheck(folder)
+        assert report.accepted
+        assert report.modules[0].unseen == ""
+    assert 0 < done[2] < 3 * done[1]
 
 
 OPAQUE = SLOW.replace("period 400ms", "period 40ms")

@@ -66,7 +66,7 @@ def recheck_induction(
     if wanted:
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
-        _induction(facts, k)
+        rests_on = _induction(facts, k)
     conditional = facts.latching or bool(facts.symbol.verify.progress)
     if "P2b" in claims and conditional:
         raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
@@ -78,7 +78,9 @@ def recheck_induction(
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
-    report.vacuous, report.unseen = _vacuous(facts, k) if wanted else ("", "nothing is claimed")
+    report.vacuous, report.unseen = "", "nothing is claimed"
+    if wanted:
+        report.vacuous, report.unseen = _vacuous(facts, rests_on)
     return facts, report
 
 
@@ -101,14 +103,18 @@ def _static(facts: InductionFacts, said: dict[str, str]) -> None:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
-def _induction(facts: InductionFacts, k: int) -> None:
-    """Each instant of a turn after those before it; then as much of the start as that rests on."""
+def _induction(facts: InductionFacts, k: int) -> int:
+    """Each instant of a turn after those before it; then as much of the start as that rests on.
+
+    Turns of hypothesis that are enough, k at most: a greater k than a proof needs costs nothing.
+    """
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
     rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
     run = TransitionSystem(facts, first=True)
     run.run(facts.settled + min(rests_on, k * facts.turn))
     _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
+    return min(-(-rests_on // facts.turn), k)
 
 
 def _affordable(facts: InductionFacts, turns: int) -> None:
