@@ -46,7 +46,6 @@ class Input:
     low: float
     high: float
     variable: str = ""
-    moves: bool = True
     of_others: bool = False
     """A disturbance: what somebody else publishes, and a plant of the proof reads."""
     unit: str = ""

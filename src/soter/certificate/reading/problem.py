@@ -137,7 +137,7 @@ def _read_states(facts: Facts, c: Component) -> None:
                 if begun is not None:
                     low, high = min(low, reals[k]), max(high, reals[k])
                 state = Input("state", name, c.index, k, low, high, variable=variable.name)
-                facts.states.append(replace(state, moves=moves))
+                facts.states.append(state)
             elif moves:
                 raise NotRecheckedError(f"the state `{name}` moves and is no float")
             else:

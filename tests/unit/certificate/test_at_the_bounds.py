@@ -1,0 +1,381 @@
+"""Single functions of the re-checker's core at the values at which they begin to say else."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from bench.recheck.small_modules import PROGRAMS
+from flint import arb
+
+from soter.certificate import rechecker
+from soter.certificate.cells import predicates
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.cells.unbounded_axes import FARTHEST
+from soter.certificate.format.certificate_program import _overrides
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.grid_group import GridCheck, _looked_at
+from soter.certificate.grid.group_claims import ChainCheck
+from soter.certificate.reading import supported_constructs
+from soter.certificate.reading.sc_locals import one_of
+from soter.certificate.reading.symbolic_operations import Operations
+from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.terms.arb_balls import (
+    ONE,
+    UNIVARIATE,
+    above,
+    below,
+    exact,
+    line_noisy_max0,
+    line_or_range,
+)
+from soter.certificate.terms.compile_terms import compile_step, form_of_box, halved
+from soter.certificate.terms.operations import grown
+from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.language.front_end import check_file
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+
+# ---------------------------------------------------------------- numbers
+
+
+def test_a_bound_in_doubles_is_the_nearest_one() -> None:
+    for number in (Fraction(k, d) for k in range(-9, 10) for d in (1, 3, 7, 10)):
+        low, high = below(exact(number)), above(exact(number))
+        assert Fraction(low) <= number <= Fraction(high)
+        assert high <= math.nextafter(low, math.inf)
+
+
+@pytest.mark.parametrize("name", sorted(UNIVARIATE))
+def test_a_line_over_a_short_interval_says_nearly_all(name: str) -> None:
+    for low in (0.25, 0.6, 1.4, 2.9):
+        slope, offset, spread, least, most = UNIVARIATE[name](exact(low), exact(low + 1e-3))
+        assert spread < 1e-4
+        assert most - least < 0.02
+        assert abs(slope * exact(low) + offset - (least + most) / 2) < 0.02
+
+
+def test_a_kink_has_the_best_line() -> None:
+    """Between the chord and the parallel through the kink: half of their distance."""
+    for low, high in itertools.product((-3.0, -1.0, -0.25), (0.5, 1.0, 6.0)):
+        best = -low * high / (2 * (high - low))
+        assert abs(UNIVARIATE["max0"](exact(low), exact(high))[2] - best) < 1e-15
+        for noise in (0.0, 0.125):
+            first, last = max(low + noise, 0.0), max(high + noise, 0.0)
+            slope = (last - first) / (high - low)
+            over = first - slope * low
+            under = -slope * min(max(noise, low), high)
+            line = line_noisy_max0(exact(low), exact(high), exact(noise))
+            assert abs(line[2] - (over - under) / 2) < 1e-15
+
+
+def test_a_line_between_ends_that_are_balls_encloses() -> None:
+    draw = np.random.default_rng(17)
+    for _ in range(300):
+        low, size = draw.uniform(-2, 2), draw.uniform(0.1, 1.5)
+        low, high = arb(low, 0.4), arb(low + size, 0.4)
+        noise = exact(float(draw.uniform(0, 0.5)))
+        lines = [(line_noisy_max0(low, high, noise), noise), (UNIVARIATE["max0"](low, high), 0)]
+        for (slope, offset, spread, *_), n in lines:
+            for x, sign in itertools.product((low.lower(), high.upper(), noise), (-1, 0, 1)):
+                if low.lower() <= x <= high.upper():
+                    off = (x + sign * n).max(arb(0)) - slope * x - offset
+                    assert not abs(off) > spread + 1e-15
+
+
+def test_of_a_line_and_a_range_that_are_as_wide_the_line_is_kept() -> None:
+    """It remembers what it comes of."""
+    assert line_or_range(exact(0.0), exact(1.0), exact(-1.0), exact(1.0))[0] == 1
+
+
+def test_growth_at_a_rate_that_is_a_ball_is_that_of_the_greatest() -> None:
+    for own, most in ((arb(2, 0.5), 2.5), (arb(-2, 0.5), -1.5)):
+        assert grown(own, exact(1.0)) >= math.expm1(most) / most
+
+
+# ---------------------------------------------------------------- terms
+
+
+def inputs_of_two(terms: Terms) -> list[Linear]:
+    return [terms.input("state", name, exact(-6.0), exact(6.0)) for name in "xy"]
+
+
+def image(terms: Terms, value: Linear, box: Sequence[tuple[float, float]]) -> Any:
+    """The form of a value over a box of the first two inputs, and its ends."""
+    step = compile_step(terms, [0, 1], 2, [value], ranges=[value])
+    return step(form_of_box([(exact(a), exact(b)) for a, b in box], symbols=True))
+
+
+@pytest.mark.parametrize("factor", [arb(-0.5, 0.5), arb(0.5, 0.5), arb(0, 1)])
+def test_a_factor_whose_sign_is_only_nearly_certain(factor: arb) -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    low, high = image(terms, terms.combine(((factor, x),)), [(1.0, 2.0), (0.0, 1.0)])[1]
+    for f in (factor.lower(), factor.upper()):
+        assert low <= f.mid() * 2 <= high
+
+
+def test_one_of_several_is_any_of_them() -> None:
+    terms = Terms()
+    x, y = inputs_of_two(terms)
+    others = [terms.combine(((ONE, x), (exact(c), y)), exact(d)) for c, d in ((1.0, 0.5), (3, -2))]
+    value = one_of(terms, [x, *others])
+    form, (low, high) = image(terms, value, [(0.5, 1.5), (1.0, 2.0)])
+    for a, b in itertools.product((0.5, 1.0, 1.5), (1.0, 2.0)):
+        for v in (a, a + b + 0.5, a + 3 * b - 2):
+            assert low <= v <= high
+            off = exact(v) - (form[2] + form[3] * (a - 1) * 2 + form[4] * (b - 1.5) * 2)
+            assert not abs(off) > form[5]
+
+
+def test_a_limit_that_is_a_number_takes_one_kink() -> None:
+    """What never exceeds a number needs no more; of two that vary either is a limit."""
+    for constant in (True, False):
+        terms = Terms()
+        x, y = inputs_of_two(terms)
+        Operations(terms, rounded=True).extreme("min", 1.0 if constant else y, x)
+        kinds = [a.kind for a in terms.atoms[2:]]
+        assert kinds == (["max0"] if constant else ["max0", "min"])
+
+
+def test_a_root_asks_that_there_is_one() -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    operations = Operations(terms, rounded=True)
+    operations.builtin("sqrt", terms.function("square", x, nonnegative=True))
+    assert not terms.obligations
+    operations.builtin("sqrt", x)
+    assert terms.obligations
+
+
+@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("memories", [0, 1])
+def test_halves_of_a_form_are_that_form(n: int, memories: int) -> None:
+    """Every state of it is in one of them, at twice what its beta is off the half's middle."""
+    draw = np.random.default_rng(19)
+    count = n + memories
+    centre, symbols, rest, common = (count * k for k in (2, 3, 3 + n, 4 + n))
+    for _ in range(60):
+        numbers = draw.uniform(-1, 1, count * (4 + n) + memories * n)
+        numbers[rest:common] = abs(numbers[rest:common])
+        numbers[: 2 * count] = np.tile([-9.0, 9.0], count)
+        form = tuple(exact(float(v)) for v in numbers)
+        for axis, side in itertools.product(range(n), (0.5, -0.5)):
+            half = halved(form, n, axis, exact(side))
+            eps, beta = draw.choice([-1.0, 1.0], n), draw.choice([-1.0, 1.0], count)
+            ours = draw.uniform(-0.5, 0.5) + side
+            new_beta, beta[axis] = beta.copy(), ours
+            new_beta[axis] = 2 * (ours - side)
+            for of, b in ((form, beta), (half, new_beta)):
+                states = []
+                for i in range(count):
+                    x = of[centre + i] + of[rest + i] * b[i]
+                    x += sum(of[symbols + i * n + k] * eps[k] for k in range(n))
+                    for k in range(n) if i >= n else ():
+                        x += of[common + (i - n) * n + k] * of[rest + k] * b[k]
+                    states.append(x)
+                if of is form:
+                    expected = states
+            for i, (x, y) in enumerate(zip(expected, states, strict=True)):
+                assert i >= n or not abs(x - y) > 1e-12
+                assert half[2 * i] - 1e-12 <= x <= half[2 * i + 1] + 1e-12
+
+
+def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
+    grid = Grid(((0.0, 1.0), tuple(k / 10 for k in range(11))))
+    check: Any = SimpleNamespace(group=SimpleNamespace(states=(0, 1), grid=grid))
+    form = [exact(0.0)] * 12
+    form[10], form[11] = exact(5.0), exact(0.6)
+    for part in ChainCheck._parts(check, tuple(form)):
+        assert (part[10], part[11]) == (5, exact(0.6) / 2)
+
+
+# ---------------------------------------------------------------- reading
+
+
+CODE = """soter 1;
+topic there: float;
+topic unknown: float;
+fun Truths(x: float, y: float): float { return (x > 0.0) == (y > 0.0) ? 1.0 + x : -1.0 - y; }
+fun Others(x: float, y: float): float { return (x > 0.0) != (y > 1.0) ? 1.0 + x : -1.0 - y; }
+fun Counts(x: float, y: float): float { return float(2 * int(floor(x)) + 1) + y; }
+fun Long(x: float, y: float): float {
+  var sum = 0.0;
+  for i in 0..24 {
+    if x > float(i) - 12.0 {
+      sum = sum + y;
+    }
+  }
+  return sum;
+}
+"""
+
+
+def read(folder: Path, name: str, terms: Terms) -> Linear:
+    path = folder / "code.soter"
+    path.write_text(CODE)
+    checked = check_file(str(path))
+    assert checked.program is not None, checked.diagnostics
+    fun = checked.program.funs[name]
+    frame = CallFrame(dict(zip(fun.parameters, inputs_of_two(terms), strict=True)))
+    value = SymbolicReader(terms, Surroundings({}, {})).block(fun.body, frame)
+    assert isinstance(value, Linear)
+    return value
+
+
+@pytest.mark.parametrize(
+    ("name", "of"),
+    [
+        ("Truths", lambda x, y: 1.0 + x if (x > 0) == (y > 0) else -1.0 - y),
+        ("Others", lambda x, y: 1.0 + x if (x > 0) != (y > 1) else -1.0 - y),
+        ("Counts", lambda x, y: 2 * math.floor(x) + 1 + y),
+        ("Long", lambda x, y: y * sum(x > i - 12.0 for i in range(24))),
+    ],
+)
+def test_what_is_read_is_what_is_written(tmp_path: Path, name: str, of: Any) -> None:
+    """Truths compared, ints of inputs beside known ones; and no branch is followed twice."""
+    terms = Terms()
+    value = read(tmp_path, name, terms)
+    for x, y in itertools.product((-1.75, -0.25, 0.25, 1.5), (-1.25, 0.5, 1.75)):
+        low, high = image(terms, value, [(x, x), (y, y)])[1]
+        assert low - 1e-9 <= of(x, y) <= high + 1e-9
+        assert high - low < 1e-9
+
+
+def test_what_nobody_says_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "code.soter"
+    path.write_text(CODE)
+    topics = {s.name: s for s in check_file(str(path)).program.topics.values()}  # type: ignore[union-attr]
+    reader = SymbolicReader(Terms(), Surroundings({}, {topics["there"]: 1.0}))
+    expression: Any = SimpleNamespace(topic=topics["there"])
+    assert reader._topic(expression, CallFrame({})) == 1.0
+    expression.topic, expression.module = topics["unknown"], "M"
+    for of in (reader._topic, reader._period, reader._mode):
+        with pytest.raises(NotRecheckedError):
+            of(expression, CallFrame({}))
+
+
+def test_a_field_that_the_list_does_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    @dataclass
+    class Part:
+        known: int
+        added: int
+
+    for names in ("known", "", None):
+        entries: Any = {} if names is None else {Part: names}
+        monkeypatch.setattr(supported_constructs, "ELABORATED", entries)
+        with pytest.raises(NotRecheckedError, match="not known here"):
+            supported_constructs._only_known_fields(Part)
+    monkeypatch.setattr(supported_constructs, "ELABORATED", {Part: "known added"})
+    supported_constructs._only_known_fields(Part)
+
+
+def test_a_state_is_followed_through_names(tmp_path: Path) -> None:
+    text = PROGRAMS["written"]
+    plain = small_proofs.facts_of(_written(tmp_path, text), "S", "M").leaves
+    (driven,) = [x for x in text.splitlines() if "drives" in x]
+    value = driven.split("drives")[1].split("=")[1].strip(" ;")
+    named = text.replace(driven, driven.replace(value, "again") + f" let again = {value};")
+    assert small_proofs.facts_of(_written(tmp_path, named), "S", "M").leaves.keys() == plain.keys()
+
+
+def _written(folder: Path, text: str) -> Path:
+    path = folder / "small.soter"
+    path.write_text(text)
+    return path
+
+
+def test_a_parameter_that_the_program_does_not_have_is_rejected(tmp_path: Path) -> None:
+    checked = check_file(str(_written(tmp_path, f"{PROGRAMS['written']}\nparam of: float = 1.0;")))
+    assert checked.program is not None, checked.diagnostics
+    for name, fine in (("of", True), ("S.nowhere.of", False), ("other", False)):
+        given: Any = SimpleNamespace(manifest={"params": {name: (2.0).hex()}})
+        if fine:
+            assert _overrides(given, checked.program) == {name: 2.0}
+        else:
+            with pytest.raises(RejectedError, match="no parameter"):
+                _overrides(given, checked.program)
+
+
+@pytest.mark.parametrize(("most", "fine"), [(1, True), (0, False)])
+def test_as_many_cases_as_are_gone_through(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: int, fine: bool
+) -> None:
+    facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
+    monkeypatch.setattr(rechecker, "CASES_MAX", most)
+    monkeypatch.setattr(rechecker, "compare", lambda *_: None)
+    monkeypatch.setattr(rechecker, "static_claims", lambda *_: None)
+    entry = {"claims": {"P2a": "proved"}, "cases": []}
+    with pytest.raises(RejectedError if fine else NotRecheckedError, match="combinations"):
+        rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- cells
+
+
+def test_a_box_on_an_edge_has_cells_on_its_inner_side() -> None:
+    grid = Grid(((0.0, 1.0, 2.0, 3.0),))
+    for box, cells in {
+        (0.0, 0.0): (0, 1),
+        (3.0, 3.0): (2, 3),
+        (1.0, 2.0): (1, 2),
+        (0.5, 2.5): (0, 3),
+        (0.0, 3.0): (0, 3),
+    }.items():
+        assert grid.cells(box) == (cells,)
+    for outside in ((-0.1, 1.0), (2.0, 3.1), (math.nan, 1.0), (1.0, math.nan)):
+        assert grid.cells(outside) is None
+    ends = Grid(grid.edges, (True,))
+    for box, cells in {(-1.0, -0.5): (0, 1), (4.0, 5.0): (2, 3), (-1.0, 5.0): (0, 3)}.items():
+        assert ends.cells(box) == (cells,)
+    assert ends.cells((-3.5, 1.0)) is None
+
+
+def test_a_start_beyond_an_end_is_moved_in_and_any_other_is_not() -> None:
+    grid = Grid(((0.0, 1.0, 2.0), (0.0, 1.0, 2.0)), (True, False))
+    for (low, high), moved in {
+        (0.5, 1.5): (0.5, 1.5),
+        (-4.0, 1.5): (0.0, 1.5),
+        (0.5, 9.0): (0.5, 2.0),
+        (-4.0, -3.0): (0.0, 0.0),
+        (7.0, 9.0): (2.0, 2.0),
+    }.items():
+        states = [SimpleNamespace(low=low, high=high)] * 2
+        check: Any = SimpleNamespace(
+            tables=SimpleNamespace(states=(0, 1)),
+            model=SimpleNamespace(facts=SimpleNamespace(states=states)),
+            grid=grid,
+        )
+        assert list(GridCheck._starts(check)) == [moved, (low, high)]
+
+
+def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> None:
+    model: Any = SimpleNamespace(extents=((-2.0, 2.0),))
+    for unbounded, members in (((False,), [True] * 4), ((True,), [False, True, True, True])):
+        terms = Terms()
+        x = terms.input("state", "x", -FARTHEST, FARTHEST)
+        inside = terms.below(terms.combine(((-ONE, x),), exact(-5.0)))
+        grid = Grid(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
+        group: Any = SimpleNamespace(grid=grid, states=(0,))
+        found = predicates._certain_cells(model, group, terms, [0], inside)
+        assert found.members.tolist() == members
+
+
+def test_a_state_that_the_dm_does_not_see_has_one_cell() -> None:
+    states = [SimpleNamespace(name=n) for n in "xy"]
+    facts: Any = SimpleNamespace(leaves={0: None}, states=states)
+    group: Any = SimpleNamespace(states=(0, 1), grid=SimpleNamespace(shape=(4, 1)))
+    assert _looked_at(facts, group) == [0]
+    group.grid.shape = (4, 2)
+    with pytest.raises(NotRecheckedError, match="no topic shows `y`"):
+        _looked_at(facts, group)
