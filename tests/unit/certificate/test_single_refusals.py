@@ -1,0 +1,256 @@
+"""Single conditions of the re-checker's core: what each refuses, lets through, or says."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from soter.certificate import assumptions, rechecker
+from soter.certificate.allowed_claims import static_claims
+from soter.certificate.format import folder as folders
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import FORMAT, canonical, read_certificate
+from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.reading import case_model, problem
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.linear_flows import _scheme
+from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.task_processes import can_fork
+from soter.certificate.terms.affine_forms import AffineForms
+from soter.certificate.terms.arb_balls import ZERO, above, below, exact
+from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import AgeRead
+from unit.certificate import small_proofs
+from unit.certificate.test_one_instant import DM, SC, TEXT
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.certificate.reading.module_facts import Facts
+
+arb = type(ZERO)
+
+
+def facts_of(folder: Path, *pairs: tuple[str, str]) -> Facts:
+    """Of the program with two plants, with other texts in some places."""
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "two.soter"
+    path.write_text(text)
+    return small_proofs.facts_of(path, "S", "M")
+
+
+# ---------------------------------------------------------------- files
+
+
+def sealed(folder: Path, manifest: dict[str, Any]) -> Path:
+    raw = canonical(manifest)
+    (folder / "manifest.json").write_bytes(raw)
+    (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+    return folder
+
+
+@pytest.mark.parametrize("files", [[], None, "files", 1])
+def test_files_that_are_no_list_by_name(tmp_path: Path, files: object) -> None:
+    with pytest.raises(RejectedError, match="lists no files"):
+        read_certificate(sealed(tmp_path, {"schema": FORMAT, "files": files}))
+
+
+@pytest.mark.parametrize(("given", "word"), [(FORMAT - 1, "older"), (FORMAT + 1, "newer")])
+def test_another_format_is_named(tmp_path: Path, given: int, word: str) -> None:
+    with pytest.raises(NotRecheckedError, match=word):
+        read_certificate(sealed(tmp_path, {"schema": given, "files": {}}))
+
+
+def test_a_file_that_grows_or_shrinks_is_seen(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes(b"12345")
+    assert folders._read(tmp_path, "file", 5) == b"12345"
+    for size in (4, 6):
+        with pytest.raises(RejectedError, match="while it was read"):
+            folders._read(tmp_path, "file", size)
+
+
+@pytest.mark.parametrize("modules", [[], {}, None])
+def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
+    manifest = dict.fromkeys(folders.MANIFEST_KEYS.split(), "") | {"modules": modules}
+    certificate: Any = SimpleNamespace(manifest=manifest)
+    report: Any = SimpleNamespace(program="")
+    with pytest.raises(RejectedError, match="no modules"):
+        rechecker._check(certificate, report, lambda _: None, 1)
+
+
+# ---------------------------------------------------------------- claims
+
+
+def claimed(monkeypatch: pytest.MonkeyPatch, p1c: str, horizon: int, least: int) -> None:
+    monkeypatch.setattr("soter.certificate.allowed_claims.of_the_module", lambda *_: None)
+    monkeypatch.setattr("soter.certificate.allowed_claims.p1c_of", lambda _: "assumed")
+    setting = SimpleNamespace(by_dm=(), by_sc=())
+    times = {"H_ns": horizon, "H_star_ns": least}
+    facts: Any = SimpleNamespace(
+        times=times,
+        setting=setting,
+        tower=(),
+        above=None,
+        start_ns=0,
+        flying=None,
+        flying_module=None,
+    )
+    static_claims(facts, {"P1c": p1c})
+
+
+def test_a_horizon_is_long_enough_from_h_star_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    for horizon in (5, 6):
+        claimed(monkeypatch, "assumed", horizon, 5)
+    with pytest.raises(RejectedError, match="shorter"):
+        claimed(monkeypatch, "assumed", 4, 5)
+    claimed(monkeypatch, "undecided", 4, 5)
+    with pytest.raises(RejectedError, match="P1c"):
+        claimed(monkeypatch, "proved", 5, 5)
+
+
+@pytest.mark.parametrize("law", [None, "a law"])
+def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str | None) -> None:
+    made = []
+
+    def case(*_: object) -> Any:
+        made.append(SimpleNamespace(lawful=None, check=lambda: None))
+        return made[-1]
+
+    monkeypatch.setattr(rechecker, "CaseModel", lambda *_: None)
+    monkeypatch.setattr(rechecker, "narrowed", lambda *_: None)
+    monkeypatch.setattr(rechecker, "CaseCheck", case)
+    monkeypatch.setattr(rechecker, "kept_by_law", lambda of, k, _: (of, k))
+    facts: Any = SimpleNamespace(cases=lambda: iter([(0,), (1,)]), extents=())
+    claims: Any = SimpleNamespace(groups=[[], []], law=law, claims=set())
+    rechecker._cases(facts, claims, {}, lambda _: None, 1)
+    assert [c.lawful for c in made] == ([None] * 2 if law is None else [(law, 0), (law, 1)])
+
+
+# ---------------------------------------------------------------- reading
+
+
+def test_ages_are_left_out_of_ttf(tmp_path: Path) -> None:
+    plain = facts_of(tmp_path)
+    assert plain.ttf is plain.symbol.ttf
+    aged = facts_of(tmp_path, ("ttf abs(x) > 2.0", "ttf abs(x) > 2.0 || age(x) > seconds(15ms)"))
+    for of, known in ((aged.symbol.ttf, True), (aged.ttf, False)):
+        assert any(isinstance(n, AgeRead) for n in nodes([of])) is known
+
+
+def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    check_supported(facts)
+    facts.flying_module.forced = "ac"
+    with pytest.raises(NotRecheckedError, match="forced"):
+        check_supported(facts)
+
+
+def test_a_plant_that_reads_what_nobody_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(case_model, "topics_of_others", lambda *_: [])
+    topic = SimpleNamespace(name="u", type=None)
+    model: Any = SimpleNamespace(facts=SimpleNamespace(module=None, controls=[]))
+    plant = SimpleNamespace(reads=[topic])
+    c: Any = SimpleNamespace(name="P", plant=plant, scope=SimpleNamespace(topics={}))
+    with pytest.raises(NotRecheckedError, match="no output of the module"):
+        CaseModel._inputs_of_plant(model, c, [])
+
+
+def test_an_axis_names_one_state_or_none() -> None:
+    axis: Any = SimpleNamespace(topic=None, instance="c", path=("x",))
+    for names, found in ((["c.x", "c.y"], 0), (["a.x"], None), (["a.c.x", "b.c.x"], None)):
+        facts: Any = SimpleNamespace(states=[SimpleNamespace(name=n) for n in names])
+        assert problem._state_of_axis(facts, axis) == found
+
+
+@pytest.mark.parametrize("other", [("euler", 10, 1), ("rk4", 5, 1), ("rk4", 10, 2)])
+def test_states_of_one_group_have_one_scheme(other: tuple[str, int, int]) -> None:
+    def plants(*schemes: tuple[str, int, int]) -> Any:
+        made = [
+            SimpleNamespace(
+                plant=SimpleNamespace(method=m), period_ns=p * 10**6, substeps=s, index=k
+            )
+            for k, (m, p, s) in enumerate(schemes)
+        ]
+        states = [SimpleNamespace(owner=k) for k in range(len(made))]
+        return SimpleNamespace(facts=SimpleNamespace(plants=made, states=states))
+
+    rates = [[ZERO, ZERO], [ZERO, ZERO]]
+    _scheme(plants(("rk4", 10, 1), ("rk4", 10, 1)), rates, [0, 1])
+    with pytest.raises(NotRecheckedError, match="different schemes"):
+        _scheme(plants(("rk4", 10, 1), other), rates, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("rate", "ends"),
+    [("-p * p * p", (True, True)), ("p * p * p", (False, False)), ("p * p", (True, False))],
+)
+def test_an_end_is_not_crossed_where_the_flow_leads_in(
+    tmp_path: Path, rate: str, ends: tuple[bool, bool]
+) -> None:
+    """Where it is not linear: by its rates on the side."""
+    facts = facts_of(tmp_path, ("der p = u", f"der p = 0.0 * u + {rate}"))
+    model = CaseModel(facts, (), [(-3.0, 3.0), (-1.0, 1.0)])
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
+    assert uncrossed_ends(model, [index]) == [ends]
+
+
+# ---------------------------------------------------------------- what is said
+
+
+def test_what_is_read_together_is_said_to_be_of_one_instant(tmp_path: Path) -> None:
+    for pairs, who in (((), set()), ((SC,), {"SC"}), ((SC, DM), {"SC", "the DM"})):
+        entries = assumptions.assumptions_of(facts_of(tmp_path, *pairs))
+        keys = [a.key.split(":")[0] for a in entries if a.key.startswith("one instant")]
+        assert sorted(keys) == sorted(f"one instant {w}" for w in who)
+
+
+def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    facts = facts_of(tmp_path)
+    monkeypatch.setattr("soter.certificate.handover.assumed", lambda *_: [("key", "text")])
+    for view in (None, "a view"):
+        facts.view = view  # type: ignore[assignment]
+        said = [a.key for a in assumptions.assumptions_of(facts)]
+        assert ("key" in said) == (view is not None)
+
+
+# ---------------------------------------------------------------- numbers
+
+
+def test_a_bound_of_a_ball_is_a_bound_and_no_farther_than_it_has_to_be() -> None:
+    step = 2.0**-52
+    between = exact(1.0) + 3 * exact(step) / 2 + arb(0, 2.0**-100)
+    assert below(between) == 1 + step
+    assert above(exact(1.0) + exact(step) / 2 + arb(0, 2.0**-100)) == 1 + step
+    wide = arb(1, 0.25)
+    assert 0.75 - 1e-9 < below(wide) <= wide.lower()
+    assert wide.upper() <= above(wide) < 1.25 + 1e-9
+
+
+def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:
+    terms = Terms()
+    x = terms.input("state", "x", exact(1.0), exact(2.0))
+    (atom,) = x.terms
+    forms = AffineForms(terms, [atom], 1, {})
+    for factor, low, high in (
+        (arb(-0.5, 0.5), -2.0, 0.0),
+        (arb(0.5, 0.5), 0.0, 2.0),
+        (exact(-1.0), -2.0, -1.0),
+    ):
+        forms.bounds = {atom: (exact(1.0), exact(2.0))}  # type: ignore[assignment]
+        ends = forms.natural(Linear(ZERO, {atom: factor}, ZERO, ZERO, ZERO, nonnegative=False))
+        values = [e.content if hasattr(e, "content") else e for e in ends]
+        assert values[0].lower() <= low + 1e-9
+        assert values[1].upper() >= high - 1e-9
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are forked on POSIX alone")
+def test_processes_are_forked_where_there_is_fork() -> None:
+    assert can_fork()
