@@ -62,7 +62,7 @@ FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
     "terms": ("operations", "recheck_enclosures", "beyond_doubles"),
-    "time": ("times", "ways", "nodes_that_take_time", "recheck_towers"),
+    "time": ("times", "ways", "nodes_that_take_time", "recheck_towers", "one_instant"),
     "cells": ("certain_cells", "recheck_walks"),
     "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
     "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),
@@ -70,6 +70,8 @@ TESTED_BY = {
     "": ("recheck_progress", "claims_without_tables", "certificates", "ways"),
 }
 """By the folder of a file the files of quick tests that judge its mutants, in this order."""
+OF_ALL = ("at_the_bounds", "single_refusals")
+"""Files of tests of single functions, in seconds: they come first."""
 OTHERS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.GtE), ast.Gt: (ast.GtE, ast.Lt),
     ast.GtE: (ast.Gt, ast.LtE), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,), ast.In: (ast.NotIn,),
@@ -237,7 +239,7 @@ def _differ(folder: Path) -> str:
 
 def judges(file: str) -> list[str]:
     """The files of tests that judge the mutants of a file."""
-    return [str(TESTS / f"test_{n}.py") for n in TESTED_BY[file.rpartition("/")[0]]]
+    return [str(TESTS / f"test_{n}.py") for n in (*OF_ALL, *TESTED_BY[file.rpartition("/")[0]])]
 
 
 def in_child(work: Callable[[], int], mutant: Mutant | None = None) -> tuple[int, str]:
