@@ -177,6 +177,9 @@ def _timing(facts: Facts) -> Said:
             yield f"undeclared {words}", f"{undeclared} {words}"
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
+    if facts.kind == "flow":
+        text = "sensors publish exactly at their releases, before anybody reads in that instant"
+        yield "sensors on time", text
     yield "wait", "SC waits for the DM, in one thread, and no release is skipped"
     yield "order", "commands of AC and SC act in the order in which they were published"
     if facts.setting.silent:

@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.certificate.assumptions import assumptions_of
 from soter.certificate.reading.module_facts import DiffersError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.assumption import texts
+from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -57,3 +61,13 @@ def test_two_clocks_are_rejected_where_both_are_read(
 
 def test_two_clocks_are_fine_where_only_one_is_read(tmp_path: Path) -> None:
     facts_with(tmp_path, CLOCKS)
+
+
+def test_prover_and_re_checker_say_that_sensors_are_on_time(tmp_path: Path) -> None:
+    path = tmp_path / "two.soter"
+    path.write_text(TEXT)
+    said = "sensors publish exactly at their releases, before anybody reads in that instant"
+    facts = small_proofs.facts_of(path, "S", "M")
+    assert said in [a.text for a in assumptions_of(facts)]
+    flat = system_to_prove(check_file(str(path)), "S")
+    assert said in texts(extract(flat, flat.modules[0]).assumptions)

@@ -12,6 +12,7 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 
@@ -287,3 +288,21 @@ def test_a_node_elsewhere_within_its_times_is_part_of_a_proof(tmp_path: Path, pa
     facts_of(tmp_path, PROGRAMS["flying"], *pairs)
     flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
     extract(flat, flat.modules[0])
+
+
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_node_in_a_process_of_its_own_is_not_in_the_thread_of_the_module(
+    tmp_path: Path, inside: bool
+) -> None:
+    """It passes a command on at its next step, unless the system takes it into the thread."""
+    pairs: Pairs = (*extern("Driver", ""), *UNDECLARED)
+    if inside:
+        pairs = (*pairs, ("module M;", "module M; inline Driver;"))
+    facts = facts_of(tmp_path, PROGRAMS["flying"], *pairs)
+    kinds = [kind for kind, name in facts.ways.notes if name == "Driver"]
+    assert ("in step" in kinds, "passes" in kinds) == (inside, not inside)
+    flat = system_to_prove(check_file(str(tmp_path / "small.soter")), "S")
+    problem = extract(flat, flat.modules[0])
+    said = [t for t in texts(problem.assumptions) if "Driver" in t and "thread of the module" in t]
+    assert bool(said) == inside
+    assert problem.times.jitter_sc == facts.times["j_ns"] == (5 if inside else 6) * 1_000_000

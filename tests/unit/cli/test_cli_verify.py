@@ -46,7 +46,7 @@ def test_what_it_says_of_a_proved_module(
     monkeypatch.setenv("COLUMNS", "200")
     done = soter("verify", write(here))
     assert done.exit == 0
-    assert "PROVED under 10 assumptions" in done.out
+    assert "PROVED under 11 assumptions" in done.out
     golden("cli/verify.txt", steady(done.out))
 
 

@@ -282,14 +282,15 @@ class NodeWays(Ways):
         """Whether a node is released whenever SC is, behind all before it, and says no times.
 
         Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
-        passes an output on in the instant in which it is published.
+        passes an output on in the instant in which it is published. An extern has a process of its
+        own unless the system takes it into the thread.
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
         said = {**verify.late_of, **verify.response_of}
         if nodes or c.takes_ns is not None or any(n in said for n in self._names(c)):
             return False
-        if behind and behind[-1] > c.index:
+        if (c.extern and not c.inline) or (behind and behind[-1] > c.index):
             return False
         meets = sc.period_ns % c.period_ns == 0 and (sc.phase_ns - c.phase_ns) % c.period_ns == 0
         return meets and c.phase_ns <= sc.phase_ns

@@ -347,6 +347,8 @@ def _timing(
         text = f"undeclared times are zero: {', '.join(absent)}"
         assumptions.append(Assumption("undeclared", text))
     assumptions += [Assumption("thread", text) for text in times.rests]
+    text = "sensors publish exactly at their releases, before anybody reads in that instant"
+    assumptions.append(Assumption("sensors on time", text))
     text = "SC waits for the DM, in one thread, and no release is skipped"
     assumptions.append(Assumption("wait", text))
     text = "commands of AC and SC act in the order in which they were published"

@@ -120,7 +120,9 @@ def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
 
 
 def _in_step(place: VerificationSystem, node: Component) -> bool:
-    """Whether it is released whenever SC is, and no times of its own are declared."""
+    """Whether it is in the thread, released whenever SC is, and no times of it are declared."""
+    if node.extern and not node.inline:
+        return False
     sc = place.sc
     aligned = gcd(node.period_ns, sc.period_ns) == node.period_ns
     aligned = aligned and (sc.phase_ns - node.phase_ns) % node.period_ns == 0
