@@ -68,9 +68,9 @@ def certain(
     """For each group the cells on which its share of a predicate certainly holds.
 
     The predicate holds on the product of these sets: each of its conjuncts is the matter of one
-    group, all other states ranging over their whole grids. It is that of the group on which it
-    depends most; any choice is sound, and only this one is useful. Where `errors`, on every
-    estimate of every state.
+    group, all other states ranging over their whole grids, in which their C's lie. It is that of
+    the group on which it depends most; any choice is sound, and only this one is useful. Where
+    `errors`, on every estimate of every state.
     """
     terms, states = model.new_terms(ENDLESS)
     truth = model.predicate(terms, states, expr, errors=errors)
@@ -122,8 +122,8 @@ def both_all(parts: Sequence[Proposition]) -> Proposition:
 class Decision:
     """The truth of a proposition on boxes of some states, other states on their grids.
 
-    Errors and other topics count as states here, behind those that are asked for: they have much in
-    common in what is compared. `ranges`: theirs; `reads`: of each state that is asked for whether
+    Errors and other topics count as states here, behind those that are asked for, so that they are
+    halved with the cell. `ranges`: theirs; `reads`: of each state that is asked for whether
     the proposition depends on it.
     """
 

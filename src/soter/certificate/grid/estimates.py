@@ -50,7 +50,10 @@ def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float
 
 
 def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
-    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
+    """Cells of states all of whose estimates lie in a level; and of estimates of such states.
+
+    An error is as large on either side, so that the same set answers both.
+    """
     grid = group.grid
     ends = [
         [_estimates(model, state, low, high) for low, high in pairwise(map(exact, edges))]

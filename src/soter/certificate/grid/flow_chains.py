@@ -16,7 +16,9 @@ known: x(s) = x + I(s) r +- noise, with r = A x + B u_1 + c the rate now and I(s
 e^{At} over [0, s]; what other commands than u_1 differ from it adds |e^{As} B| times the integral
 of that, for as long as they may have acted. The k-th command before acts on [-k delta + w,
 -(k - 1) delta] at least, the (k + 1)th beside it for w, so that in [-(k + 1) delta + w, -k delta +
-w] one of the two acted.
+w] one of the two acted. Older commands enter only through how much they may differ from the latest,
+at each instant by the most that two values of their ranges differ: so a memory that ranges over U
+stands for any function into U. The instant of a hand-over may be another one for each command.
 """
 
 from __future__ import annotations

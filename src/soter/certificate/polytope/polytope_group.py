@@ -81,8 +81,9 @@ class PolytopeGroup(Group):
         return self.tables.as_cell(box)
 
     def check(self, model: CaseModel, lawful: Cells | None) -> PolytopeCheck:
-        """Its claims; there is no `lawful`."""
-        assert lawful is None
+        """Its claims; NotRecheckedError where there is a `lawful`."""
+        if lawful is not None:
+            raise NotRecheckedError("a law that half-spaces are to keep")
         return PolytopeCheck(model, self.tables)
 
     def compare(

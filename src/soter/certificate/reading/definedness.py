@@ -24,7 +24,11 @@ CERTAIN = 2
 
 
 def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
-    """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves."""
+    """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves.
+
+    An obligation about states of several groups is left to one that looks: there the others' states
+    range over their grids.
+    """
     if model.facts.kind == "map":
         return  # a map's obligations are demanded of every cell
     terms, states = model.new_terms()

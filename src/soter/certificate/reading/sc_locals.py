@@ -121,7 +121,10 @@ def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
 
 
 class _Shapes:
-    """Equal for terms that were built alike, over the same inputs: their enclosures are equal."""
+    """Equal for terms that were built alike, over the same inputs: their enclosures are equal.
+
+    Two of them need not be the same number. One stands for both, as it encloses the same numbers.
+    """
 
     def __init__(self, terms: Terms) -> None:
         self._terms = terms

@@ -42,7 +42,10 @@ if TYPE_CHECKING:
 
 
 class Operations:
-    """What operators give. `rounded`: as the machine computes it; else as real numbers."""
+    """What operators give. `rounded`: as the machine computes it; else as real numbers.
+
+    A function of a known number (`sqrt(2.0)`) is what the machine makes of it, in a flow, too.
+    """
 
     def __init__(self, terms: Terms, *, rounded: bool) -> None:
         self.terms = terms

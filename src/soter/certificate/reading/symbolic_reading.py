@@ -76,7 +76,10 @@ class CodeReader:
     def _both_ways(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """Both sides of what is not decided, as `tried`; StepFault where both fault."""
+        """Both sides of what is not decided, as `tried`; StepFault where both fault.
+
+        A variable that only one side has is read by nobody afterwards: the language refuses that.
+        """
         path, make = self.operations.path, self.operations
         first = self.tried(make.both(path, c), then)
         second = self.tried(make.both(path, make.negation(c)), otherwise)

@@ -118,7 +118,7 @@ class AffineForms:
         return low, high
 
     def within(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
-        """The tighter ones of two pairs of ends."""
+        """The tighter ones of two pairs of ends, of which each holds."""
         return self.make.apply("larger", low, least), self.make.apply("smaller", high, most)
 
     def natural(self, x: Linear) -> Ends:

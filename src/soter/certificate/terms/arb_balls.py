@@ -271,5 +271,5 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "tanh": partial(_smooth, arb.tanh, lambda v: 1 - v.tanh() ** 2, _curve_tanh),
     "atan": partial(_smooth, arb.atan, lambda v: 1 / (1 + v * v), lambda x: -x / (1 + x * x) ** 2),
 }
-"""Exact functions of one variable; the prelude's errors are added by `symbolic_reading.py`."""
+"""Exact functions of one variable; the prelude's errors are added by `symbolic_operations.py`."""
 PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan")

@@ -127,7 +127,10 @@ class Builder:
         return self._value(operation, tuple(values), content) if same is None else same
 
     def _same(self, operation: str, x: Value, y: Value) -> Value | None:
-        """What needs no operation: 0 times what is unbounded is 0, as it is finite all the same."""
+        """What needs no operation: 0 times what is unbounded is 0.
+
+        It is a number wherever the obligations hold, and elsewhere nothing is given.
+        """
         if operation == "mul":
             if self.zero in (x, y):
                 return self.zero
@@ -196,7 +199,7 @@ class Function:
             (v.operation, v.content, tuple(place[id(x)] for x in v.arguments)) for v in steps
         )
         self.content: object = (tuple(map(content_of, self._constants)), self._named, self._wanted)
-        """Equal for functions only that give the same of every form."""
+        """Equal for functions only that give the same of every form: places tell its length."""
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
         """Of one form; of values of another program: values of that one.

@@ -49,7 +49,8 @@ class Linear:
     low: arb
     high: arb
     nonnegative: bool = False
-    """Known not to be negative although rounding hides it: a sum of squares."""
+    """Known not to be negative although rounding hides it: a sum of squares. The number that the
+    machine has is not; the bounds of its enclosure may be."""
 
     @property
     def is_constant(self) -> bool:
@@ -338,7 +339,10 @@ class Terms:
         return self._atom(atom)
 
     def widened(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
-        """`x`, a function of the prelude: off by at most `error`, never outside [low, high]."""
+        """`x`, a function of the prelude: off by at most `error`, never outside [low, high].
+
+        It holds for arguments in the function's domain, which is an obligation of its own.
+        """
         (index,) = x.terms
         atom = self.atoms[index]
         atom.extra = error

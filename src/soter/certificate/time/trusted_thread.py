@@ -48,8 +48,8 @@ def check_thread(
 
     Nothing is assumed where nobody in the thread says an execution time, or how late its release
     may be. A time that is not said is counted as nothing: what does not hold even then is a miss.
-    `in_step`: nodes behind SC in its instant, by name. NotRecheckedError where there are too many
-    releases.
+    `in_step`: nodes behind SC in its instant, by name. SC may begin when the DM's verdict may still
+    be due, which `starts_by` counts. NotRecheckedError where there are too many releases.
     """
     clocks = {c.name: c for c in _nodes(setting)}
     _check_elsewhere(system, clocks, in_step)
