@@ -36,7 +36,7 @@ from soter.certificate.terms.arb_balls import (
     line_or_range,
 )
 from soter.certificate.terms.compile_terms import compile_step, form_of_box, halved
-from soter.certificate.terms.operations import grown
+from soter.certificate.terms.operations import OPERATIONS, grown
 from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
@@ -146,6 +146,27 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
         Operations(terms, rounded=True).extreme("min", 1.0 if constant else y, x)
         kinds = [a.kind for a in terms.atoms[2:]]
         assert kinds == (["max0"] if constant else ["max0", "min"])
+
+
+def test_what_is_known_on_both_sides_of_a_branch_stays_known() -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    operations, of = Operations(terms, rounded=True), Any
+    c = terms.below(x)
+    for known in (2, 2.5, True):
+        assert operations.join(of, c, known, known) is known  # type: ignore[arg-type]
+    one = operations.join(of, c, 1.0, x)  # type: ignore[arg-type]
+    assert isinstance(one, Linear)
+    assert isinstance(operations.join(of, c, x, 1.0), Linear)  # type: ignore[arg-type]
+
+
+def test_a_range_that_ends_at_a_limit_is_inside() -> None:
+    def inside(*ends: float) -> int:
+        bits: int = OPERATIONS["inside"](*map(exact, ends))
+        return bits
+
+    for low, high in itertools.product((-0.25, 0.0, 0.25), (0.75, 1.0, 1.25)):
+        assert (inside(low, high, 0.0, 1.0) == 2) == (low >= 0.0 and high <= 1.0)
 
 
 def test_a_root_asks_that_there_is_one() -> None:

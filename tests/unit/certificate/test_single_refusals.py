@@ -77,6 +77,15 @@ def test_a_file_that_grows_or_shrinks_is_seen(tmp_path: Path) -> None:
             folders._read(tmp_path, "file", size)
 
 
+def test_as_many_cells_as_are_looked_at(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(folders, "CELLS_MAX", 24)
+    certificate = folders.Certificate(tmp_path, {}, {}, set())
+    for shape in ((3, 4), (12,)):
+        certificate.count(shape)
+    with pytest.raises(NotRecheckedError, match="more than 24 cells"):
+        certificate.count((1,))
+
+
 @pytest.mark.parametrize("modules", [[], {}, None])
 def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
     manifest = dict.fromkeys(folders.MANIFEST_KEYS.split(), "") | {"modules": modules}
