@@ -341,6 +341,19 @@ def test_as_many_cases_as_are_gone_through(
         rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
 
 
+def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
+    for name in ("compare", "static_claims", "refuse_unclaimed"):
+        monkeypatch.setattr(rechecker, name, lambda *_, **__: None)
+    monkeypatch.setattr(rechecker, "groups_of", lambda *_: [])
+    case = {"parameter": [], "groups": []}
+    entry: Any = {"claims": {"P2a": "proved"}, "cases": [case], "tables": []}
+    with pytest.raises(RejectedError, match="has tables of its DM"):
+        rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
+
+
 # ---------------------------------------------------------------- cells
 
 
