@@ -206,7 +206,7 @@ def test_an_end_is_not_crossed_where_the_flow_leads_in(
 ) -> None:
     """Where it is not linear: by its rates on the side."""
     facts = facts_of(tmp_path, ("der p = u", f"der p = 0.0 * u + {rate}"))
-    model = CaseModel(facts, (), [(-3.0, 3.0), (-1.0, 1.0)])
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
     (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
     assert uncrossed_ends(model, [index]) == [ends]
 
@@ -253,9 +253,9 @@ def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:
         (arb(0.5, 0.5), 0.0, 2.0),
         (exact(-1.0), -2.0, -1.0),
     ):
-        forms.bounds = {atom: (exact(1.0), exact(2.0))}  # type: ignore[assignment]
+        forms.bounds = {atom: (exact(1.0), exact(2.0))}  # type: ignore[dict-item]
         ends = forms.natural(Linear(ZERO, {atom: factor}, ZERO, ZERO, ZERO, nonnegative=False))
-        values = [e.content if hasattr(e, "content") else e for e in ends]
+        values: list[Any] = [e.content if hasattr(e, "content") else e for e in ends]
         assert values[0].lower() <= low + 1e-9
         assert values[1].upper() >= high - 1e-9
 
