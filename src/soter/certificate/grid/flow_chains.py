@@ -110,13 +110,18 @@ class FlowChain:
 
     @cached_property
     def law(self) -> tuple[Function, list[Interval]]:
-        """The rows of SC's commands over a form of the sample, and where they hold."""
+        """The rows of SC's commands over a form of the sample, and where they hold.
+
+        What is not known of the sample is noise. Beside a limit of SC's a line over what is known
+        stays within the limit; a line over both went beyond it by its slope times the noise.
+        """
         model, members = self.model, self.members
         terms, states = model.new_terms()
         commands = model.commands(terms, states)
         own = [atom_of(states[i]) for i in members]
         outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
-        rows = compile_lines(terms, own, self.n, outputs, terms.obligations, boxes)
+        must, noisy = terms.obligations, self.depth > 0
+        rows = compile_lines(terms, own, self.n, outputs, must, boxes, noisy=noisy)
         return rows, domain_of(terms, own)
 
     # ------------------------------------------------------------ steps of a chain
@@ -180,7 +185,8 @@ class FlowChain:
         form = [end for interval in sample.box for end in interval]
         form += [row[0] for row in values]
         form += [x for row in values for x in row[1 : 1 + n]]
-        form += [spread_of(row[1 + n :]) + r for row, r in zip(values, sample.rest, strict=True)]
+        form += [spread_of(row[1 + n :]) for row in values]
+        form += sample.rest if self.depth else []  # else nothing is off the rows
         law, domain = self.law
         for interval, most in zip(sample.box, domain, strict=True):
             applied(DEMAND, applied("inside", *interval, *most))
@@ -194,7 +200,7 @@ class FlowChain:
             row[-1] += constant
             row[k - 1 - q] = ONE
             rows.append(row)
-            start.z[k - 1 - q][k - q] = spread + sum_of_sizes(gain, sample.rest)
+            start.z[k - 1 - q][k - q] = spread
             ranges.append((low, high))
         return CommandRows(rows, ranges)
 
