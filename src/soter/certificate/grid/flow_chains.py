@@ -200,7 +200,7 @@ class FlowChain:
             row[-1] += constant
             row[k - 1 - q] = ONE
             rows.append(row)
-            start.z[k - 1 - q][k - q] = spread
+            start.z[k - 1 - q][k - q] = applied("magnitude", spread)
             ranges.append((low, high))
         return CommandRows(rows, ranges)
 
@@ -219,14 +219,20 @@ class FlowChain:
         rate = product(beside(local.a, local.b), [*way.rows, *acting.rows])
         for row, c in zip(rate, local.constant, strict=True):
             row[-1] += c
-        sizes = [spread_of(row) for row in product(rate, start.z)]
+        held = [applied("union", *ends) for ends in (*way.box, *acting.ranges)]
+        sizes = []  # of the rate: by its row, and by ranges, which end where commands do
+        values = product(rate, start.z)
+        for row, factors, c in zip(values, beside(local.a, local.b), local.constant, strict=True):
+            whole = applied("magnitude", dot(factors, held) + c)
+            sizes.append(applied("min", whole, spread_of(row)))
         integral = flow.integral(local, begin, end)
         noise = flow.noise(local, begin, end, acting.radii)
         pushes = product(plus(units(n), product(local.a, integral)), local.b) if others else local.b
         rest = []
         for i, row in enumerate(integral):
             wide = dot([x.rad() for x in row], sizes)
-            rest.append(noise[i] + wide + sum_of_sizes(pushes[i], others))
+            size = noise[i] + wide + sum_of_sizes(pushes[i], others)
+            rest.append(applied("magnitude", size))
         rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
         return self._placed(start, StateRows(rows, rest, way.box), local)
 
