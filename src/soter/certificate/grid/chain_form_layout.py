@@ -74,8 +74,7 @@ class FormLayout:
         count = n + self.depth * q
         given = n if before is not None else count
         ranges = [(form[2 * i], form[2 * i + 1]) for i in range(given)]
-        centres, rests = form[2 * given :], form[(3 + n) * given : (4 + n) * given]
-        rests = [applied("magnitude", x) for x in rests]  # a ball does not cancel out
+        centres, rests = form[2 * given :], form[(3 + n) * given :]
         symbols = [form[3 * given + i * n : 3 * given + (i + 1) * n] for i in range(given)]
         common = [form[(4 + n) * given + k * n :][:n] for k in range(given - n)]
         z = [[ZERO] * (1 + n + count + q) for _ in range(count + q)]
@@ -116,7 +115,7 @@ class FormLayout:
             *(end for interval in ranges for end in interval),
             *(line[0] for line in lines),
             *(x for line in lines for x in line[1 : 1 + n]),
-            *(line[-1] for line in lines),
+            *(applied("magnitude", line[-1]) for line in lines),
             *(x for a in common for x in a),
         )
 

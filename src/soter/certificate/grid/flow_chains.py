@@ -9,8 +9,8 @@ Everything is kept as rows over z: the states at the beginning of the hold, the 
 before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the
 generators of z as rows over 1, the symbols of the cell, the betas of the states, those of the old
 commands, and those of the new ones: ranges are sums of absolute values of `rows z`.
-A rest is an exact number, the upper end of a bound: rows are subtracted
-later on, and what they have in common cancels in numbers, but not in balls.
+A rest is an exact number, the upper end of a bound: rows are subtracted later on, and what they
+have in common cancels in numbers, but not in balls.
 
 A command acts from e before its nominal time to l after it (`sc_chains.Window`), w = e + l. The
 sample that it answers was taken at s in [-d, w] from k delta - e, while commands acted that are
