@@ -96,7 +96,7 @@ class FormLayout:
     def closed(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
         """The form at the end; the states are R times the old betas, and noise."""
         n, old = self.n, (self.depth - 1) * self.q
-        spread = product(way.rows, start.z)
+        spread, turned = product(way.rows, start.z), self._over_betas(start, way.rows)
         lines = [
             [*row[: 1 + n], spread_of(row[1 + n :]) + rest]
             for row, rest in zip(spread, way.rest, strict=True)
@@ -104,30 +104,40 @@ class FormLayout:
         ranges, common = list(way.box), []
         if self.depth:
             ranges += [*new.ranges, *start.ranges[n : n + old]]
-            commands = zip(product(new.rows, start.z), new.rows, strict=True)
+            answers = self._over_betas(start, new.rows)
+            commands = zip(product(new.rows, start.z), answers, strict=True)
             kept = zip(start.z[n : n + old], start.memories[:old], strict=True)
             for values, own in (*commands, *kept):
-                line, a = self._remembered(values, own[:n], spread, way)
+                line, a = self._remembered(values, own, turned, spread, way)
                 lines.append(line)
                 common.append(a)
         return (
             *(end for interval in ranges for end in interval),
             *(line[0] for line in lines),
             *(x for line in lines for x in line[1 : 1 + n]),
-            *(line[-1] for line in lines),
+            *(applied("magnitude", line[-1]) for line in lines),
             *(x for a in common for x in a),
         )
 
+    def _over_betas(self, start: OpenedForm, rows: Rows) -> Rows:
+        """What rows have of the old betas of the states: by these, and by commands that share them.
+
+        Nothing rests on it: it only makes `a` (`_remembered`) a good one.
+        """
+        shared = [*units(self.n), *start.memories]
+        return product([row[: len(shared)] for row in rows], shared)
+
     def _remembered(
-        self, values: Sequence[Any], own: Sequence[Any], spread: Rows, way: StateRows
+        self, values: Sequence[Any], own: Sequence[Any], turned: Rows, spread: Rows, way: StateRows
     ) -> tuple[list[Any], list[Any]]:
         """A command over the betas of the new states: its line, its coefficients on them.
 
-        With old betas B beta: states R B beta + noise, command S B beta + rest, S in `own`. For any
-        row a it is a (states) + (S - a R) B beta - a noise + rest; a = S (2 - R) is nearly S R^-1.
+        With old betas B beta: states R B beta + noise, command S B beta + rest; S in `own`, R in
+        `turned`. For any row a it is a (states) + (S - a R) B beta - a noise + rest. The one that
+        is taken, a = S (2 - R), is nearly S R^-1.
         """
         n = self.n
-        a = [applied("mid", 2 * own[i] - dot(own, [row[i] for row in way.rows])) for i in range(n)]
+        a = [applied("mid", 2 * own[i] - dot(own, [row[i] for row in turned])) for i in range(n)]
         rest = sum_of_sizes(a, way.rest)
         left = (x - dot(a, column) for x, *column in zip(values, *spread, strict=True))
         return [*values[: 1 + n], rest + spread_of(list(left)[1 + n :])], a

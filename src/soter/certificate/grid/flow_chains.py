@@ -9,6 +9,8 @@ Everything is kept as rows over z: the states at the beginning of the hold, the 
 before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the
 generators of z as rows over 1, the symbols of the cell, the betas of the states, those of the old
 commands, and those of the new ones: ranges are sums of absolute values of `rows z`.
+A rest is an exact number, the upper end of a bound: rows are subtracted later on, and what they
+have in common cancels in numbers, but not in balls.
 
 A command acts from e before its nominal time to l after it (`sc_chains.Window`), w = e + l. The
 sample that it answers was taken at s in [-d, w] from k delta - e, while commands acted that are
@@ -112,13 +114,18 @@ class FlowChain:
 
     @cached_property
     def law(self) -> tuple[Function, list[Interval]]:
-        """The rows of SC's commands over a form of the sample, and where they hold."""
+        """The rows of SC's commands over a form of the sample, and where they hold.
+
+        What is not known of the sample is noise. Beside a limit of SC's a line over what is known
+        stays within the limit; a line over both went beyond it by its slope times the noise.
+        """
         model, members = self.model, self.members
         terms, states = model.new_terms()
         commands = model.commands(terms, states)
         own = [atom_of(states[i]) for i in members]
         outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
-        rows = compile_lines(terms, own, self.n, outputs, terms.obligations, boxes)
+        must, noisy = terms.obligations, self.depth > 0
+        rows = compile_lines(terms, own, self.n, outputs, must, boxes, noisy=noisy)
         return rows, domain_of(terms, own)
 
     # ------------------------------------------------------------ steps of a chain
@@ -182,7 +189,8 @@ class FlowChain:
         form = [end for interval in sample.box for end in interval]
         form += [row[0] for row in values]
         form += [x for row in values for x in row[1 : 1 + n]]
-        form += [spread_of(row[1 + n :]) + r for row, r in zip(values, sample.rest, strict=True)]
+        form += [spread_of(row[1 + n :]) for row in values]
+        form += sample.rest if self.depth else []  # else nothing is off the rows
         law, domain = self.law
         for interval, most in zip(sample.box, domain, strict=True):
             applied(DEMAND, applied("inside", *interval, *most))
@@ -196,7 +204,7 @@ class FlowChain:
             row[-1] += constant
             row[k - 1 - q] = ONE
             rows.append(row)
-            start.z[k - 1 - q][k - q] = spread + sum_of_sizes(gain, sample.rest)
+            start.z[k - 1 - q][k - q] = applied("magnitude", spread)
             ranges.append((low, high))
         return CommandRows(rows, ranges)
 
@@ -215,14 +223,20 @@ class FlowChain:
         rate = product(beside(local.a, local.b), [*way.rows, *acting.rows])
         for row, c in zip(rate, local.constant, strict=True):
             row[-1] += c
-        sizes = [spread_of(row) for row in product(rate, start.z)]
+        held = [applied("union", *ends) for ends in (*way.box, *acting.ranges)]
+        sizes = []  # of the rate: by its row, and by ranges, which end where commands do
+        values = product(rate, start.z)
+        for row, factors, c in zip(values, beside(local.a, local.b), local.constant, strict=True):
+            whole = applied("magnitude", dot(factors, held) + c)
+            sizes.append(applied("min", whole, spread_of(row)))
         integral = flow.integral(local, begin, end)
         noise = flow.noise(local, begin, end, acting.radii)
         pushes = product(plus(units(n), product(local.a, integral)), local.b) if others else local.b
         rest = []
         for i, row in enumerate(integral):
             wide = dot([x.rad() for x in row], sizes)
-            rest.append(noise[i] + wide + sum_of_sizes(pushes[i], others))
+            size = noise[i] + wide + sum_of_sizes(pushes[i], others)
+            rest.append(applied("magnitude", size))
         rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
         return self._placed(start, StateRows(rows, rest, way.box), local)
 

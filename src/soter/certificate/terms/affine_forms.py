@@ -33,18 +33,24 @@ class AffineForms:
         states: Sequence[int],
         symbols: int,
         boxes: Mapping[int, tuple[arb, arb]],
+        *,
+        noisy: bool = False,
     ) -> None:
+        """`noisy`: states are what the form describes and a noise each, which stands behind it."""
         self.terms, self.states, self.boxes = terms, states, boxes
         self.make = make = Builder()
         self.symbols = range(symbols)
         n = len(states)
-        self.length = (4 + symbols) * n
-        """Of a form: its ends, centres, coefficients on symbols, rests."""
+        self.length = (4 + symbols + noisy) * n
+        """Of a form: its ends, centres, coefficients on symbols, rests; noises."""
         inputs = [make.input(i) for i in range(self.length)]
         self.centre = dict(zip(states, inputs[2 * n :], strict=False))
         self.symbol = {a: inputs[3 * n + i * symbols :] for i, a in enumerate(states)}
-        self.rest = dict(zip(states, inputs[(3 + symbols) * n :], strict=True))
-        self.rows: dict[int, Row] = {a: ({a: make.one}, make.zero, make.zero) for a in states}
+        self.rest = dict(zip(states, inputs[(3 + symbols) * n :], strict=False))
+        noises = inputs[(4 + symbols) * n :] or [make.zero] * n
+        self.rows: dict[int, Row] = {
+            a: ({a: make.one}, make.zero, noise) for a, noise in zip(states, noises, strict=True)
+        }
         """Of each atom: its line."""
         self.bounds: dict[int, Ends] = {
             a: (inputs[2 * i], inputs[2 * i + 1]) for i, a in enumerate(states)

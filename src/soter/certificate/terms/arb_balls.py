@@ -110,15 +110,18 @@ def smaller(a: arb, b: arb) -> arb:
 # ---------------------------------------------------------------- lines over functions
 
 
+def _share(x: arb) -> arb:
+    """A number in [0, 1]: where x is, though its middle may be rounded beyond; any if nowhere."""
+    return x.mid().max(ZERO).min(ONE) if x.is_finite() else HALF
+
+
 def line_max0(low: arb, high: arb) -> Line:
     """max(x, 0): convex, so its distance above any line through 0 is largest at an end."""
     if low >= 0:
         return ONE, ZERO, ZERO, low, high
     if high <= 0:
         return ZERO, ZERO, ZERO, ZERO, ZERO
-    slope = (high / (high - low)).mid()
-    if not (slope >= 0 and slope <= 1):
-        slope = HALF
+    slope = _share(high / (high - low))
     most = (-slope * low).max((ONE - slope) * high).max(ZERO)
     half = most * HALF
     return slope, half, half, ZERO, high.max(ZERO)
@@ -142,9 +145,7 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
     if low - noise >= 0:
         return ONE, ZERO, noise
     first, last = (low + noise).max(ZERO), (high + noise).max(ZERO)
-    slope = ((last - first) / (high - low)).mid() if high > low else ZERO
-    if not (slope >= 0 and slope <= 1):
-        slope = HALF
+    slope = _share((last - first) / (high - low)) if high > low else ZERO
     over = (first - slope * low).max(last - slope * high)
     nearest = noise.max(low).min(high)
     under = (nearest - noise).max(ZERO) - slope * nearest

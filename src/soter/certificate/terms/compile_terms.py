@@ -77,14 +77,17 @@ def compile_lines(
     outputs: Sequence[Linear],
     must: Sequence[Proposition],
     boxes: Mapping[int, tuple[arb, arb]],
+    *,
+    noisy: bool = False,
 ) -> Function:
     """`form -> rows`, one after the other; None where something in `must` is not certain.
 
     For every point of the form: output = sum coefficient * input + constant +- spread, and the
     output lies in [low, high]. Inputs that the form does not describe range over `boxes`, or over
-    their domains.
+    their domains. `noisy`: behind the form stands by how much each input may be off its point;
+    coefficients are those on the point, and the ends of the form are those of the input.
     """
-    forms = AffineForms(terms, inputs, symbols, boxes)
+    forms = AffineForms(terms, inputs, symbols, boxes, noisy=noisy)
     make_atoms(forms, [*outputs, *must])
     demand(forms, must)
     entries = []

@@ -22,6 +22,7 @@ from soter.certificate.terms.arb_balls import (
     larger,
     line_noisy_max0,
     line_or_range,
+    magnitude,
     range_max0,
     smaller,
 )
@@ -130,6 +131,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "smaller": smaller,
     "below": below,
     "above": above,
+    "magnitude": magnitude,
     "corners": corners,
     "swept": swept,
     "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
