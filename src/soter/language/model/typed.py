@@ -591,6 +591,27 @@ class Latch(Shown):
     span: Span
 
 
+@dataclass(eq=False, repr=False)
+class RestMove(Shown):
+    """A leaf of a topic that SC moves by at most `by` once `rest` holds; `way`: "", "up", "down"."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    by: TypedExpr
+    way: str
+    span: Span
+
+
+@dataclass(eq=False, repr=False)
+class RestSymbol(Shown):
+    """`rest e moves x by d, ... within T;`: where SC ends within T, and what it then still moves."""
+
+    condition: TypedExpr
+    moves: tuple[RestMove, ...]
+    within: TypedExpr
+    span: Span
+
+
 @dataclass(eq=False, repr=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
@@ -629,6 +650,8 @@ class ModuleSymbol(Symbol):
     """Into how many cells each number that it publishes is cut, where commands are judged, too."""
     toward_sc: bool = False
     """Whether a command that is not permitted is moved toward SC's before it is judged."""
+    rest: RestSymbol | None = None
+    """In the place of `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:

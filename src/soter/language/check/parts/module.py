@@ -15,7 +15,7 @@ from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BOOL, DURATION, INT, ErrorType
+from soter.language.model.types import BOOL, DURATION, FLOAT, INT, ErrorType, FloatType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -186,6 +186,8 @@ class ModuleChecker:
         module.ttf = check(decl.ttf, context, BOOL, ttf) if decl.ttf else None
         module.safer = check(decl.safer, context, BOOL, safer) if decl.safer else None
         module.topics_read = tuple(context.topics_read)
+        if decl.rest is not None:
+            module.rest = self._rest(module, decl, decl.rest, scope)
         if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
             what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
             self.diagnostics.error(
@@ -201,6 +203,60 @@ class ModuleChecker:
             module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _rest(
+        self, module: typed.ModuleSymbol, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
+    ) -> typed.RestSymbol | None:
+        """Where SC ends: a truth of what plants publish. M029 beside what it takes the place of."""
+        context = Context(scope, f"`rest` of module `{decl.name.text}`", topics="any")
+        condition = self.shared.check_expr(rest.condition, context, BOOL)
+        within = self.shared.number(rest.within, context, DURATION, "the time of `rest`")
+        moves = [self._move(item, context, scope) for item in rest.moves]
+        first: dict[object, tree.Move] = {}
+        for move, item in zip(moves, rest.moves, strict=True):
+            if move is not None and first.setdefault((move.topic, move.path), item) is not item:
+                self.shared.names.twice(item.path.text, item.path.span, move.span)
+        beside = {
+            "ttf": decl.ttf,
+            "safer": decl.safer,
+            "shield": decl.shield,
+            "failsafe": decl.failsafe[0][1] if decl.failsafe else None,
+            "ac module": decl.ac if isinstance(decl.ac, tree.ModuleAsAc) else None,
+        }
+        for word, other in beside.items():
+            if other is not None:
+                self.diagnostics.error(
+                    "M029",
+                    f"module `{decl.name.text}` has `rest`, and `{word}`",
+                    other.span,
+                    also=((rest.span, "`rest`"),),
+                    notes=("`rest` says by itself when AC may have control",),
+                    helps=(f"leave out `{word}`, or `rest`",),
+                )
+        if is_error(condition) or is_error(within) or None in moves:
+            return None
+        kept = tuple(m for m in moves if m is not None)
+        return typed.RestSymbol(condition, kept, within, rest.span)
+
+    def _move(
+        self, item: tree.Move, context: Context, scope: FileScope
+    ) -> typed.RestMove | None:
+        """How far a leaf moves; T001 where it is no `float`."""
+        by = self.shared.number(item.by, context, FLOAT, "how far it moves")
+        place = self.shared.topic_path(item.path, scope)
+        if place is None or is_error(by):
+            return None
+        topic, path, t = place
+        if isinstance(t, FloatType):
+            return typed.RestMove(topic, path, by, item.way, item.path.span)
+        self.diagnostics.error(
+            "T001",
+            f"expected `float`, found `{t}`",
+            item.path.span,
+            "what moves is a `float`",
+            helps=("name one of its fields",),
+        )
+        return None
 
     def _latch(
         self,

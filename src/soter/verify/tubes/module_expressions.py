@@ -1,0 +1,201 @@
+"""What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
+
+Purpose: `ModuleExpressions`, read from Core (the plants' derivatives, SC's step on what it sees).
+Non-goals: printing (`print_forms.py`), times (`tube_check.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.core.steps import lower_predicate
+from soter.core.lower_statements import FunctionTable
+from soter.language.model.types import ArrayType, FloatType, RecordType, Type
+from soter.verify.enclose.enclosed_steps import _right_hand_side
+from soter.verify.enclose.enclosure_inputs import key, names, types_of
+from soter.verify.tubes.expressions import ExpressionReading, Expressions, NoExpressionError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.core import core
+    from soter.language.model.system import Component
+    from soter.language.model.typed import TypedExpr
+    from soter.verify.problem.problem import Problem
+    from soter.verify.tubes.expressions import Node
+
+Path = tuple[str, ...]
+
+
+class ModuleExpressions:
+    """Expressions over inputs "x" (states), "u" (controls), "w" (disturbances), "y" (reads)."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.make = Expressions()
+        q = problem.quantities
+        self._numbers: dict[Any, tuple[str, int]] = {}
+        for kind, leaves in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
+            self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(leaves)})
+        self.functions = {f.name: f for f in problem.core.functions}
+
+    # ------------------------------------------------------------ flows
+
+    def rates(self) -> list[Node]:
+        """The derivative of every state over x, u and w."""
+        rates: dict[Any, Node] = {}
+        for component, step in self._plants():
+            call = _right_hand_side(step, self.functions)
+            if call is None:
+                continue
+            body = self._started(component, step)
+            function = self.functions[call.function]
+            record = function.parameters[0].type
+            assert isinstance(record, RecordType)
+            cells = {x.cell.name: x for x in step.states}
+            x = tuple(self._cell(cells[n].cell, t) for n, t in record.fields)
+            result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
+            for path, _, v in parts(record, result):
+                rates[component.index, path[0], path[1:]] = v
+        zero = self.make.number(0.0)
+        return [rates.get(key(s), zero) for s in self.problem.quantities.states]
+
+    def still(self, rates: list[Node], kinds: str) -> list[Node]:
+        """Rates with all inputs of these kinds at 0."""
+        return [self._without(e, kinds, {}) for e in rates]
+
+    def effects(self, rates: list[Node]) -> list[list[Node]]:
+        """For each disturbance and then each control its factor in every rate.
+
+        NoExpressionError where a rate is not affine in them.
+        """
+        q, make, all_effects = self.problem.quantities, self.make, []
+        moved = [("w", i) for i in range(len(q.disturbances))]
+        moved += [("u", i) for i in range(len(q.controls))]
+        for kind, i in moved:
+            direction = {make.input(kind, i): make.number(1.0)}
+            known: dict[Node, Node] = {}
+            row = [make.along(e, direction, known) for e in rates]
+            if any(below(e, "w") or below(e, "u") for e in row):
+                msg = "a rate is not affine in commands and disturbances"
+                raise NoExpressionError(msg)
+            all_effects.append(row)
+        return all_effects
+
+    def bends(self, rates: list[Node]) -> list[Node]:
+        """Derivatives of these along "v"."""
+        make = self.make
+        count = len(self.problem.quantities.states)
+        direction = {make.input("x", i): make.input("v", i) for i in range(count)}
+        known: dict[Node, Node] = {}
+        return [make.along(e, direction, known) for e in rates]
+
+    def _without(self, e: Node, kinds: str, known: dict[Node, Node]) -> Node:
+        if e not in known:
+            known[e] = self._substituted(e, kinds, known)
+        return known[e]
+
+    def _substituted(self, e: Node, kinds: str, known: dict[Node, Node]) -> Node:
+        make = self.make
+        if e.op == "input":
+            return make.number(0.0) if e.of[0] in kinds else e
+        if e.op == "number":
+            return e
+        below_ = [self._without(x, kinds, known) for x in e.of]
+        build = {"add": make.add, "sub": make.sub, "mul": make.mul, "neg": make.neg}
+        if e.op in build:
+            return build[e.op](*below_)
+        if e.op == "square":
+            return make.mul(below_[0], below_[0])
+        return make._node(e.op, *below_)
+
+    # ------------------------------------------------------------ the law, predicates
+
+    def law(self) -> list[Node]:
+        """What SC publishes, over reads y; NoExpressionError with locals or where it may not."""
+        step = self.problem.core.nodes[self.problem.module.sc]
+        if step.locals:
+            raise NoExpressionError("SC has variables")
+        body = ExpressionReading(self.make, self.functions, self._seen)
+        body.run(step.body)
+        found = {}
+        for number, output in enumerate(step.outputs):
+            published, value, t = body.frame.outputs[number]
+            if published is not self.make.true:
+                raise NoExpressionError("SC may publish nothing")
+            for path, _, v in parts(t, value):
+                found[output.topic, path] = v
+        return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
+
+    def predicate(self, e: TypedExpr) -> Node:
+        """A condition on true states, over x."""
+        table = FunctionTable(self.problem.system)
+        system, module = self.problem.system, self.problem.module
+        p = lower_predicate(table, system, module.scope, e, e.span)
+        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
+        body.run(p.body)
+        return body.expr(p.value)
+
+    # ------------------------------------------------------------ cells
+
+    def _plants(self) -> Iterator[tuple[Component, core.PlantStep]]:
+        for i, step in sorted(self.problem.core.plants.items()):
+            if step.extern:
+                raise NoExpressionError("a plant is extern")
+            yield self.problem.system.components[i], step
+
+    def _started(self, component: Component, step: core.PlantStep) -> ExpressionReading:
+        body = ExpressionReading(self.make, self.functions, self._cell)
+        for x in step.states:
+            body.bind(x.name, x.type, self._cell(x.cell, x.type))
+        for (name, t, _), d in zip(step.disturbances, component.disturbances, strict=True):
+            body.bind(name, t, self._leaves((component.index, d.variable.name), t, ()))
+        return body
+
+    def _leaves(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Any:
+        if isinstance(t, (RecordType, ArrayType)):
+            below_ = zip(names(t), types_of(t), strict=True)
+            return tuple(self._leaves(owner, f, (*path, n), kind) for n, f in below_)
+        number = self._numbers.get((*owner, path))
+        if number is None or not isinstance(t, FloatType):
+            raise NoExpressionError(f"`{owner[1] or owner[0]}` is no state and no command")
+        return self.make.input(kind or number[0], number[1])
+
+    def _cell(self, cell: core.Cell, t: Type) -> Any:
+        return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
+
+    def _topic(self, index: int, t: Type, kind: str) -> Any:
+        """What plants publish, as the states that equal it."""
+
+        def at(t: Type, k: list[int]) -> Any:
+            if isinstance(t, (RecordType, ArrayType)):
+                return tuple(at(f, k) for f in types_of(t))
+            state = self.problem.state_of_leaf.get((index, k[0]))
+            k[0] += 1
+            if state is None:
+                raise NoExpressionError("SC or `safe` reads what no state equals")
+            return self.make.input(kind, state)
+
+        return at(t, [0])
+
+    def _seen(self, cell: core.Cell, t: Type) -> Any:
+        return self._topic(cell.owner, t, "y")
+
+    def _true(self, cell: core.Cell, t: Type) -> Any:
+        return self._topic(cell.owner, t, "x")
+
+
+def parts(t: Type, v: Any, path: Path = ()) -> Iterator[tuple[Path, Type, Any]]:
+    """Leaves of a value."""
+    if isinstance(t, (RecordType, ArrayType)):
+        for n, f, x in zip(names(t), types_of(t), v, strict=True):
+            yield from parts(f, x, (*path, n))
+    else:
+        yield path, t, v
+
+
+def below(e: Node, kind: str) -> bool:
+    """Whether an input of a kind occurs in it."""
+    from soter.verify.tubes.expressions import in_order
+
+    return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))
