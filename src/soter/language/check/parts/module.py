@@ -238,9 +238,7 @@ class ModuleChecker:
         kept = tuple(m for m in moves if m is not None)
         return typed.RestSymbol(condition, kept, within, rest.span)
 
-    def _move(
-        self, item: tree.Move, context: Context, scope: FileScope
-    ) -> typed.RestMove | None:
+    def _move(self, item: tree.Move, context: Context, scope: FileScope) -> typed.RestMove | None:
         """How far a leaf moves; T001 where it is no `float`."""
         by = self.shared.number(item.by, context, FLOAT, "how far it moves")
         place = self.shared.topic_path(item.path, scope)
