@@ -44,7 +44,12 @@ class TubeTimes:
         least = 0  # L_min
         earliest = max(t.delta_dm - t.late_dm + least, t.horizon_ns - period - j, 0)
         return TubeTimes(
-            min(earliest, t.horizon_ns), t.horizon_ns, t.delay_sc, j, period, (within_ns - j) // period
+            min(earliest, t.horizon_ns),
+            t.horizon_ns,
+            t.delay_sc,
+            j,
+            period,
+            (within_ns - j) // period,
         )
 
 
