@@ -8,10 +8,12 @@ Non-goals: what is proved of it offline (`rest_claims.py`), where it is put (`de
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from importlib.resources import files
-from math import ceil
+from math import inf, nextafter
 from typing import TYPE_CHECKING
 
+from soter.verify.tubes.expressions import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.print_forms import certain, function, number
 
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
 PARTS = ("forms.soter", "tube.soter", "check.soter")
-NS = 1e-9
+SYMBOLS_MAX = 2000
+"""How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS = 8
 
 
@@ -35,6 +38,11 @@ class TubeTimes:
     jitter: int
     period: int
     holds: int
+
+    @property
+    def depth(self) -> int:
+        """Holds over which a read may go back: until the last one acts, j more than d."""
+        return max(1, -(-(self.delay + self.jitter) // self.period))
 
     @staticmethod
     def of(problem: Problem, within_ns: int) -> TubeTimes:
@@ -97,24 +105,30 @@ def constants(problem: Problem, times: TubeTimes, cut: Cut) -> str:
         "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
         "EFFECTS": n * moved, "KEEP": cut.keep, "READS": read, "OPEN": opened, "CLOSED": closed,
         "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": cut.free, "STEPS": cut.steps,
-        "HOLDS": times.holds, "DEPTH": max(1, ceil(times.delay / times.period)),
+        "HOLDS": times.holds, "DEPTH": times.depth,
     }  # fmt: skip
-    window = times.latest - times.earliest
+    if symbols > SYMBOLS_MAX:
+        msg = f"{symbols} symbols: more than {SYMBOLS_MAX}"
+        raise NoExpressionError(msg)
     seconds = {
-        "FREE_STEP": times.earliest * NS / cut.free,
-        "WINDOW": window * NS,
-        "LATE_READ": times.delay * NS,
-        "JITTER": times.jitter * NS,
-        "FIRST_STEP": (times.period - times.jitter) * NS / cut.steps,
-        "LATER_STEP": (times.period - 2 * times.jitter) * NS / cut.steps,
+        "FREE_STEP": near(times.earliest, cut.free),
+        "WINDOW": near(times.latest - times.earliest),
+        "LATE_READ": above(Fraction(times.delay, 10**9)),
+        "JITTER": near(times.jitter),
+        "FIRST_STEP": near(times.period - times.jitter, cut.steps),
+        "LATER_STEP": near(times.period - 2 * times.jitter, cut.steps),
     }
     lines = [f"const {name}: int = {value};" for name, value in whole.items()]
     lines += [f"const {name}: float = {number(value)};" for name, value in seconds.items()]
-    half = [0.5 * (c.high - c.low) for c in problem.controls]
+    middles = [0.5 * c.low + 0.5 * c.high for c in problem.controls]
+    half = [
+        above(max(Fraction(c.high) - Fraction(m), Fraction(m) - Fraction(c.low)))
+        for c, m in zip(problem.controls, middles, strict=True)
+    ]
     wide = [max(abs(d.low), abs(d.high)) for d in problem.disturbances]
     errors = [max(abs(e.low), abs(e.high)) for e in problem.errors]
     zero = _form(0.0)
-    middle = [_form(0.5 * (c.low + c.high)) for c in problem.controls]
+    middle = [_form(m) for m in middles]
     lines += [
         f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
         f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
@@ -126,6 +140,17 @@ def constants(problem: Problem, times: TubeTimes, cut: Cut) -> str:
         f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
     ]
     return "\n".join(lines) + "\n"
+
+
+def near(ns: int, parts: int = 1) -> float:
+    """The double next to a time in s, over parts: `flow` allows for that rounding."""
+    return float(Fraction(ns, 10**9 * parts))
+
+
+def above(x: Fraction) -> float:
+    """The least double that is not below."""
+    value = float(x)
+    return value if Fraction(value) >= x else nextafter(value, inf)
 
 
 def _form(value: float) -> str:
