@@ -17,8 +17,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from soter.core import core
 from soter.core.abstract_execution import Execution
 from soter.language.model.types import (
+    INT_MAX,
+    INT_MIN,
     ArrayType,
     FloatType,
+    IntType,
     ListType,
     RecordType,
 )
@@ -306,16 +309,18 @@ class ExpressionReading(Execution["Value"]):
         raise NoExpressionError(msg)
 
     def _checked(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
-        del limit
+        whole = {"add": int.__add__, "sub": int.__sub__, "mul": int.__mul__, "neg": int.__neg__}
         if s.op == "number":
             return operands[0]
-        whole = {"add": int.__add__, "sub": int.__sub__, "mul": int.__mul__}
-        if s.op in whole:
-            return whole[s.op](*operands)
-        if s.op in ("index", "narrow"):
-            return operands[0]
-        if s.op == "neg":
-            return -operands[0]
+        if s.op in whole or s.op in ("index", "narrow"):
+            value = whole[s.op](*operands) if s.op in whole else operands[0]
+            low, high = (0, limit - 1) if s.op == "index" else (INT_MIN, INT_MAX)
+            if s.op == "narrow":
+                assert isinstance(s.type, IntType)
+                low, high = s.type.low, s.type.high
+            if low <= value <= high:
+                return value
+            raise NoExpressionError("a whole number that faults")
         msg = f"`{s.op}` of whole numbers"
         raise NoExpressionError(msg)
 

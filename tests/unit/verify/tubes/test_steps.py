@@ -228,9 +228,9 @@ def test_printed_functions_hold_rates_effects_bends_and_laws(
                 size = rng.choice((1.0, 0.1, 1e-3))
                 x, v = (some(rng, eps, n, size, n) for _ in range(2))
                 u = some(rng, eps, m, size, n)
-                forms = rows_at(
-                    x=[f.row for f in x], v=[f.row for f in v], u=[f.row for f in u]
-                )(s.symbols)
+                forms = rows_at(x=[f.row for f in x], v=[f.row for f in v], u=[f.row for f in u])(
+                    s.symbols
+                )
                 at, to, by = ([_mp(f.values[0]) for f in forms_] for forms_ in (x, v, u))
                 if (got := library.call(s.name, 5, forms)) is not None:
                     judged += 1
