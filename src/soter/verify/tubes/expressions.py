@@ -10,13 +10,18 @@ Non-goals: whether a step faults (asked offline, of all that it may read), print
 
 from __future__ import annotations
 
+import operator
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from soter.core import core
 from soter.core.abstract_execution import Execution
 from soter.language.model.types import (
+    INT_MAX,
+    INT_MIN,
     ArrayType,
     FloatType,
+    IntType,
     ListType,
     RecordType,
 )
@@ -28,8 +33,13 @@ if TYPE_CHECKING:
     from soter.core.abstract_execution import Join
     from soter.language.model.types import Type
 
-FUNCTIONS = frozenset({"sin", "cos", "exp", "tan", "atan", "tanh"})
-"""Functions of the prelude with forms of their own; the bodies of others are executed."""
+FUNCTIONS = frozenset({"sin", "cos", "exp", "tan", "atan", "tanh", "wrap_angle"})
+"""Functions of the prelude with forms of their own."""
+NO_FUNCTIONS = frozenset({"asin", "acos", "atan2", "log", "pow"})
+"""Those whose bodies are no real function of the same meaning: they look at how floats round. The
+bodies of all others are executed."""
+LARGEST = 1e300
+"""Above it no form computes (`forms.soter`)."""
 COMPARED = {"<", "<=", ">", ">="}
 
 
@@ -61,7 +71,17 @@ class Expressions:
 
     def number(self, value: float) -> Node:
         """A constant."""
+        if not abs(value) < LARGEST:
+            raise NoExpressionError("a constant that is too large")
         return self._node("number", float(value))
+
+    def _folded(self, op: Callable[[Any, Any], Any], a: Node, b: Node) -> Node | None:
+        """The constant that an operation gives; None where it would be rounded."""
+        if a.op != "number" or b.op != "number":
+            return None
+        exact = op(Fraction(a.of[0]), Fraction(b.of[0]))
+        value = op(a.of[0], b.of[0])
+        return self.number(value) if abs(value) < LARGEST and exact == Fraction(value) else None
 
     def input(self, kind: str, index: int) -> Node:
         """A state, a control, a disturbance, ... by its number."""
@@ -69,8 +89,8 @@ class Expressions:
 
     def add(self, a: Node, b: Node) -> Node:
         """The sum."""
-        if a.op == "number" and b.op == "number":
-            return self.number(a.of[0] + b.of[0])
+        if (known := self._folded(operator.add, a, b)) is not None:
+            return known
         if a.op == "number":
             a, b = b, a
         if b == self.number(0.0):
@@ -93,21 +113,22 @@ class Expressions:
         """The product."""
         if a.op == "number":
             a, b = b, a
-        if a.op == "number" and b.op == "number":
-            return self.number(a.of[0] * b.of[0])
+        if (known := self._folded(operator.mul, a, b)) is not None:
+            return known
         if b.op == "number":
             k = b.of[0]
             if k in (0.0, 1.0, -1.0):
                 return b if k == 0.0 else a if k == 1.0 else self.neg(a)
-            if a.op == "mul" and a.of[1].op == "number":
-                return self._node("mul", a, b)
+            return self._node("mul", a, b)
         return self._node("square", a) if a is b else self._node("mul", a, b)
 
     def div(self, a: Node, b: Node) -> Node:
         """The quotient."""
         if b.op == "number" and b.of[0]:
-            return self.mul(a, self.number(1.0 / b.of[0])) if _is_power_of_two(b.of[0]) else (
-                self._node("over", a, b)
+            return (
+                self.mul(a, self.number(1.0 / b.of[0]))
+                if _is_power_of_two(b.of[0])
+                else (self._node("over", a, b))
             )
         return self.mul(a, self._node("inverse", b))
 
@@ -117,7 +138,19 @@ class Expressions:
             return self.number((min if op == "min" else max)(a.of[0], b.of[0]))
         if a.op == "number":
             a, b = b, a
+        if b.op == "number" and a.op in ("min", "max") and a.op != op and a.of[1].op == "number":
+            low, high = (a.of[1], b) if op == "min" else (b, a.of[1])
+            if low.of[0] >= high.of[0]:  # no clamp: the last of the two is all there is
+                return b
         return a if a is b else self._node(op, a, b)
+
+    def clamp(self, x: Node, low: Node, high: Node) -> Node:
+        """`x` limited to [low, high]; NoExpressionError where that is empty, so that it is NaN."""
+        if low.op == "number" and high.op == "number":
+            if low.of[0] > high.of[0]:
+                raise NoExpressionError("a limit whose ends are the wrong way round")
+            return self.extreme("min", self.extreme("max", x, low), high)
+        return self._node("limit", x, low, high)
 
     def function(self, name: str, a: Node) -> Node:
         """`sin`, `sqrt`, ..."""
@@ -129,9 +162,10 @@ class Expressions:
         """`a op b`; "not below" and "positive" of the difference: `positive`: a > 0."""
         if op in ("<", "<="):
             a, b = b, a
-        if a.op == "number" and b.op == "number":
-            holds = a.of[0] > b.of[0] if op in ("<", ">") else a.of[0] >= b.of[0]
-            return self.true if holds else self.false
+        if a is b or (a.op == "number" and b.op == "number"):
+            above = a is not b and a.of[0] > b.of[0]
+            equal = a is b or a.of[0] == b.of[0]
+            return self.true if above or (equal and op in ("<=", ">=")) else self.false
         return self._node("positive" if op in ("<", ">") else "not negative", self.sub(a, b))
 
     def inside(self, a: Node, low: float, high: float) -> Node:
@@ -198,6 +232,9 @@ class Expressions:
             return self.add(self.mul(d, e.of[1]), self.mul(a, rest[0]))
         if e.op == "over":
             return self._node("over", d, e.of[1])
+        if e.op == "limit":
+            within = self.extreme("min", self.extreme("max", a, e.of[1]), e.of[2])
+            return self.along(within, direction, known)
         if e.op in ("min", "max"):
             ahead = self.sub(a, e.of[1]) if e.op == "max" else self.sub(e.of[1], a)
             first = self._node("share", ahead)
@@ -223,6 +260,8 @@ class Expressions:
             return self.add(one, self.mul(e, e))
         if e.op == "tanh":
             return self.sub(one, self.mul(e, e))
+        if e.op == "wrap_angle":
+            raise NoExpressionError("its rate jumps")
         assert e.op == "atan", e.op
         return self._node("inverse", self.add(one, self.mul(a, a)))
 
@@ -277,16 +316,18 @@ class ExpressionReading(Execution["Value"]):
         raise NoExpressionError(msg)
 
     def _checked(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
-        del limit
+        whole = {"add": int.__add__, "sub": int.__sub__, "mul": int.__mul__, "neg": int.__neg__}
         if s.op == "number":
             return operands[0]
-        whole = {"add": int.__add__, "sub": int.__sub__, "mul": int.__mul__}
-        if s.op in whole:
-            return whole[s.op](*operands)
-        if s.op in ("index", "narrow"):
-            return operands[0]
-        if s.op == "neg":
-            return -operands[0]
+        if s.op in whole or s.op in ("index", "narrow"):
+            value = whole[s.op](*operands) if s.op in whole else operands[0]
+            low, high = (0, limit - 1) if s.op == "index" else (INT_MIN, INT_MAX)
+            if s.op == "narrow":
+                assert isinstance(s.type, IntType)
+                low, high = s.type.low, s.type.high
+            if low <= value <= high:
+                return value
+            raise NoExpressionError("a whole number that faults")
         msg = f"`{s.op}` of whole numbers"
         raise NoExpressionError(msg)
 
@@ -309,8 +350,12 @@ class ExpressionReading(Execution["Value"]):
         if is_prelude(f) and f.source_name in FUNCTIONS:
             return self.make.function(f.source_name, arguments[0])
         if is_prelude(f) and f.source_name == "clamp":
-            x, low, high = arguments
-            return self.make.extreme("min", self.make.extreme("max", x, low), high)
+            return self.make.clamp(*arguments)
+        if is_prelude(f) and f.source_name == "hypot":
+            x, y = (self.make.mul(a, a) for a in arguments)
+            return self.make.function("sqrt", self.make.add(x, y))
+        if is_prelude(f) and f.source_name in NO_FUNCTIONS:
+            raise NoExpressionError(f"`{f.source_name}`, of which no form is known")
         if f.result is None:
             msg = f"`{f.source_name}` is extern"
             raise NoExpressionError(msg)

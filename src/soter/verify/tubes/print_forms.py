@@ -30,9 +30,7 @@ OPERATIONS = {
 }
 
 
-def function(
-    name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str
-) -> str:
+def function(name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str) -> str:
     """The text of `fun name(parameters): result`, an array of one form for each root.
 
     `inputs`: kind and number of an input -> the form that stands for it.

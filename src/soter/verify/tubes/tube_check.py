@@ -10,8 +10,9 @@ Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from importlib.resources import files
-from math import ceil, inf, nextafter
+from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.language.model.types import leaves
@@ -28,10 +29,9 @@ if TYPE_CHECKING:
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
-NS = 1e-9
+SYMBOLS_MAX = 2000
+"""How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS = 8
-FREE, STEPS, KEEP = 2, 1, 6
-"""How finely a tube is cut: steps until SC acts, steps a hold; columns that are kept."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,11 @@ class TubeTimes:
     switches: int
     """N_T: after so many outputs of SC, the first not counted, it has to be at rest."""
 
+    @property
+    def depth(self) -> int:
+        """Holds over which a read may go back: until the last one acts, j more than d."""
+        return max(1, -(-(self.delay + self.jitter) // self.period))
+
     @staticmethod
     def of(problem: TubeProblem) -> TubeTimes:
         """Of a module that comes to rest within its time."""
@@ -63,6 +68,15 @@ class TubeTimes:
         return TubeTimes(min(earliest, h), h, t.start, t.delay_sc, j, period, switches)
 
 
+@dataclass(frozen=True)
+class Cut:
+    """How finely a tube is cut: steps until SC acts, steps a hold, columns that are kept."""
+
+    free: int = 2
+    steps: int = 1
+    keep: int = 6
+
+
 class TubeCheck:
     """Of one problem; `SoterError` R007 where something is no expression of reals.
 
@@ -70,9 +84,12 @@ class TubeCheck:
     (no rate, law or condition of these reads them).
     """
 
-    def __init__(self, problem: TubeProblem) -> None:
+    def __init__(
+        self, problem: TubeProblem, times: TubeTimes | None = None, cut: Cut | None = None
+    ) -> None:
         self.problem = problem
-        self.times = TubeTimes.of(problem)
+        self.times = times or TubeTimes.of(problem)
+        self.cut = cut or Cut()
         try:
             self._read()
         except NoExpressionError as error:
@@ -175,42 +192,49 @@ class TubeCheck:
 
     def _constants(self) -> str:
         """Sizes, times and ranges."""
-        q, times = self.problem.quantities, self.times
+        q, times, cut = self.problem.quantities, self.times, self.cut
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
-        read = 2 * n + KEEP
+        read = 2 * n + cut.keep
         opened, closed, moves = read + n, read + n + moved, read + n + 2 * moved
-        symbols = moves + moved * STEPS
-        depth = max(1, ceil(times.delay / times.period))
+        symbols = moves + moved * cut.steps
         whole = {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
-            "EFFECTS": n * moved, "KEEP": KEEP, "READS": read, "OPEN": opened, "CLOSED": closed,
-            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
-            "HOLDS": times.switches + 1, "DEPTH": depth,
+            "EFFECTS": n * moved, "KEEP": cut.keep, "READS": read, "OPEN": opened, "CLOSED": closed,
+            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": cut.free, "STEPS": cut.steps,
+            "HOLDS": times.switches + 1, "DEPTH": times.depth,
         }  # fmt: skip
+        if symbols > SYMBOLS_MAX:
+            msg = f"{symbols} symbols: more than {SYMBOLS_MAX}"
+            raise NoExpressionError(msg)
         begin = max(0, times.start - times.period - times.jitter)
         seconds = {
-            "FREE_STEP": times.earliest / FREE,
-            "WINDOW": times.latest - times.earliest,
-            "START_STEP": begin / FREE,
-            "START_WINDOW": times.start - begin,
-            "LATE_READ": times.delay,
-            "JITTER": times.jitter,
-            "FIRST_STEP": (times.period - times.jitter) / STEPS,
-            "LATER_STEP": (times.period - 2 * times.jitter) / STEPS,
+            "FREE_STEP": near(times.earliest, cut.free),
+            "WINDOW": near(times.latest - times.earliest),
+            "START_STEP": near(begin, cut.free),
+            "START_WINDOW": near(times.start - begin),
+            "LATE_READ": above(Fraction(times.delay, 10**9)),
+            "JITTER": near(times.jitter),
+            "FIRST_STEP": near(times.period - times.jitter, cut.steps),
+            "LATER_STEP": near(times.period - 2 * times.jitter, cut.steps),
         }
         lines = [f"const {name}: int = {value};" for name, value in whole.items()]
-        lines += [f"const {name}: float = {number(t * NS)};" for name, t in seconds.items()]
-        half = [above(0.5 * (c.high - c.low)) for c in self.problem.controls]
+        lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
+        ranges = self.problem.controls
+        middles = [0.5 * c.low + 0.5 * c.high for c in ranges]
+        half = [
+            above(max(Fraction(c.high) - Fraction(m), Fraction(m) - Fraction(c.low)))
+            for c, m in zip(ranges, middles, strict=True)
+        ]
         wide = [max(abs(d.low), abs(d.high)) for d in self.problem.disturbances]
         zero = form(0.0)
-        middle = [form(0.5 * (c.low + c.high)) for c in self.problem.controls]
+        middle = [form(x) for x in middles]
         lines += [
             f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
             f"const ERRORS: float[STATES] = {_list(self.errors())};",
             f"const NOWHERE: Forms = {_array([zero] * n)};",
-            f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * depth)};",
+            f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
             f"const ANY_COMMAND: Controls = {_array(middle)};",
             f"const ANY: Wide = {_list(wide + half)};",
             f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
@@ -220,9 +244,15 @@ class TubeCheck:
         return "\n".join(lines) + "\n"
 
 
-def above(x: float) -> float:
-    """A float that what was rounded to x is not above."""
-    return nextafter(x, inf)
+def near(ns: int, parts: int = 1) -> float:
+    """The double next to a time in s, over parts: `flow` allows for that rounding."""
+    return float(Fraction(ns, 10**9 * parts))
+
+
+def above(x: Fraction) -> float:
+    """The least double that is not below."""
+    value = float(x)
+    return value if Fraction(value) >= x else nextafter(value, inf)
 
 
 def _part(name: str) -> str:
