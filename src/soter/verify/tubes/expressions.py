@@ -168,6 +168,10 @@ class Expressions:
             return self.true if above or (equal and op in ("<=", ">=")) else self.false
         return self._node("positive" if op in ("<", ">") else "not negative", self.sub(a, b))
 
+    def inside(self, a: Node, low: float, high: float) -> Node:
+        """`low <= a <= high`."""
+        return self._node("inside", a, low, high)
+
     def not_(self, a: Node) -> Node:
         """The negation: of a > 0 it is -a >= 0."""
         if a.op == "known":
@@ -175,6 +179,7 @@ class Expressions:
         if a.op in ("and", "or"):
             other = "or" if a.op == "and" else "and"
             return self._node(other, *[self.not_(x) for x in a.of])
+        assert a.op != "inside"
         other = "not negative" if a.op == "positive" else "positive"
         return self._node(other, self.neg(a.of[0]))
 
@@ -276,6 +281,8 @@ class ExpressionReading(Execution["Value"]):
     ) -> None:
         super().__init__(functions)
         self.make, self.cell = make, cell
+        self.guards: list[Node] = []
+        """What has to hold so that nothing faults, wherever it stands."""
 
     def _known(self, condition: Value) -> bool | None:
         return condition.of[0] if condition.op == "known" else None
@@ -328,7 +335,7 @@ class ExpressionReading(Execution["Value"]):
         raise NoExpressionError("`choose`")
 
     def _guard(self, condition: Value) -> None:
-        """That no step faults is asked elsewhere, of everything it may read."""
+        self.guards.append(condition)
 
     def _changed(
         self, s: core.Set | core.Push, old: Value, path: list[Value], value: Value
@@ -435,7 +442,7 @@ class ExpressionReading(Execution["Value"]):
         return {"+": make.add, "-": make.sub, "*": make.mul, "/": make.div}[op](a, b)
 
 
-CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative"})
+CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.core.steps import lower_predicate
 from soter.core.lower_statements import FunctionTable
-from soter.language.model.types import ArrayType, FloatType, RecordType, Type
-from soter.verify.enclose.enclosed_steps import _right_hand_side
+from soter.language.model.types import ArrayType, FloatType, RecordType, Type, leaves
+from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_inputs import key, names, types_of
 from soter.verify.tubes.expressions import ExpressionReading, Expressions, NoExpressionError
 
@@ -45,7 +45,7 @@ class ModuleExpressions:
         """The derivative of every state over x, u and w."""
         rates: dict[Any, Node] = {}
         for component, step in self._plants():
-            call = _right_hand_side(step, self.functions)
+            call = right_hand_side(step, self.functions)
             if call is None:
                 continue
             body = self._started(component, step)
@@ -118,6 +118,7 @@ class ModuleExpressions:
             raise NoExpressionError("SC has variables")
         body = ExpressionReading(self.make, self.functions, self._seen)
         body.run(step.body)
+        self.law_guards = body.guards
         found = {}
         for number, output in enumerate(step.outputs):
             published, value, t = body.frame.outputs[number]
@@ -127,6 +128,15 @@ class ModuleExpressions:
                 found[output.topic, path] = v
         return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
 
+    def law_defined(self, law: list[Node]) -> Node:
+        """That SC's step does not fault on reads y, and publishes what its topics may hold."""
+        held = self.make.true
+        for guard in self.law_guards:
+            held = self.make.join("and", held, guard)
+        for u, r in zip(law, self.problem.controls, strict=True):
+            held = self.make.join("and", held, self.make.inside(u, r.low, r.high))
+        return held
+
     def predicate(self, e: TypedExpr) -> Node:
         """A condition on true states, over x."""
         table = FunctionTable(self.problem.system)
@@ -135,6 +145,28 @@ class ModuleExpressions:
         body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
         body.run(p.body)
         return body.expr(p.value)
+
+    def constraint(self) -> Node:
+        """C: `safe`, and that plants can publish what they then drive, errors included."""
+        system, make = self.problem.system, self.make
+        held = self.predicate(self.problem.module.symbol.safe)
+        for component, step in self._plants():
+            body = self._started(component, step)
+            body.run(step.publish)
+            for number, output in enumerate(step.outputs):
+                topic = system.topics[output.topic]
+                bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
+                errors = {m.leaf: m.bound for m in component.measured if m.topic == output.topic}
+                published = parts(topic.type, body.frame.outputs[number][1])
+                for k, (path, t, v) in enumerate(published):
+                    bound = bounds.get(path)
+                    if bound is None:
+                        continue
+                    if not isinstance(t, FloatType):
+                        raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
+                    low, high = room_of(bound, errors.get(k, 0.0))
+                    held = make.join("and", held, make.inside(v, low, high))
+        return held
 
     # ------------------------------------------------------------ cells
 

@@ -7,12 +7,16 @@ Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter
 
 from __future__ import annotations
 
+from math import isinf
 from typing import TYPE_CHECKING
 
 from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+    from typing import TypeAlias
+
+    Inputs: TypeAlias = Mapping[tuple[str, int], str]
 
 OPERATIONS = {
     "add": "f_add",
@@ -27,26 +31,26 @@ OPERATIONS = {
 }
 
 
-def function(
-    name: str, parameters: str, roots: Sequence[Node], inputs: Mapping[str, str], result: str
-) -> str:
+def function(name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str) -> str:
     """The text of `fun name(parameters): result`, an array of one form for each root.
 
-    `inputs`: kind of an input -> the parameter that has its forms.
+    `inputs`: kind and number of an input -> the form that stands for it.
     """
     body, names = _body(roots, inputs)
     given = ", ".join(names[x] for x in roots)
     return f"fun {name}({parameters}): {result} {{\n{body}  return [{given}];\n}}\n"
 
 
-def certain(name: str, parameters: str, condition: Node, inputs: Mapping[str, str]) -> str:
-    """The text of `fun name(parameters): bool`: whether the condition is certain."""
+def certain(
+    name: str, parameters: str, condition: Node, inputs: Inputs, *, truth: bool = True
+) -> str:
+    """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
     body, names = _body([condition], inputs)
-    holds = _condition(condition, names)
+    holds = (_condition if truth else _refuted)(condition, names)
     return f"fun {name}({parameters}): bool {{\n{body}  return {holds};\n}}\n"
 
 
-def _body(roots: Sequence[Node], inputs: Mapping[str, str]) -> tuple[str, dict[Node, str]]:
+def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:
     """Statements for all nodes but conditions, and what each node is called."""
     names: dict[Node, str] = {}
     order = in_order(roots)
@@ -56,8 +60,7 @@ def _body(roots: Sequence[Node], inputs: Mapping[str, str]) -> tuple[str, dict[N
         if e.op in CONDITIONS or e not in used:
             continue
         if e.op == "input":
-            kind, index = e.of
-            names[e] = f"{inputs[kind]}[{index}]"
+            names[e] = inputs[e.of]
             continue
         names[e] = f"t{len(lines)}"
         lines.append(f"  let {names[e]} = {_operation(e, names)};\n")
@@ -107,6 +110,9 @@ def _condition(c: Node, names: Mapping[Node, str]) -> str:
     if c.op in ("and", "or"):
         a, b = (_condition(x, names) for x in c.of)
         return f"({a} {'&&' if c.op == 'and' else '||'} {b})"
+    if c.op == "inside":
+        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        return f"({a}.lo >= {low} && {a}.hi <= {high})"
     return f"{names[c.of[0]]}.lo {'>' if c.op == 'positive' else '>='} 0.0"
 
 
@@ -117,10 +123,15 @@ def _refuted(c: Node, names: Mapping[Node, str]) -> str:
     if c.op in ("and", "or"):
         a, b = (_refuted(x, names) for x in c.of)
         return f"({a} {'||' if c.op == 'and' else '&&'} {b})"
+    if c.op == "inside":
+        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        return f"({a}.hi < {low} || {a}.lo > {high})"
     return f"{names[c.of[0]]}.hi {'<=' if c.op == 'positive' else '<'} 0.0"
 
 
 def number(x: float) -> str:
-    """A literal that is read as this double."""
+    """What is read as this double."""
+    if isinf(x):
+        return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
     return text if any(c in text for c in ".en") else text + ".0"

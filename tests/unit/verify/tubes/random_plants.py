@@ -143,7 +143,7 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     bounds = " && ".join(f"abs({s}) < 50.0" for s in seen)
     lines += [
         f"rta M {{ ac Ac; sc Sc; period 50ms; safe {bounds};",
-        "  ttf abs(pose.s0) > 40.0; safer abs(pose.s0) < 30.0;",
+        "  rest abs(pose.s0) < 40.0 within 2s;",
         f"  verify {{ grid {grid}; }} }}",
         "system S default { b: Body; module M; until 1s; }",
     ]
