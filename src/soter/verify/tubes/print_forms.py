@@ -7,6 +7,7 @@ Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter
 
 from __future__ import annotations
 
+from math import isinf
 from typing import TYPE_CHECKING
 
 from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
@@ -129,6 +130,8 @@ def _refuted(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def number(x: float) -> str:
-    """A literal that is read as this double."""
+    """What is read as this double."""
+    if isinf(x):
+        return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)
     return text if any(c in text for c in ".en") else text + ".0"

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS = 8
+FREE, STEPS, KEEP = 2, 1, 6
+"""How finely a tube is cut: steps until SC acts, steps a hold; columns that are kept."""
 
 
 @dataclass(frozen=True)
@@ -68,15 +70,6 @@ class TubeTimes:
         return TubeTimes(min(earliest, h), h, t.start, t.delay_sc, j, period, switches)
 
 
-@dataclass(frozen=True)
-class Cut:
-    """How finely a tube is cut: steps until SC acts, steps a hold, columns that are kept."""
-
-    free: int = 2
-    steps: int = 1
-    keep: int = 6
-
-
 class TubeCheck:
     """Of one problem; `SoterError` R007 where something is no expression of reals.
 
@@ -84,12 +77,9 @@ class TubeCheck:
     (no rate, law or condition of these reads them).
     """
 
-    def __init__(
-        self, problem: TubeProblem, times: TubeTimes | None = None, cut: Cut | None = None
-    ) -> None:
+    def __init__(self, problem: TubeProblem) -> None:
         self.problem = problem
-        self.times = times or TubeTimes.of(problem)
-        self.cut = cut or Cut()
+        self.times = TubeTimes.of(problem)
         try:
             self._read()
         except NoExpressionError as error:
@@ -192,43 +182,42 @@ class TubeCheck:
 
     def _constants(self) -> str:
         """Sizes, times and ranges."""
-        q, times, cut = self.problem.quantities, self.times, self.cut
+        q, times = self.problem.quantities, self.times
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
-        read = 2 * n + cut.keep
+        read = 2 * n + KEEP
         opened, closed, moves = read + n, read + n + moved, read + n + 2 * moved
-        symbols = moves + moved * cut.steps
+        symbols = moves + moved * STEPS
+        if symbols > SYMBOLS_MAX:
+            msg = f"{symbols} symbols of a form: more than {SYMBOLS_MAX}"
+            raise refused(self.problem, msg)
         whole = {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
-            "EFFECTS": n * moved, "KEEP": cut.keep, "READS": read, "OPEN": opened, "CLOSED": closed,
-            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": cut.free, "STEPS": cut.steps,
+            "EFFECTS": n * moved, "KEEP": KEEP, "READS": read, "OPEN": opened, "CLOSED": closed,
+            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
             "HOLDS": times.switches + 1, "DEPTH": times.depth,
         }  # fmt: skip
-        if symbols > SYMBOLS_MAX:
-            msg = f"{symbols} symbols: more than {SYMBOLS_MAX}"
-            raise NoExpressionError(msg)
         begin = max(0, times.start - times.period - times.jitter)
         seconds = {
-            "FREE_STEP": near(times.earliest, cut.free),
+            "FREE_STEP": near(times.earliest, FREE),
             "WINDOW": near(times.latest - times.earliest),
-            "START_STEP": near(begin, cut.free),
+            "START_STEP": near(begin, FREE),
             "START_WINDOW": near(times.start - begin),
             "LATE_READ": above(Fraction(times.delay, 10**9)),
             "JITTER": near(times.jitter),
-            "FIRST_STEP": near(times.period - times.jitter, cut.steps),
-            "LATER_STEP": near(times.period - 2 * times.jitter, cut.steps),
+            "FIRST_STEP": near(times.period - times.jitter, STEPS),
+            "LATER_STEP": near(times.period - 2 * times.jitter, STEPS),
         }
         lines = [f"const {name}: int = {value};" for name, value in whole.items()]
         lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
-        ranges = self.problem.controls
-        middles = [0.5 * c.low + 0.5 * c.high for c in ranges]
+        middles = [0.5 * c.low + 0.5 * c.high for c in self.problem.controls]
         half = [
             above(max(Fraction(c.high) - Fraction(m), Fraction(m) - Fraction(c.low)))
-            for c, m in zip(ranges, middles, strict=True)
+            for c, m in zip(self.problem.controls, middles, strict=True)
         ]
         wide = [max(abs(d.low), abs(d.high)) for d in self.problem.disturbances]
         zero = form(0.0)
-        middle = [form(x) for x in middles]
+        middle = [form(m) for m in middles]
         lines += [
             f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",

@@ -25,6 +25,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.assumption import Assumption
+from soter.verify.time.problem_times import DELAYS, in_words
 from soter.verify.tubes.tube_check import TubeCheck
 
 if TYPE_CHECKING:
@@ -50,6 +51,12 @@ class TubeResult(ModuleResult):
 
     problem: TubeProblem
     claims: RestClaims
+
+    @property
+    def verdict(self) -> str:
+        """Never `proved`: the DM decides in flight, by a check that is tested."""
+        said = super().verdict
+        return ASSUMED if said == PROVED else said
 
 
 def verify_by_tubes(
@@ -122,11 +129,14 @@ def _start(check: TubeCheck) -> str:
 
 def _horizon(problem: TubeProblem) -> Finding:
     times = problem.times
-    text = f"H = {show_ns(times.horizon_ns)}, needed {show_ns(times.h_star)}"
-    if times.horizon_ns < times.h_star:
-        return Finding(UNDECIDED, text=text, hint="a longer `horizon`, or none")
-    verdict = PROVED if len(times.declared) == 7 else ASSUMED  # noqa: PLR2004
-    return Finding(verdict, method="worst case over all releases", text=text)
+    enough = times.horizon_ns >= times.h_star
+    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
+    return Finding(
+        held if enough else UNDECIDED,
+        method="worst case over all releases",
+        text=in_words(times),
+        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
+    )
 
 
 def _returns(problem: TubeProblem) -> Finding:

@@ -11,16 +11,9 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.verify.problem.problem import TUBES
-from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import TubeCheck
-
 if TYPE_CHECKING:
     import random
     from collections.abc import Callable, Sequence
-
-    from soter.verify.problem.problem import Problem
-    from soter.verify.tubes.tube_check import Cut, TubeTimes
 
 
 @dataclass(frozen=True)
@@ -150,7 +143,7 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     bounds = " && ".join(f"abs({s}) < 50.0" for s in seen)
     lines += [
         f"rta M {{ ac Ac; sc Sc; period 50ms; safe {bounds};",
-        "  ttf abs(pose.s0) > 40.0; safer abs(pose.s0) < 30.0;",
+        "  rest abs(pose.s0) < 40.0 within 2s;",
         f"  verify {{ grid {grid}; }} }}",
         "system S default { b: Body; module M; until 1s; }",
     ]
@@ -165,13 +158,3 @@ def _renamed(text: str, own: list[str], seen: list[str]) -> str:
     for a, b in zip(own, seen, strict=True):
         text = text.replace(a, b)
     return text
-
-
-def followed_by(problem: Problem, times: TubeTimes, cut: Cut) -> TubeCheck:
-    """The check of a module without `rest`, as one that rests wherever it is safe."""
-    rest = {"kind": TUBES, "rest": problem.module.symbol.safe, "within_ns": 10**9, "drifts": {}}
-    return TubeCheck(TubeProblem(**{**vars(problem), **rest}), times, cut)
-
-
-OVER = {(kind, i): f"{kind}[{i}]" for kind in "xuyv" for i in range(10)}
-"""Inputs of expressions as parameters of a printed function."""

@@ -9,25 +9,25 @@ from fractions import Fraction
 
 import pytest
 
+from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes.expressions import Expressions, NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.print_forms import function
-from soter.verify.tubes.tube_check import Cut, TubeTimes
-from unit.verify.tubes.random_plants import OVER, drawn_module, followed_by
+from soter.verify.tubes import tube_check
+from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
+from unit.verify.tubes.random_plants import drawn_module
 
-MS = 1_000_000
 WHOLE = """
 const LISTED: float[2] = [0.5, 0.25];
 fun first(i: int): int { return i; }
 fun narrow(i: int): int { var k: int in [0, 1] = 0; k = i; return k; }
 """
-LIMITS = OVER
 
 
 def printed(e: object) -> str:
-    return function("f", "x: Forms", [e], LIMITS, "Forms")  # type: ignore[list-item]
+    return function("f", "x: Forms", [e], {("x", 0): "x[0]"}, "Forms")  # type: ignore[list-item]
 
 
 def law_of(answer: str) -> str:
@@ -38,7 +38,9 @@ def law_of(answer: str) -> str:
     assert first != sc
     flat = system_to_prove(check_file("law.soter", before + "node Sc" + first), None)
     module = ModuleExpressions(extract(flat, flat.modules[0]))
-    return function("law", "y: Forms", module.law(), OVER, "Controls")
+    return function(
+        "law", "y: Forms", module.law(), {("y", k): f"y[{k}]" for k in range(3)}, "Controls"
+    )
 
 
 def test_constants_are_folded_only_where_that_is_exact() -> None:
@@ -134,30 +136,35 @@ def test_reads_go_back_no_further_than_the_holds_whose_rates_are_kept() -> None:
                 assert depth == 1 or (depth - 1) * period < jitter + delay
 
 
-def test_times_and_ranges_are_covered_by_their_doubles() -> None:
+def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.MonkeyPatch) -> None:
     module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
     flat = system_to_prove(check_file("times.soter", module.text), None)
-    problem = extract(flat, flat.modules[0])
+    check = TubeCheck(extract(flat, flat.modules[0]))
+    controls = check.problem.controls
     rng = random.Random(5)  # noqa: S311 - drawn examples
     unit = Fraction(2) ** -52
     for _ in range(40):
         period, d = rng.randrange(10**6, 10**9), rng.randrange(10**9)
         jitter, first = rng.randrange(period // 2), rng.randrange(10**9)
-        times = TubeTimes(first, first + rng.randrange(10**8), first, d, jitter, period, 20)
-        cut = Cut(free=rng.randrange(1, 9), steps=rng.randrange(1, 4))
+        latest = first + rng.randrange(10**8)
+        times = TubeTimes(first, latest, latest, d, jitter, period, 20)
+        free, steps = rng.randrange(1, 9), rng.randrange(1, 4)
+        monkeypatch.setattr(tube_check, "FREE", free)
+        monkeypatch.setattr(tube_check, "STEPS", steps)
         low, high = sorted((rng.uniform(-3, 3), rng.uniform(-3, 3)))
-        sides = tuple(replace(c, low=low, high=high) for c in problem.controls)
-        made = followed_by(replace(problem, controls=sides), times, cut).in_flight({})
+        check.problem.controls = tuple(replace(c, low=low, high=high) for c in controls)
+        check.times = times
+        made = check.in_flight({})
 
         def of(name: str, text: str = made) -> Fraction:
             return Fraction(float(text.split(f"const {name}: float = ")[1].split(";")[0]))
 
         exact = {
-            "FREE_STEP": Fraction(first, cut.free),
+            "FREE_STEP": Fraction(first, free),
             "WINDOW": Fraction(times.latest - first),
             "JITTER": Fraction(jitter),
-            "FIRST_STEP": Fraction(period - jitter, cut.steps),
-            "LATER_STEP": Fraction(period - 2 * jitter, cut.steps),
+            "FIRST_STEP": Fraction(period - jitter, steps),
+            "LATER_STEP": Fraction(period - 2 * jitter, steps),
         }
         for name, ns in exact.items():
             assert abs(of(name) - ns / 10**9) <= unit * ns / 10**9
@@ -169,10 +176,10 @@ def test_times_and_ranges_are_covered_by_their_doubles() -> None:
         assert middle + half >= Fraction(high)
 
 
-def test_more_symbols_than_sums_allow_for_are_refused() -> None:
+def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
     flat = system_to_prove(check_file("many.soter", module.text), None)
-    problem = extract(flat, flat.modules[0])
-    times = TubeTimes(40 * MS, 80 * MS, 80 * MS, 23 * MS, 5 * MS, 50 * MS, 20)
-    with pytest.raises(NoExpressionError, match="symbols"):
-        followed_by(problem, times, Cut(steps=2000)).in_flight({})
+    check = TubeCheck(extract(flat, flat.modules[0]))
+    monkeypatch.setattr(tube_check, "STEPS", 2000)
+    with pytest.raises(SoterError, match="symbols"):
+        check.in_flight({})

@@ -135,6 +135,9 @@ def test_an_operation_holds_the_value_and_what_a_program_rounds_it_to(
             k[0] = rng.uniform(-3, 3)
         if name == "clamp":
             k[1] = k[0] + rng.choice((0.0, rng.uniform(0, size)))
+            if rng.random() < 0.6:  # a value at one of its kinks, where it is furthest from a line
+                kink = float(rng.choice(forms[0].values))
+                k = rng.choice(([kink - size, kink], [kink, kink + size]))
         if (got := library.call("forms", NUMBERS[name], [f.row for f in forms], k)) is None:
             assert name in ("inverse", "sqrt", "limit", "tan")
             continue

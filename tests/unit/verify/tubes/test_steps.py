@@ -14,8 +14,9 @@ import pytest
 
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
-from soter.verify.tubes.tube_check import Cut, TubeTimes
-from unit.verify.tubes.random_plants import DrawnModule, drawn_module, followed_by
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.tube_check import KEEP, TubeCheck, TubeTimes
+from unit.verify.tubes.random_plants import DrawnModule, drawn_module
 from unit.verify.tubes.soter_forms import Library, drawn, eps_of, off_by, up
 
 if TYPE_CHECKING:
@@ -26,7 +27,6 @@ BOXES = 8
 PARTS = 12
 MS = 1_000_000
 TIMES = TubeTimes(40 * MS, 80 * MS, 80 * MS, 23 * MS, 5 * MS, 50 * MS, 20)
-CUT = Cut(keep=3)
 TRIED = """
 fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
   var b = a;
@@ -85,13 +85,12 @@ class Subject:
     moves: int
 
 
-def source_of(text: str, times: TubeTimes, cut: Cut) -> tuple[str, int, int]:
+def source_of(text: str, times: TubeTimes) -> tuple[str, int, int]:
     """The check of a program's module, `tried` behind it; its SYMBOLS, its MOVES."""
     flat = system_to_prove(check_file("drawn.soter", text), None)
-    problem = extract(flat, flat.modules[0])
-    rest = "fun at_rest(x: Forms): bool { return true; }\n"
-    made = followed_by(problem, times, cut).in_flight({})
-    made = made.replace("fun at_rest(", "fun other_rest(") + rest
+    check = TubeCheck(extract(flat, flat.modules[0]))
+    check.times = times
+    made = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in ("SYMBOLS", "MOVES")]
     return made + TRIED, sizes[0], sizes[1]
 
@@ -101,7 +100,7 @@ def subjects(tmp_path_factory: pytest.TempPathFactory) -> tuple[Library, list[Su
     found, programs = [], {}
     for number in range(MODULES):
         module = drawn_module(random.Random(number))  # noqa: S311 - drawn examples
-        text, symbols, moves = source_of(module.text, TIMES, CUT)
+        text, symbols, moves = source_of(module.text, TIMES)
         name = f"drawn_{number}"
         programs[name] = text, symbols
         found.append(Subject(name, module, symbols, moves))
@@ -309,7 +308,7 @@ def test_reduced_forms_hold_states_and_commands_of_one_run(
     for one choice of the new symbols that x and u share.
     """
     for library, s, module, rng in each(subjects, "reduced"):
-        n, m, keep = module.states, module.controls, CUT.keep
+        n, m, keep = module.states, module.controls, KEEP
         for _ in range(2 * BOXES):
             eps = [eps_of(rng, s.symbols)]
             x = [drawn(rng, eps, rng.choice((1.0, 1e-3)), -3.0, 3.0) for _ in range(n)]
@@ -364,7 +363,7 @@ def test_reads_hold_what_was_so_long_ago_with_any_error(
             forms = rows_at(x=[f.row for f in x], v=[f.row for f in v])(s.symbols)
             got = library.call(s.name, 2, forms)
             assert got is not None
-            reads = 2 * n + CUT.keep
+            reads = 2 * n + KEEP
             for age in (Fraction(0), late / 3, late):
                 for i in range(n):
                     side = rng.choice((-1, 0, 1))
