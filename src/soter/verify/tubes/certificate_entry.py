@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from soter.verify.tubes.verify import TubeResult
 
 
-def entry(
-    result: TubeResult, system: str, stem: str, files: dict[str, bytes]
-) -> dict[str, object]:
+def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
     """The module in a manifest; it has no files."""
     del stem, files
     problem, claims = result.problem, result.claims

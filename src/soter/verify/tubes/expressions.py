@@ -198,6 +198,19 @@ class Expressions:
             return a if condition is self.true else b
         return a if a is b else self._node("select", condition, a, b)
 
+    def replaced(self, e: Node, known: dict[Node, Node]) -> Node:
+        """An expression with others in the place of some nodes; `known` learns what is made."""
+        if e not in known:
+            known[e] = self._replaced(e, known)
+        return known[e]
+
+    def _replaced(self, e: Node, known: dict[Node, Node]) -> Node:
+        below = [self.replaced(x, known) if isinstance(x, Node) else x for x in e.of]
+        build = {"add": self.add, "sub": self.sub, "mul": self.mul, "neg": self.neg}
+        if e.op in build:
+            return build[e.op](*below)
+        return self.mul(below[0], below[0]) if e.op == "square" else self._node(e.op, *below)
+
     # ------------------------------------------------------------ derivatives
 
     def along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:

@@ -21,9 +21,15 @@ if TYPE_CHECKING:
 NAME = "tubes.soter"
 
 
+class TooLongError(Exception):
+    """The loops of a text may take more operations than a step may."""
+
+
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """By name. The text is our own: an error in it is a defect here."""
+    """By name. The text is our own: any other error than `TooLongError` is a defect here."""
     checked = check_file(NAME, f"soter 1;\n{text}")
+    if any(d.code == "T007" for d in checked.diagnostics.items):
+        raise TooLongError
     assert checked.program is not None, checked.diagnostics
     assert not checked.diagnostics.has_errors, [str(d) for d in checked.diagnostics.items]
     return checked.program.funs
@@ -38,8 +44,11 @@ class Caller:
 
     def holds(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
         """Whether a function of this name says so; one that faults does not."""
+        return bool(self.value(name, *arguments))
+
+    def value(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
+        """What a function of this name gives; None where it faults."""
         try:
-            fun = self._evaluator.function(self._functions[name])
-            return bool(fun(Environment(), arguments))
+            return self._evaluator.function(self._functions[name])(Environment(), arguments)
         except StepFault:
-            return False
+            return None

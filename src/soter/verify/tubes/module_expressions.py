@@ -60,9 +60,11 @@ class ModuleExpressions:
         zero = self.make.number(0.0)
         return [rates.get(key(s), zero) for s in self.problem.quantities.states]
 
-    def still(self, rates: list[Node], kinds: str) -> list[Node]:
-        """Rates with all inputs of these kinds at 0."""
-        return [self._without(e, kinds, {}) for e in rates]
+    def still(self, rates: list[Node]) -> list[Node]:
+        """Rates without any disturbance."""
+        make, count = self.make, len(self.problem.quantities.disturbances)
+        known = {make.input("w", k): make.number(0.0) for k in range(count)}
+        return [make.replaced(e, known) for e in rates]
 
     def effects(self, rates: list[Node]) -> list[list[Node]]:
         """For each disturbance and then each control its factor in every rate.
@@ -89,25 +91,6 @@ class ModuleExpressions:
         direction = {make.input("x", i): make.input("v", i) for i in range(count)}
         known: dict[Node, Node] = {}
         return [make.along(e, direction, known) for e in rates]
-
-    def _without(self, e: Node, kinds: str, known: dict[Node, Node]) -> Node:
-        if e not in known:
-            known[e] = self._substituted(e, kinds, known)
-        return known[e]
-
-    def _substituted(self, e: Node, kinds: str, known: dict[Node, Node]) -> Node:
-        make = self.make
-        if e.op == "input":
-            return make.number(0.0) if e.of[0] in kinds else e
-        if e.op == "number":
-            return e
-        below_ = [self._without(x, kinds, known) for x in e.of]
-        build = {"add": make.add, "sub": make.sub, "mul": make.mul, "neg": make.neg}
-        if e.op in build:
-            return build[e.op](*below_)
-        if e.op == "square":
-            return make.mul(below_[0], below_[0])
-        return make._node(e.op, *below_)
 
     # ------------------------------------------------------------ the law, predicates
 

@@ -14,7 +14,9 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.generated_functions import Caller, TooLongError
+from soter.verify.tubes.problem import refused
+from soter.verify.tubes.rest_drift import undrifted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -58,12 +60,24 @@ class RestClaims:
 
 
 def shown(check: TubeCheck) -> RestClaims:
-    """All of it, in turn: what is not shown leaves out what rests on it."""
-    claims, caller = RestClaims(), Caller(check.offline({}))
+    """All of it, in turn: what is not shown leaves out what rests on it.
+
+    `SoterError` R007 where the check takes more operations than a step may.
+    """
+    claims = RestClaims()
+    try:
+        caller = Caller(check.offline({}))
+    except TooLongError:
+        holds = f"{check.times.switches} steps of SC"
+        why = f"to follow {holds} is more than a step of the DM can do (`within`, its period)"
+        raise refused(check.problem, why) from None
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims)
-    if check.problem.drifts:  # rule 2 of docs/proof.md is not followed yet
-        claims.moves = "how far SC moves what `moves` names is not shown"
+    if not claims.kept:
+        at = {s: claims.ways.get(s, check.problem.states[s]) for s in check.states}
+        unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
+        at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
+        claims.moves = undrifted(check, caller, at, claims.box)
     claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
     return claims
 

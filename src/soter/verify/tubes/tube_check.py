@@ -87,7 +87,8 @@ class TubeCheck:
 
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
-        every = module.rates()
+        self.make = module.make
+        self.rates = every = module.rates()
         self._law = module.law()
         self._defined = module.law_defined(self._law)
         self._safe = module.constraint()
@@ -98,7 +99,7 @@ class TubeCheck:
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
         rates = [every[s] for s in self.states]
-        self._still = module.still(rates, "w")
+        self._still = module.still(rates)
         self._effects = [e for row in module.effects(rates) for e in row]
         self._bends = module.bends(self._still)
 
@@ -110,7 +111,7 @@ class TubeCheck:
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """`ways`: Y of each state that `moves` does not name and a condition reads."""
-        return "\n".join([*self._parts(ways), _part("check.soter")])
+        return "\n".join([*self._parts(ways), part("check.soter")])
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The same with what is asked beforehand."""
@@ -119,10 +120,10 @@ class TubeCheck:
         return "\n".join(
             [
                 *parts,
-                _part("check.soter"),
+                part("check.soter"),
                 certain("law_defined", "y: Forms", self._defined, over),
                 certain("surely_not_at_rest", "x: Forms", self._rest, over, truth=False),
-                _part("rest.soter"),
+                part("rest.soter"),
             ]
         )
 
@@ -139,8 +140,8 @@ class TubeCheck:
         over = self._over()
         return [
             self._constants(),
-            _part("forms.soter"),
-            _part("tube.soter"),
+            part("forms.soter"),
+            part("tube.soter"),
             function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
             function("effects", "x: Forms, u: Controls", self._effects, over, "Effects"),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
@@ -244,7 +245,8 @@ def above(x: Fraction) -> float:
     return value if Fraction(value) >= x else nextafter(value, inf)
 
 
-def _part(name: str) -> str:
+def part(name: str) -> str:
+    """A text that is the same for all modules."""
     return (files(__package__) / name).read_text(encoding="utf-8")
 
 
