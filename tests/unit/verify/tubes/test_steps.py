@@ -428,3 +428,37 @@ def test_estimates_hold_the_state_and_no_nan_is_good(
             at[rng.randrange(n)] = bad
             got = library.call(s.name, 7, [], at)
             assert got is None or got[10][0] == 0.0
+
+
+BLOWN_UP = """soter 1;
+type Pose = { s0: float, s1: float };
+topic pose: Pose max_age 20ms;
+topic order: float in [-2.0, 2.0] = 0.0;
+plant Body period 10ms {
+  reads order;
+  drives pose = { s0: s0, s1: s1 };
+  state s0: float = 0.0;
+  state s1: float = 0.0;
+  disturbance w: float in [-0.01, 0.01];
+  der s0 = order + w;
+  der s1 = s1 * s1;
+  measured pose.s0 within 0.01, pose.s1 within 0.01;
+}
+node Ac period 50ms { subscribes pose; publishes order; step { publish order = 0.0; } }
+node Sc period 50ms { subscribes pose; publishes order;
+  step { publish order = clamp(-pose.s0 + clamp(0.001 * pose.s1, -0.1, 0.1), -2.0, 2.0); } }
+rta M { ac Ac; sc Sc; period 50ms; safe abs(pose.s0) < 50.0; rest abs(pose.s0) < 1.0 within 2s;
+  verify { grid b.s0 in [-50.0, 50.0] / 10, b.s1 in [-50.0, 50.0] / 10; } }
+system S default { b: Body; module M; until 1s; }
+"""
+
+
+def test_a_solution_that_ends_is_not_good(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """s1 only reaches a limit of SC's; from 1,000 it has no value after a millisecond."""
+    text, symbols, _ = source_of(BLOWN_UP, TIMES)
+    library = Library(tmp_path_factory.mktemp("blown"), {"blown": (text, symbols)})
+    verdicts = []
+    for s1 in (-3.0, 0.0, 1e3, 1e150, 1e299, float("nan")):
+        got = library.call("blown", 7, [], [0.0, s1])
+        verdicts.append(got is not None and got[10][0] == 1.0)
+    assert verdicts == [True, True, False, False, False, False]
