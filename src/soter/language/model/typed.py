@@ -593,7 +593,7 @@ class Latch(Shown):
 
 @dataclass(eq=False, repr=False)
 class RestMove(Shown):
-    """A leaf of a topic that SC moves by at most `by` once `rest` holds; `way`: "", "up", "down"."""
+    """A leaf that SC moves by at most `by` once `rest` holds; `way`: "", "up" or "down"."""
 
     topic: TopicSymbol
     path: tuple[str, ...]
@@ -604,7 +604,7 @@ class RestMove(Shown):
 
 @dataclass(eq=False, repr=False)
 class RestSymbol(Shown):
-    """`rest e moves x by d, ... within T;`: where SC ends within T, and what it then still moves."""
+    """`rest e moves x by d, ... within T;`: where SC ends, and what it then still moves."""
 
     condition: TypedExpr
     moves: tuple[RestMove, ...]
@@ -665,6 +665,11 @@ class ModuleSymbol(Symbol):
         return () if topic is None else (topic,)
 
     @property
+    def moved(self) -> tuple[TopicSymbol, ...]:
+        """The topics of what SC still moves where `rest` holds."""
+        return () if self.rest is None else tuple(m.topic for m in self.rest.moves)
+
+    @property
     def stays(self) -> str:
         """The clause by which SC may keep control for ever; "" where there is none."""
         if self.latch is not None and self.latch.topic is None:
@@ -692,7 +697,8 @@ class ModuleSymbol(Symbol):
         """The same, lemmas and what progress rests on: everything that names topics."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
-        return (*self.predicates, *verify.lemmas, *verify.progress, *enters)
+        rest = () if self.rest is None else (self.rest.condition,)
+        return (*self.predicates, *verify.lemmas, *verify.progress, *enters, *rest)
 
     @property
     def expressions(self) -> tuple[TypedExpr, ...]:

@@ -142,12 +142,10 @@ def drawn_module(rng: random.Random) -> DrawnModule:
         node = f"node {name} period 50ms {{ subscribes pose; publishes order; step {{"
         lines.append(f"{node} publish order = {{ {answer} }}; }} }}")
     lines.insert(-2, f"  measured {measured};\n}}")
-    grid = ", ".join(f"b.s{i} in [-50.0, 50.0] / 10" for i in range(n))
     bounds = " && ".join(f"abs({s}) < 50.0" for s in seen)
     lines += [
         f"rta M {{ ac Ac; sc Sc; period 50ms; safe {bounds};",
-        "  rest abs(pose.s0) < 40.0 within 2s;",
-        f"  verify {{ grid {grid}; }} }}",
+        "  rest abs(pose.s0) < 40.0 within 2s; }",
         "system S default { b: Body; module M; until 1s; }",
     ]
     held = [_held(e) for e in law]

@@ -334,13 +334,13 @@ class NodeParser(VerifyParser):
         if self.accept_word("moves"):
             while True:
                 path = self.path("a topic or one of its fields")
-                self.expect_word("by", "and how far after what `moves`")
+                self.expect_word("by", "and how far, behind what moves")
                 by = self.expr("how far it moves")
                 way = next((w for w in ("down", "up") if self.accept_word(w)), "")
                 moves.append(tree.Move(path, by, way))
                 if not self.accept(","):
                     break
-        self.expect_word("within", "and a time in `rest`")
+        self.expect_word("within", "and a time at the end of `rest`")
         within = self.time_value("the time of `rest`")
         rest = tree.Rest(condition, tuple(moves), within, self.span_from(self.starts[at]))
         self.keep_once(parts, "rest", rest, at)
