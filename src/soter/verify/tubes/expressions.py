@@ -329,12 +329,20 @@ class ExpressionReading(Execution["Value"]):
         raise NoExpressionError(msg)
 
     def _checked(self, s: core.Checked, operands: list[Value], limit: Value | None) -> Value:
-        whole = {"add": int.__add__, "sub": int.__sub__, "mul": int.__mul__, "neg": int.__neg__}
+        whole: dict[str, Callable[..., int]] = {
+            "add": int.__add__,
+            "sub": int.__sub__,
+            "mul": int.__mul__,
+            "neg": int.__neg__,
+        }
         if s.op == "number":
             return operands[0]
         if s.op in whole or s.op in ("index", "narrow"):
             value = whole[s.op](*operands) if s.op in whole else operands[0]
-            low, high = (0, limit - 1) if s.op == "index" else (INT_MIN, INT_MAX)
+            low, high = INT_MIN, INT_MAX
+            if s.op == "index":
+                assert limit is not None
+                low, high = 0, limit - 1
             if s.op == "narrow":
                 assert isinstance(s.type, IntType)
                 low, high = s.type.low, s.type.high

@@ -65,7 +65,10 @@ def real(rng: random.Random, names: Sequence[str], depth: int = 3) -> Real:
             f"({a.text} / (1.5 + {b.text} * {b.text}))",
             lambda x, f: a.value(x, f) / (f.number(1.5) + b.value(x, f) * b.value(x, f)), kinks,
         ),
-        Real(f"exp(-({a.text} * {a.text}))", lambda x, f: f.exp(-(a.value(x, f) * a.value(x, f))), kinks),
+        Real(
+            f"exp(-({a.text} * {a.text}))",
+            lambda x, f: f.exp(-(a.value(x, f) * a.value(x, f))), a.kinked,
+        ),
         Real(
             f"tan(0.9 * sin({a.text}))",
             lambda x, f: f.tan(f.number(0.9) * f.sin(a.value(x, f))), a.kinked,
@@ -145,11 +148,15 @@ def drawn_module(rng: random.Random) -> DrawnModule:
         "  rest abs(pose.s0) < 40.0 within 2s; }",
         "system S default { b: Body; module M; until 1s; }",
     ]
-    held = [
-        Real("", lambda x, f, e=e: f.min(f.max(e.value(x, f), f.number(-2.0)), f.number(2.0)))
-        for e in law
-    ]
+    held = [_held(e) for e in law]
     return DrawnModule("\n".join(lines), n, m, drift, by_control, by_disturbance, held, wide)
+
+
+def _held(e: Real) -> Real:
+    """An expression between the ends of a command."""
+    return Real(
+        "", lambda x, f: f.min(f.max(e.value(x, f), f.number(-2.0)), f.number(2.0)), kinked=True
+    )
 
 
 def _renamed(text: str, own: list[str], seen: list[str]) -> str:

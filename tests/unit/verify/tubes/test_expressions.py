@@ -12,10 +12,11 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
+from soter.verify.tubes import tube_check
 from soter.verify.tubes.expressions import Expressions, NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.print_forms import function
-from soter.verify.tubes import tube_check
+from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import drawn_module
 
@@ -139,7 +140,9 @@ def test_reads_go_back_no_further_than_the_holds_whose_rates_are_kept() -> None:
 def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.MonkeyPatch) -> None:
     module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
     flat = system_to_prove(check_file("times.soter", module.text), None)
-    check = TubeCheck(extract(flat, flat.modules[0]))
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
     controls = check.problem.controls
     rng = random.Random(5)  # noqa: S311 - drawn examples
     unit = Fraction(2) ** -52
@@ -157,7 +160,9 @@ def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.Monke
         made = check.in_flight({})
 
         def of(name: str, text: str = made) -> Fraction:
-            return Fraction(float(text.split(f"const {name}: float = ")[1].split(";")[0]))
+            return Fraction(
+                float(text.split(f"const {name}: float = ")[1].split(";", maxsplit=1)[0])
+            )
 
         exact = {
             "FREE_STEP": Fraction(first, free),
@@ -169,7 +174,7 @@ def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.Monke
         for name, ns in exact.items():
             assert abs(of(name) - ns / 10**9) <= unit * ns / 10**9
         assert of("LATE_READ") >= Fraction(d, 10**9)
-        middle = Fraction(float(made.split("ANY_COMMAND: Controls = [{ c: ")[1].split(",")[0]))
+        middle = Fraction(float(made.split("ANY_COMMAND: Controls = [{ c: ")[1].split(",", 1)[0]))
         most = made.split("const ANY: Wide = [")[1].split("]")[0].split(",")
         half = Fraction(float(most[1]))
         assert middle - half <= Fraction(low)
@@ -179,7 +184,9 @@ def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.Monke
 def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
     flat = system_to_prove(check_file("many.soter", module.text), None)
-    check = TubeCheck(extract(flat, flat.modules[0]))
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
     monkeypatch.setattr(tube_check, "STEPS", 2000)
     with pytest.raises(SoterError, match="symbols"):
         check.in_flight({})

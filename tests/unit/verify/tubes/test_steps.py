@@ -15,9 +15,10 @@ import pytest
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import KEEP, TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import DrawnModule, drawn_module
-from unit.verify.tubes.soter_forms import Library, drawn, eps_of, off_by, up
+from unit.verify.tubes.soter_forms import Library, down, drawn, eps_of, off_by, up
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -88,7 +89,9 @@ class Subject:
 def source_of(text: str, times: TubeTimes) -> tuple[str, int, int]:
     """The check of a program's module, `tried` behind it; its SYMBOLS, its MOVES."""
     flat = system_to_prove(check_file("drawn.soter", text), None)
-    check = TubeCheck(extract(flat, flat.modules[0]))
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
     check.times = times
     made = check.in_flight(dict.fromkeys(check.states, Interval(-1.0, 1.0)))
     sizes = [int(made.split(f"const {n}: int = ")[1].split(";")[0]) for n in ("SYMBOLS", "MOVES")]
@@ -132,6 +135,11 @@ def some(
 ) -> list[Any]:
     """Forms over the first symbols, of a size that a tube has."""
     forms = [drawn(rng, eps, size, -3.0, 3.0) for _ in range(count)]
+    if rng.random() < 0.5:  # all but known, so that every term counts
+        for f in forms:
+            v = f.values[0]
+            f.row[:] = [float(v), up(abs(v - Fraction(float(v)))), down(v), up(v)]
+            f.row += [0.0] * len(eps[0])
     for f in forms:
         for k in range(used, len(eps[0])):
             moved = abs(f.row[4 + k])
@@ -241,7 +249,7 @@ def test_printed_functions_hold_rates_effects_bends_and_laws(
                         assert off_by(got[k], eps[0], value, value) <= SAFE
                         # what SC computes of the doubles that are next
                         near = [float(y) for y in at]
-                        off = off_by(got[k], eps[0], *[Fraction(law.value(near, Mp_floats))] * 2)
+                        off = off_by(got[k], eps[0], *[Fraction(law.value(near, MpFloats))] * 2)
                         assert off <= Fraction(1, 10**14)
             assert judged > BOXES // 2
 
@@ -282,7 +290,7 @@ class Mp:
     max, min = max, min
 
 
-class Mp_floats(Mp):
+class MpFloats(Mp):
     """The same of doubles, whose operators round as a program's."""
 
     sin, cos, tanh, atan, sqrt, exp, tan = (
@@ -298,7 +306,8 @@ def _mp(x: Fraction) -> Any:
 
 def _exact(x: Any) -> Fraction:
     sign, man, exp, _ = mpmath.mpf(x)._mpf_
-    return (-1) ** sign * Fraction(int(man)) * Fraction(2) ** exp
+    value: Fraction = Fraction((-1) ** sign * int(man)) * Fraction(2) ** exp
+    return value
 
 
 def test_reduced_forms_hold_states_and_commands_of_one_run(
@@ -419,3 +428,37 @@ def test_estimates_hold_the_state_and_no_nan_is_good(
             at[rng.randrange(n)] = bad
             got = library.call(s.name, 7, [], at)
             assert got is None or got[10][0] == 0.0
+
+
+BLOWN_UP = """soter 1;
+type Pose = { s0: float, s1: float };
+topic pose: Pose max_age 20ms;
+topic order: float in [-2.0, 2.0] = 0.0;
+plant Body period 10ms {
+  reads order;
+  drives pose = { s0: s0, s1: s1 };
+  state s0: float = 0.0;
+  state s1: float = 0.0;
+  disturbance w: float in [-0.01, 0.01];
+  der s0 = order + w;
+  der s1 = s1 * s1;
+  measured pose.s0 within 0.01, pose.s1 within 0.01;
+}
+node Ac period 50ms { subscribes pose; publishes order; step { publish order = 0.0; } }
+node Sc period 50ms { subscribes pose; publishes order;
+  step { publish order = clamp(-pose.s0 + clamp(0.001 * pose.s1, -0.1, 0.1), -2.0, 2.0); } }
+rta M { ac Ac; sc Sc; period 50ms; safe abs(pose.s0) < 50.0; rest abs(pose.s0) < 1.0 within 2s;
+  verify { grid b.s0 in [-50.0, 50.0] / 10, b.s1 in [-50.0, 50.0] / 10; } }
+system S default { b: Body; module M; until 1s; }
+"""
+
+
+def test_a_solution_that_ends_is_not_good(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """s1 only reaches a limit of SC's; from 1,000 it has no value after a millisecond."""
+    text, symbols, _ = source_of(BLOWN_UP, TIMES)
+    library = Library(tmp_path_factory.mktemp("blown"), {"blown": (text, symbols)})
+    verdicts = []
+    for s1 in (-3.0, 0.0, 1e3, 1e150, 1e299, float("nan")):
+        got = library.call("blown", 7, [], [0.0, s1])
+        verdicts.append(got is not None and got[10][0] == 1.0)
+    assert verdicts == [True, True, False, False, False, False]
