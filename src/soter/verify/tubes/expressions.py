@@ -259,6 +259,8 @@ class Expressions:
         one, two = self.number(1.0), self.number(2.0)
         if e.op == "square":
             return self.mul(two, a)
+        if e.op == "abs":
+            return self.sub(self.mul(two, self._node("share", a)), one)
         if e.op == "inverse":
             return self.neg(self.mul(e, e))
         if e.op == "sin":
@@ -445,7 +447,7 @@ class ExpressionReading(Execution["Value"]):
         if op == "neg":
             return make.neg(a)
         if op == "abs":
-            return make.extreme("max", a, make.neg(a))
+            return make.number(abs(a.of[0])) if a.op == "number" else make.function("abs", a)
         if op == "sqrt":
             return make.function("sqrt", a)
         msg = f"`{op}`, which jumps"

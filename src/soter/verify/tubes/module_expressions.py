@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from soter.core import core
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Interval, Problem
     from soter.verify.tubes.expressions import Node
 
 Path = tuple[str, ...]
@@ -61,9 +61,9 @@ class ModuleExpressions:
         return [rates.get(key(s), zero) for s in self.problem.quantities.states]
 
     def still(self, rates: list[Node]) -> list[Node]:
-        """Rates without any disturbance."""
-        make, count = self.make, len(self.problem.quantities.disturbances)
-        known = {make.input("w", k): make.number(0.0) for k in range(count)}
+        """Rates with every disturbance in the middle of its range."""
+        make, every = self.make, enumerate(self.problem.disturbances)
+        known = {make.input("w", k): make.number(middle(d)) for k, d in every}
         return [make.replaced(e, known) for e in rates]
 
     def effects(self, rates: list[Node]) -> list[list[Node]]:
@@ -198,6 +198,11 @@ class ModuleExpressions:
 
     def _true(self, cell: core.Cell, t: Type) -> Any:
         return self._topic(cell.owner, t, "x")
+
+
+def middle(r: Interval) -> float:
+    """A number about halfway."""
+    return 0.5 * r.low + 0.5 * r.high
 
 
 def parts(t: Type, v: Any, path: Path = ()) -> Iterator[tuple[Path, Type, Any]]:

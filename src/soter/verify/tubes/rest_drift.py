@@ -9,7 +9,7 @@ Non-goals: other potentials: what is not of this form is not shown.
 from __future__ import annotations
 
 from fractions import Fraction
-from math import isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
@@ -46,11 +46,14 @@ def undrifted(
     ranges |= {("u", k): Interval(u[2], u[3]) for k, u in enumerate(answer)}
     ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(check.problem.disturbances)}
     for z, drift in check.problem.drifts.items():
-        rate = check.rates[z]
+        rate, name = check.rates[z], check.problem.quantities.states[z].name
+        topic = check.problem.states[z]
+        if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):
+            return f"SC may move {name} without end, and the set of its topic has one"
         ways = ((rate, drift.above), (check.make.neg(rate), drift.below))
         for e, by in ways:
             if not any(_bounded(check, e, by, x, ranges, r) for x, r in box.items()):
-                return f"how far SC moves {check.problem.quantities.states[z].name} is not shown"
+                return f"how far SC moves {name} is not shown"
     return ""
 
 
@@ -86,18 +89,22 @@ def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
 
 
 def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
-    """The same expressions, without a `min` or `max` whose answer is certain in these ranges."""
-    known: dict[Node, Node] = {}
+    """The same expressions, without a `min` or `max` whose answer is certain in these ranges.
+
+    An input that has one value is that number.
+    """
+    make = check.make
+    known = {make.input(*at): make.number(r.low) for at, r in ranges.items() if r.low == r.high}
     for e in in_order(roots):
         if e.op not in ("min", "max"):
             continue
-        a, b = (check.make.replaced(x, known) for x in e.of)
+        a, b = (make.replaced(x, known) for x in e.of)
         of_a, of_b = _enclosed(check, [a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
             known[e] = smaller if e.op == "min" else larger
-    return [check.make.replaced(e, known) for e in roots]
+    return [make.replaced(e, known) for e in roots]
 
 
 def _enclosed(check: TubeCheck, nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
@@ -112,7 +119,7 @@ def _enclosed(check: TubeCheck, nodes: Sequence[Node], ranges: Ranges) -> list[I
     ] or [caller.value("f_number", 0.0)]
     found = caller.value("asked", inputs)
     if found is None:
-        return [Interval(float("-inf"), float("inf"))] * len(nodes)
+        return [Interval(-inf, inf)] * len(nodes)
     return [Interval(f[2], f[3]) for f in found]
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.types import leaves
 from soter.verify.tubes.expressions import NoExpressionError, in_order
-from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import certain, function, number
 from soter.verify.tubes.problem import refused
 
@@ -211,21 +211,17 @@ class TubeCheck:
         }
         lines = [f"const {name}: int = {value};" for name, value in whole.items()]
         lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
-        middles = [0.5 * c.low + 0.5 * c.high for c in self.problem.controls]
-        half = [
-            above(max(Fraction(c.high) - Fraction(m), Fraction(m) - Fraction(c.low)))
-            for c, m in zip(self.problem.controls, middles, strict=True)
-        ]
-        wide = [max(abs(d.low), abs(d.high)) for d in self.problem.disturbances]
+        half = [half_width(c) for c in self.problem.controls]
+        wide = [half_width(d) for d in self.problem.disturbances]
         zero = form(0.0)
-        middle = [form(m) for m in middles]
+        middles = [form(middle(c)) for c in self.problem.controls]
         lines += [
             f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
             f"const ERRORS: float[STATES] = {_list(self.errors())};",
             f"const NOWHERE: Forms = {_array([zero] * n)};",
             f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
-            f"const ANY_COMMAND: Controls = {_array(middle)};",
+            f"const ANY_COMMAND: Controls = {_array(middles)};",
             f"const ANY: Wide = {_list(wide + half)};",
             f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
             f"const NO_REGION: Region = {{ lo: {_list([0.0] * n)}, hi: {_list([0.0] * n)} }};",
@@ -243,6 +239,12 @@ def above(x: Fraction) -> float:
     """The least double that is not below."""
     value = float(x)
     return value if Fraction(value) >= x else nextafter(value, inf)
+
+
+def half_width(r: Interval) -> float:
+    """How far a range goes from its middle, rounded up."""
+    m = Fraction(middle(r))
+    return above(max(Fraction(r.high) - m, m - Fraction(r.low)))
 
 
 def part(name: str) -> str:
