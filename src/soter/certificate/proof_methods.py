@@ -10,7 +10,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.format.errors import FOLLOWED, NotRecheckedError
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -48,7 +48,7 @@ def _inductions() -> ModuleType:
 def _followed(flat: System, entry: dict[str, Any]) -> NoReturn:
     """A module whose DM follows SC in flight."""
     del flat, entry
-    raise NotRecheckedError("its decision module follows SC in flight (`rest`)")
+    raise NotRecheckedError(FOLLOWED)
 
 
 GROUPS: dict[str, type[Group]] = {g.kind: g for g in (GridGroup, PolytopeGroup)}

@@ -341,9 +341,7 @@ def _save_runs(report: VerifyReport) -> None:
 
 def _headline(module: ModuleResult, printed: Printout) -> str:
     held = module.verdict in ("proved", "assumed")
-    followed = held and module.problem.kind == "tubes"
-    word = "DECIDED IN FLIGHT, rest and start proved" if followed else module.verdict.upper()
-    verdict = printed.paint(PAINTS[module.verdict], word)
+    verdict = printed.paint(PAINTS[module.verdict], module.verdict.upper())
     verdict += module.whilst if held else ""
     if held and module.vacuity is not None:  # proved, but of next to nothing
         little = printed.paint("yellow", module.verdict.upper())

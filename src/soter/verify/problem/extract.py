@@ -93,15 +93,12 @@ def _beyond_the_law(problem: Problem) -> str:
 
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
-    refuse_views(module)
-    _in_tower(flat, module, diagnostics)
-    diagnostics.raise_errors()
+    _refuse(flat, module, diagnostics)
     home = flat
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _no_lemmas(module, diagnostics)
-    diagnostics.raise_errors()
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -162,6 +159,12 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
     return problem if rest is None else followed(problem, rest, calculator)
+
+
+def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    refuse_views(module)
+    _in_tower(flat, module, diagnostics)
+    diagnostics.raise_errors()
 
 
 def _beside(
@@ -321,13 +324,15 @@ def extract_sets(flat: System, module: Module) -> Problem:
 
 
 def require_sets(problem: Problem) -> None:
-    """`SoterError` R031 for a module that is proved by induction."""
-    asked = problem.module.symbol.verify.induction
+    """`SoterError` R031 for a module that is proved by induction, or whose DM follows SC."""
+    symbol = problem.module.symbol
+    asked = symbol.verify.induction if symbol.rest is None else symbol.rest.span
     if asked is not None:
+        how = "followed by tubes" if symbol.rest is not None else "proved by induction"
         diagnostics = Diagnostics()
         diagnostics.error(
             "R031",
-            f"module `{problem.name}` is proved by induction: there are no sets of states",
+            f"module `{problem.name}` is {how}: there are no sets of states",
             asked,
             notes=("monitors and advice rest on sets",),
         )
@@ -351,6 +356,7 @@ def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
             notes=(OF_VIEWS if word == "enters" else OF_NODES,),
             helps=(f"leave `{word}` out",),
         )
+    diagnostics.raise_errors()
 
 
 def _extents(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:

@@ -70,7 +70,7 @@ class Expressions:
         return self._nodes.setdefault(node, node)
 
     def number(self, value: float) -> Node:
-        """A constant."""
+        """A constant; `NoExpressionError` for one that forms do not hold."""
         if not abs(value) < LARGEST:
             raise NoExpressionError("a constant that is too large")
         return self._node("number", float(value))
@@ -206,10 +206,16 @@ class Expressions:
 
     def _replaced(self, e: Node, known: dict[Node, Node]) -> Node:
         below = [self.replaced(x, known) if isinstance(x, Node) else x for x in e.of]
-        build = {"add": self.add, "sub": self.sub, "mul": self.mul, "neg": self.neg}
-        if e.op in build:
-            return build[e.op](*below)
-        return self.mul(below[0], below[0]) if e.op == "square" else self._node(e.op, *below)
+        if e.op == "neg":
+            return self.neg(below[0])
+        if e.op in ("add", "sub", "mul", "square"):
+            a, b = below[0], below[-1]
+            return (
+                self.add(a, b)
+                if e.op == "add"
+                else (self.sub(a, b) if e.op == "sub" else self.mul(a, b))
+            )
+        return self._node(e.op, *below)
 
     # ------------------------------------------------------------ derivatives
 
@@ -309,7 +315,7 @@ class ExpressionReading(Execution["Value"]):
     def _join(self, condition: Value, *where: object) -> Join[Value]:
         del where
 
-        def join(a: Value | None, b: Value | None, t: Type) -> Value:
+        def join(a: Value | None, b: Value | None, _: Type) -> Value:
             if a is None or b is None:
                 return b if a is None else a
             return self._select(condition, a, b)
@@ -354,7 +360,7 @@ class ExpressionReading(Execution["Value"]):
         msg = f"`{s.op}` of whole numbers"
         raise NoExpressionError(msg)
 
-    def _choose(self, s: core.Choose) -> Value:
+    def _choose(self, _: core.Choose) -> Value:
         raise NoExpressionError("`choose`")
 
     def _guard(self, condition: Value) -> None:

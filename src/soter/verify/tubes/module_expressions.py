@@ -8,12 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.core.steps import lower_predicate
 from soter.core.lower_statements import FunctionTable
+from soter.core.steps import lower_predicate
 from soter.language.model.types import ArrayType, FloatType, RecordType, Type, leaves
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_inputs import key, names, types_of
-from soter.verify.tubes.expressions import ExpressionReading, Expressions, NoExpressionError
+from soter.verify.tubes.expressions import (
+    ExpressionReading,
+    Expressions,
+    NoExpressionError,
+    in_order,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -22,7 +27,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Interval, Problem
-    from soter.verify.tubes.expressions import Node
+    from soter.verify.tubes.expressions import Node, Value
 
 Path = tuple[str, ...]
 
@@ -35,8 +40,8 @@ class ModuleExpressions:
         self.make = Expressions()
         q = problem.quantities
         self._numbers: dict[Any, tuple[str, int]] = {}
-        for kind, leaves in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
-            self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(leaves)})
+        for kind, every in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
+            self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
 
     # ------------------------------------------------------------ flows
@@ -127,10 +132,14 @@ class ModuleExpressions:
         p = lower_predicate(table, system, module.scope, e, e.span)
         body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
         body.run(p.body)
-        return body.expr(p.value)
+        held: Node = body.expr(p.value)
+        return held
 
     def constraint(self) -> Node:
-        """C: `safe`, and that plants can publish what they then drive, errors included."""
+        """C: `safe`, and that plants can publish what they then drive, errors included.
+
+        `NoExpressionError` where what has a set is no float.
+        """
         system, make = self.problem.system, self.make
         held = self.predicate(self.problem.module.symbol.safe)
         for component, step in self._plants():
@@ -167,7 +176,7 @@ class ModuleExpressions:
             body.bind(name, t, self._leaves((component.index, d.variable.name), t, ()))
         return body
 
-    def _leaves(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Any:
+    def _leaves(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Value:
         if isinstance(t, (RecordType, ArrayType)):
             below_ = zip(names(t), types_of(t), strict=True)
             return tuple(self._leaves(owner, f, (*path, n), kind) for n, f in below_)
@@ -176,13 +185,13 @@ class ModuleExpressions:
             raise NoExpressionError(f"`{owner[1] or owner[0]}` is no state and no command")
         return self.make.input(kind or number[0], number[1])
 
-    def _cell(self, cell: core.Cell, t: Type) -> Any:
+    def _cell(self, cell: core.Cell, t: Type) -> Value:
         return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
-    def _topic(self, index: int, t: Type, kind: str) -> Any:
+    def _topic(self, index: int, t: Type, kind: str) -> Value:
         """What plants publish, as the states that equal it."""
 
-        def at(t: Type, k: list[int]) -> Any:
+        def at(t: Type, k: list[int]) -> Value:
             if isinstance(t, (RecordType, ArrayType)):
                 return tuple(at(f, k) for f in types_of(t))
             state = self.problem.state_of_leaf.get((index, k[0]))
@@ -193,10 +202,10 @@ class ModuleExpressions:
 
         return at(t, [0])
 
-    def _seen(self, cell: core.Cell, t: Type) -> Any:
+    def _seen(self, cell: core.Cell, t: Type) -> Value:
         return self._topic(cell.owner, t, "y")
 
-    def _true(self, cell: core.Cell, t: Type) -> Any:
+    def _true(self, cell: core.Cell, t: Type) -> Value:
         return self._topic(cell.owner, t, "x")
 
 
@@ -205,7 +214,7 @@ def middle(r: Interval) -> float:
     return 0.5 * r.low + 0.5 * r.high
 
 
-def parts(t: Type, v: Any, path: Path = ()) -> Iterator[tuple[Path, Type, Any]]:
+def parts(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
     """Leaves of a value."""
     if isinstance(t, (RecordType, ArrayType)):
         for n, f, x in zip(names(t), types_of(t), v, strict=True):
@@ -216,6 +225,4 @@ def parts(t: Type, v: Any, path: Path = ()) -> Iterator[tuple[Path, Type, Any]]:
 
 def below(e: Node, kind: str) -> bool:
     """Whether an input of a kind occurs in it."""
-    from soter.verify.tubes.expressions import in_order
-
     return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))

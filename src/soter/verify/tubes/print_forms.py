@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
     Inputs: TypeAlias = Mapping[tuple[str, int], str]
@@ -55,7 +55,7 @@ def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:
     names: dict[Node, str] = {}
     order = in_order(roots)
     used = {*roots, *(x for e in order for x in _operands(e))}
-    lines = []
+    lines: list[str] = []
     for e in order:
         if e.op in CONDITIONS or e not in used:
             continue

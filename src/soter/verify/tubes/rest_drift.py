@@ -70,7 +70,7 @@ def _bounded(
     size = max(abs(Fraction(rests.low)), abs(Fraction(rests.high)))
     if p is None or q is None or not size:
         return False
-    of_p, of_q = _enclosed(check, [p, q], ranges)
+    of_p, of_q = _enclosed([p, q], ranges)
     if not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
         return False
     c = Fraction(by) / size
@@ -99,7 +99,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
         if e.op not in ("min", "max"):
             continue
         a, b = (make.replaced(x, known) for x in e.of)
-        of_a, of_b = _enclosed(check, [a, b], ranges)
+        of_a, of_b = _enclosed([a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
@@ -107,7 +107,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
     return [make.replaced(e, known) for e in roots]
 
 
-def _enclosed(check: TubeCheck, nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
+def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     """Where these expressions lie; without ends where nothing is known."""
     used = [e for e in in_order(nodes) if e.op == "input"]
     over = {e.of: f"a[{k}]" for k, e in enumerate(used)}
@@ -124,7 +124,7 @@ def _enclosed(check: TubeCheck, nodes: Sequence[Node], ranges: Ranges) -> list[I
 
 
 def _factor(make: Expressions, e: Node, x: Node) -> Node | None:
-    """p where e = x p for all values; None where it is not seen."""
+    """The p of e = x p, for all values; None where it is not seen."""
     if e is x:
         return make.number(1.0)
     if e is make.number(0.0):

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from soter.language.model.typed import FunSymbol
     from soter.verify.problem.problem import Group
-    from soter.verify.tables.level_table import EstimateSamples
     from soter.verify.tables.typed_tree_builder import Writer
     from soter.verify.tubes.rest_claims import RestClaims
     from soter.verify.tubes.tube_check import TubeCheck

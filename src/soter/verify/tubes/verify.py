@@ -39,6 +39,7 @@ IN_FLIGHT = (
     "decided in flight: AC keeps control only where SC, followed from the estimate, surely comes "
     "to rest within C"
 )
+DECIDED = ", decided in flight (rest and start proved)"
 SOUND = Assumption(
     "tubes",
     "the compiled check of the DM encloses what SC and the plants do: tested, not proved",
@@ -57,6 +58,11 @@ class TubeResult(ModuleResult):
         """Never `proved`: the DM decides in flight, by a check that is tested."""
         said = super().verdict
         return ASSUMED if said == PROVED else said
+
+    @property
+    def whilst(self) -> str:
+        """What is proved, and that it is not the decisions."""
+        return DECIDED if self.verdict == ASSUMED else ""
 
 
 def verify_by_tubes(
