@@ -50,6 +50,7 @@ AFTER: dict[str, set[str]] = {
     "drives": {"topic"},
     "failsafe": {"topic"},
     "after": {"topic"},
+    "moves": {"topic"},
     "ac": {"node"},
     "sc": {"node"},
     "module": {"module"},
@@ -150,7 +151,9 @@ def _wanted(cursor: CursorContext) -> set[str] | None:
         return {"a type"}
     if last == ":" and first == "fun":
         return {"a type"}
-    if last in AFTER:
+    if last == "," and first == "rest":
+        return AFTER["moves"]
+    if last in AFTER and (last, first) != ("by", "rest"):
         return AFTER[last]
     if last == "," and first in LISTS:
         return AFTER[first]

@@ -80,7 +80,7 @@ def _inner(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ..
         return ("subscribes", "publishes", "takes", "wcet")
     if isinstance(node, tree.PlantDecl):
         return ("reads", "state", "disturbance", "measured")
-    return ("ac", "sc", "period", "safe", "safer", "ttf")
+    return ("ac", "sc", "period", "safe", "safer", "ttf", "rest")
 
 
 def _outside_of(text: str, words: tuple[str, ...]) -> str:

@@ -163,6 +163,8 @@ class _PredicateReader:
         self._evaluator = PredicateEvaluator.of(module.scope)
         self._early = _published_before(system, module.dm)
         symbol = module.symbol
+        self._level_known: int | None = None
+        """What the facts of a step say of the one level that there is; None: it is computed."""
         self._ttf = [] if symbol.ttf is None else self._parts(disjuncts(symbol.ttf))
         self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
 
@@ -172,6 +174,8 @@ class _PredicateReader:
         env = self._environment(before, at)
         ttf: tuple[PredicatePart, ...] = ()
         safer: tuple[PredicatePart, ...] = ()
+        if self.module.symbol.rest is not None:
+            self._level_known = 0 if facts["ttf"] else 2
         if not self._evaluator.unbound:  # an extern function is asked once, by the run
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
@@ -327,12 +331,16 @@ class _PredicateReader:
         level = self._evaluator.expression(e.left)
         arguments = [(_path(a), self._evaluator.expression(a)) for a in e.left.arguments]
         for_ttf = e.op == "<"
+        outside, inside = "outside S_0", "deep inside S_0"
+        if self.module.symbol.rest is not None:
+            outside, inside = "from where SC is not led to rest", "from where SC is led to rest"
 
         def part(env: Environment) -> PredicatePart:
             estimate = [Operand(name, float(of(env))) for name, of in arguments]
-            level_value = int(level(env))
+            told = self._level_known
+            level_value = int(level(env)) if told is None else told
             where = ", ".join(f"{o.text} = {_short(o.value)}" for o in estimate)
-            text = f"{where} {'outside S_0' if for_ttf else 'deep inside S_0'}"
+            text = f"{where} {outside if for_ttf else inside}"
             value = level_value < 1 if for_ttf else level_value > 1
             return PredicatePart(text, value, (*estimate, Operand("level", level_value)))
 

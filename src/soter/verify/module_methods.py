@@ -15,6 +15,8 @@ from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.induction import certificate_entry, inputs_from_outside
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.sets_certificate_entry import entry_over_sets
+from soter.verify.tubes.certificate_entry import entry as tubes_entry
+from soter.verify.tubes.verify import verify_by_tubes
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
@@ -45,6 +47,7 @@ METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
     "nodes": ModuleMethod(verify_by_induction, certificate_entry.entry, inputs_from_outside.covers),
+    "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.covers),
 }
 
 

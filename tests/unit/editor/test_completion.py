@@ -72,6 +72,17 @@ def test_names_of_the_kind_that_is_asked_for(offered: Callable[[str, str], list[
     assert "WALL" not in types
 
 
+def test_what_moves_at_rest_is_a_topic_and_how_far_a_value(
+    offered: Callable[[str, str], list[str]],
+) -> None:
+    end = "within 3s;"
+    assert offered("ttf ", f"rest goal < 0.0 moves @@ {end} ttf ") == ["motion", "goal", "accel"]
+    more = f"rest goal < 0.0 moves motion.x by WALL down, @@ {end} ttf "
+    assert offered("ttf ", more) == ["motion", "goal", "accel"]
+    assert offered("ttf ", f"rest goal < 0.0 moves motion.@@ {end} ttf ") == ["x", "v"]
+    assert "WALL" in offered("ttf ", f"rest goal < 0.0 moves motion.x by @@ {end} ttf ")
+
+
 def test_values_in_reach(offered: Callable[[str, str], list[str]]) -> None:
     labels = offered("return v * v", "return @@ v * v")
     assert {"v", "speed", "tau", "WALL", "Clear", "clamp", "sqrt", "true"} < set(labels)

@@ -109,6 +109,29 @@ def test_a_field_that_no_type_declares_is_declared_where_it_is_written(tmp_path:
     assert head(way.definition) == "(let) way: { x: float, up: { y: float } }"
 
 
+def test_names_in_rest_lead_to_what_they_mean(tmp_path: Path) -> None:
+    path = tmp_path / "a.soter"
+    text = (
+        "soter 1;\ntype Motion = { x: float, v: float };\ntopic motion: Motion;\n"
+        "param WAY: float = 0.1;\nconst LONG: duration = 3s;\n"
+        "rta R { rest motion.v < 0.1 moves motion.x by WAY up within LONG; }\n"
+    )
+    path.write_text(text)
+    loaded = load(str(path), Diagnostics())
+    assert loaded is not None
+    index = index_of(loaded)
+    (source,) = [f.source for f in index.files if f.path == path]
+    rest = text.index("rest")
+    found = {"motion": "motion: M", "WAY": "WAY:", "LONG": "LONG:", ".x": "x: f", ".v": "v: f"}
+    for used, declared in found.items():
+        use = index.at(source, text.index(used, rest) + len(used))
+        assert use is not None
+        assert use.definition.span.start == text.index(declared)
+    module = index.at(source, text.index("R {"))
+    assert module is not None
+    assert meaning("moves") is not None
+
+
 def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_type(
     tmp_path: Path,
 ) -> None:

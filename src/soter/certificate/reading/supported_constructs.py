@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.format.errors import FOLLOWED
 from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.tower import refuse_unproved_towers
@@ -67,7 +68,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over contract failsafe wcet jitter latch shield toward_sc",
+    "sc_span over contract failsafe wcet jitter latch shield toward_sc rest",
     t.Latch: "topic span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
@@ -106,6 +107,8 @@ def check_supported(facts: Facts) -> None:
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _only_known_fields(declared)
     module = facts.flying_module
+    if facts.symbol.rest is not None:
+        raise NotRecheckedError(FOLLOWED)
     if module.forced is not None:
         raise NotRecheckedError(
             f"`{module.name}` is forced to {module.forced}: its DM never decides"

@@ -234,7 +234,7 @@ class _Resolver(Expressions):
             self.definition(clause.name, "clause", clause, place.file)
             self.walk(clause.condition, place)
         self._law(decl.failsafe, place)
-        self.walk(decl.returns, place)
+        self.walk((decl.returns, decl.rest), place)
         if decl.verify is not None:
             self._verify(decl.verify, place.inside(self._beside(decl)))
 

@@ -346,6 +346,8 @@ class Composition:
         assert c.module is not None
         m = self.system.modules[c.module].symbol
         reads = [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
+        if m.rest is not None:
+            reads += [(x.topic, x.span) for x in m.rest.moves]
         if m.latch is not None:
             reads += [(t, m.latch.span) for t in m.acknowledgements]
         return reads

@@ -307,7 +307,7 @@ class Elaborator(Topics):
     def _measurements(self, name: str, plant: typed.PlantSymbol, scope: Scope) -> list[Measurement]:
         measurements: list[Measurement] = []
         for m in plant.measured:
-            bound = self._bound_of_error(m.within)
+            bound = self._bound(m.within, "the bound of an error")
             if bound is None:
                 continue
             topic = scope.topics[m.topic]
@@ -317,15 +317,15 @@ class Elaborator(Topics):
                     measurements.append(Measurement(topic, index, bound, stream))
         return sorted(measurements, key=lambda m: (m.topic, m.leaf))
 
-    def _bound_of_error(self, within: typed.TypedExpr) -> float | None:
-        """None after a report."""
-        bound = self.number(within, "the bound of an error")
+    def _bound(self, expr: typed.TypedExpr, what: str) -> float | None:
+        """What bounds a distance; None after a report."""
+        bound = self.number(expr, what)
         if bound is None or (math.isfinite(bound) and bound >= 0):
             return bound
         self.diagnostics.error(
             "V006",
-            "the bound of an error must be finite and not negative",
-            within.span,
+            f"{what} must be finite and not negative",
+            expr.span,
             f"this is {bound!r}",
         )
         return None
@@ -456,7 +456,8 @@ class Elaborator(Topics):
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
         predicates = topic_reads(*module.expressions)
-        reads = list(dict.fromkeys([*module.topics_read, *predicates, *module.acknowledgements]))
+        others = *module.moved, *module.acknowledgements
+        reads = list(dict.fromkeys([*module.topics_read, *predicates, *others]))
         scope = self._scope(placed, reads)
         wcet, jitter = budget(self, module)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
@@ -507,6 +508,10 @@ class Elaborator(Topics):
         for output in outputs:
             self._has_set(self.topics[output], module)
         late_ns, levels = self._verify_block(module)
+        if module.rest is not None:
+            self.long_duration(module.rest.within, "the time of `rest`")
+            for move in module.rest.moves:
+                self._bound(move.by, "how far something moves")
         shield = self.count(module.shield, "`shield`", 1, CELLS_MAX)
         if shield is not None:
             self._shields[index] = shield
@@ -796,7 +801,7 @@ class Elaborator(Topics):
         delay = self.delay(item.delayed, f"`delayed` {what}")
         errors: list[float | None] = [None for _ in leaves(item.topic.type)]
         for m in item.measured:
-            bound = self._bound_of_error(m.within)
+            bound = self._bound(m.within, "the bound of an error")
             for k, (path, _) in enumerate(leaves(item.topic.type)):
                 if path[: len(m.path)] == m.path:
                     errors[k] = bound

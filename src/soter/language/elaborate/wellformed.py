@@ -102,7 +102,18 @@ def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:
     if over is None:
         return
     for m in (module, over) if over.over is None else (module,):
-        if m.ttf is None and m.safer is None:
+        if m.rest is not None and m is module:
+            continue  # `ac module` beside `rest`: told where it is declared
+        if m.rest is not None:
+            diagnostics.error(
+                "M029",
+                f"module `{m.name}` has `rest`, and stands in the place of an AC",
+                module.ac_span or module.span,
+                also=((m.rest.span, "`rest`"),),
+                notes=("nothing is known yet of towers whose modules follow SC at run time",),
+                helps=("give the module above an AC that is a node",),
+            )
+        elif m.ttf is None and m.safer is None:
             diagnostics.error(
                 "M019",
                 f"module `{m.name}` has no `ttf` and no `safer`, and nothing computes them here",

@@ -591,6 +591,27 @@ class Latch(Shown):
     span: Span
 
 
+@dataclass(eq=False, repr=False)
+class RestMove(Shown):
+    """A leaf that SC moves by at most `by` once `rest` holds; `way`: "", "up" or "down"."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    by: TypedExpr
+    way: str
+    span: Span
+
+
+@dataclass(eq=False, repr=False)
+class RestSymbol(Shown):
+    """`rest e moves x by d, ... within T;`: where SC ends, and what it then still moves."""
+
+    condition: TypedExpr
+    moves: tuple[RestMove, ...]
+    within: TypedExpr
+    span: Span
+
+
 @dataclass(eq=False, repr=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
@@ -629,6 +650,8 @@ class ModuleSymbol(Symbol):
     """Into how many cells each number that it publishes is cut, where commands are judged, too."""
     toward_sc: bool = False
     """Whether a command that is not permitted is moved toward SC's before it is judged."""
+    rest: RestSymbol | None = None
+    """In the place of `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
@@ -640,6 +663,11 @@ class ModuleSymbol(Symbol):
         """The topic that releases its latch, where there is one."""
         topic = None if self.latch is None else self.latch.topic
         return () if topic is None else (topic,)
+
+    @property
+    def moved(self) -> tuple[TopicSymbol, ...]:
+        """The topics of what SC still moves where `rest` holds."""
+        return () if self.rest is None else tuple(m.topic for m in self.rest.moves)
 
     @property
     def stays(self) -> str:
@@ -669,7 +697,8 @@ class ModuleSymbol(Symbol):
         """The same, lemmas and what progress rests on: everything that names topics."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
-        return (*self.predicates, *verify.lemmas, *verify.progress, *enters)
+        rest = () if self.rest is None else (self.rest.condition,)
+        return (*self.predicates, *verify.lemmas, *verify.progress, *enters, *rest)
 
     @property
     def expressions(self) -> tuple[TypedExpr, ...]:

@@ -69,6 +69,7 @@ _IN_A_MODULE = _homes(
     safer motion.x < 0.2;
     clean true;
     shield 8;
+    rest abs(motion.v) < 0.1 moves motion.x by 0.1 within 5s;
     returns after button;
     verify { ... }
     """,

@@ -37,7 +37,10 @@ _OPERATOR_LEVEL = {
     "?": 2, ":": 2, "||": 3, "&&": 4, "<": 5, "<=": 5, ">": 5, ">=": 5, "==": 5, "!=": 5,
     "+": 6, "-": 6, "*": 7, "/": 7, "%": 7,
 }  # fmt: skip
-_CLAUSE_WORDS = set("in max_age within from leadsto by phase queue hold every at unit".split())  # noqa: SIM905
+_CLAUSE_WORDS = {
+    "in", "max_age", "within", "from", "leadsto", "by", "moves", "phase", "queue", "hold", "every",
+    "at", "unit",
+}  # fmt: skip
 _ITEM_BOUNDARY, _AFTER_COMMA, _BEFORE_CLAUSE, _AFTER_ASSIGN, _ELSEWHERE = 0, 1, 2, 18, 99
 
 

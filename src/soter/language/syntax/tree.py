@@ -620,6 +620,26 @@ class Returns(Node):
     span: Span
 
 
+@node()
+class Move(Node):
+    """`pose.x by 0.1`, `gap by 0.2 down` of a `rest` clause."""
+
+    path: DottedPath
+    by: SyntaxExpr
+    way: str
+    """"" (both ways), "up" or "down"."""
+
+
+@node()
+class Rest(Node):
+    """`rest e moves x by d, ... within T;`: where SC ends, and how far it then still moves."""
+
+    condition: SyntaxExpr
+    moves: tuple[Move, ...]
+    within: SyntaxExpr
+    span: Span
+
+
 @node(kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
@@ -642,6 +662,7 @@ class RtaDecl(Decl):
     """`shield 8;`: into how many cells each number that it publishes is cut."""
     toward_sc: bool = False
     """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""
+    rest: Rest | None = None
 
 
 @node()

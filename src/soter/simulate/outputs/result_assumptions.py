@@ -62,10 +62,12 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     for m in free:
         missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
         if missing:
+            whence = "from the plants and the grid of its `verify` block"
+            if m.symbol.rest is not None:
+                whence = "SC is followed from each estimate to where it rests"
             assumptions.append(
                 f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
-                "from the plants and the grid of its `verify` block; where they cannot be, its AC "
-                "never gets control"
+                f"{whence}; where they cannot be, its AC never gets control"
             )
     return assumptions
 

@@ -22,7 +22,7 @@ from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
-from soter.native.cache import find_cached, store
+from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
 from soter.verify.claims.levels import levels, withheld
@@ -33,6 +33,10 @@ from soter.verify.problem.extract import cases, extract
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable, predicates
 from soter.verify.tables.shield_tables import shield_expressions
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.rest_claims import RestClaims, shown
+from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_table import TubeLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +58,7 @@ if TYPE_CHECKING:
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
-FILE = "sets.npz"
+FILE, REST = "sets.npz", "rest"
 NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
@@ -97,6 +101,9 @@ def complete(
         except SoterError as error:
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
+        if isinstance(problem, TubeProblem):
+            notes.append(_follow(flat, module, problem))
+            continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
             sets = sets_of(problem, _part(progress, i, len(todo)), tell)
@@ -112,6 +119,31 @@ def complete(
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
+
+
+def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
+    """The predicates of a module with `rest`, and a note: none where its rest is not kept."""
+    phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
+    check = TubeCheck(problem)
+    claims = rest_claims(check)
+    if claims.kept:
+        return f"{module.name}: {claims.kept}: {NEVER}"
+    put(flat, module, problem, [TubeLevels.of(check, claims)])
+    moved = f"; {claims.moves}" if claims.moves else ""
+    return f"{module.name}: AC may have control where SC, followed from there, comes to rest{moved}"
+
+
+def rest_claims(check: TubeCheck) -> RestClaims:
+    """What is shown of a rest, from the cache or computed."""
+    told = [version("soter"), check.offline({}), repr(check.problem.drifts)]
+    key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
+    folder = find_cached(REST, key, (REST,))
+    if folder is None:
+        claims = shown(check)
+        with contextlib.suppress(SoterError):
+            store(REST, key, (REST,), lambda at: claims.write(at / REST))
+        return claims
+    return RestClaims.read(folder / REST)
 
 
 def _carry(here: System, there: System) -> None:
@@ -299,7 +331,8 @@ def _of_the_law(problem: Problem) -> tuple[object, ...]:
 def engine_files() -> list[Path]:
     """Every file that the sets depend on, however the rooms are cut."""
     files = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
-    return [*files, *files_below(SOTER / "language", "*.soter")]
+    texts = [f for room in ("language", "verify") for f in files_below(SOTER / room, "*.soter")]
+    return [*files, *texts]
 
 
 def _keep(key: str, problem: Problem, sets: list[Pairs]) -> None:

@@ -263,14 +263,14 @@ class Enclosed:
         """Whether every plant that moves is an ODE and nothing else."""
         moving = [p for p in core_system.plants.values() if p.integrate]
         functions = {f.name: f for f in core_system.functions}
-        return bool(moving) and all(_right_hand_side(p, functions) is not None for p in moving)
+        return bool(moving) and all(right_hand_side(p, functions) is not None for p in moving)
 
     def derivative(self) -> list[c.CExpr]:
         """The derivative of every state."""
         self.moving = True
         derivatives: dict[tuple[int, str, tuple[str, ...]], Item] = {}
         for component, step in self.plants():
-            call = _right_hand_side(step, self.functions)
+            call = right_hand_side(step, self.functions)
             if call is None:
                 continue
             body = self._started(component, step)
@@ -355,7 +355,7 @@ def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
     return -at_most(-least), at_most(most)
 
 
-def _right_hand_side(
+def right_hand_side(
     step: core.PlantStep, functions: Mapping[str, core.Function]
 ) -> core.Call | None:
     """The first call of a plant's derivative; None when the plant is (also) a map."""

@@ -100,7 +100,7 @@ class Axes:
         leaf = self.inputs.states[state]
         name, unit = leaf.name, leaf.unit
         if item.low is None or item.high is None:
-            extent = self._extent(state)
+            extent = self.set_of(state)
             if not all(math.isfinite(x) for x in extent):
                 self._unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
             return Axis(state, name, extent, unit=unit)
@@ -139,8 +139,8 @@ class Axes:
             )
         return tuple(edges)
 
-    def _extent(self, state: int) -> tuple[float, float]:
-        """For a polytope's axis without a range: the set of its topic, or everything."""
+    def set_of(self, state: int) -> tuple[float, float]:
+        """The set of a topic that is this state, or everything."""
         for (topic, leaf), s in self.topic_leaves.items():
             bound = self.place.system.topics[topic].bounds[leaf]
             if s == state and bound is not None:
@@ -222,7 +222,7 @@ class Axes:
         if state in self.inputs.still:
             start = self.inputs.initial[state]
             return start if start.low < start.high else None
-        low, high = self._extent(state)
+        low, high = self.set_of(state)
         return Interval(low, high) if math.isfinite(low) and math.isfinite(high) else None
 
     def _natural_axis(self, state: int, axes: int, extent: Interval | None) -> Axis:

@@ -33,6 +33,7 @@ from soter.verify.problem.verification_system import VerificationSystem, place, 
 from soter.verify.time.cause_effect_chains import side_inputs
 from soter.verify.time.downstream_paths import is_state_of_proof
 from soter.verify.time.problem_times import times_of
+from soter.verify.tubes.problem import followed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -92,15 +93,12 @@ def _beyond_the_law(problem: Problem) -> str:
 
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
-    refuse_views(module)
-    _in_tower(flat, module, diagnostics)
-    diagnostics.raise_errors()
+    _refuse(flat, module, diagnostics)
     home = flat
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _no_lemmas(module, diagnostics)
-    diagnostics.raise_errors()
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -108,7 +106,8 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     groups = Axes(at, inputs, diagnostics)
-    axis_groups = groups.groups()
+    rest = at.module.symbol.rest
+    axis_groups = groups.groups() if rest is None else ()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -118,14 +117,14 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     calculator = Calculator(diagnostics, at.module.scope.params)
     symbol, jumps = at.module.symbol, jumps_of(at)
     levels, recover = symbol.verify.levels, symbol.verify.recover
-    return Problem(
+    problem = Problem(
         system=at.system,
         core=lower(at.system),
         module=at.module,
         quantities=inputs.quantities(),
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
-        states=_extents(axis_groups, len(inputs.states)),
+        states=_extents(axis_groups, groups),
         initial=tuple(inputs.initial),
         controls=tuple(inputs.control_ranges),
         disturbances=tuple(inputs.disturbance_ranges),
@@ -159,6 +158,13 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
+    return problem if rest is None else followed(problem, rest, calculator)
+
+
+def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    refuse_views(module)
+    _in_tower(flat, module, diagnostics)
+    diagnostics.raise_errors()
 
 
 def _beside(
@@ -318,13 +324,15 @@ def extract_sets(flat: System, module: Module) -> Problem:
 
 
 def require_sets(problem: Problem) -> None:
-    """`SoterError` R031 for a module that is proved by induction."""
-    asked = problem.module.symbol.verify.induction
+    """`SoterError` R031 for a module that is proved by induction, or whose DM follows SC."""
+    symbol = problem.module.symbol
+    asked = symbol.verify.induction if symbol.rest is None else symbol.rest.span
     if asked is not None:
+        how = "followed by tubes" if symbol.rest is not None else "proved by induction"
         diagnostics = Diagnostics()
         diagnostics.error(
             "R031",
-            f"module `{problem.name}` is proved by induction: there are no sets of states",
+            f"module `{problem.name}` is {how}: there are no sets of states",
             asked,
             notes=("monitors and advice rest on sets",),
         )
@@ -348,11 +356,14 @@ def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
             notes=(OF_VIEWS if word == "enters" else OF_NODES,),
             helps=(f"leave `{word}` out",),
         )
+    diagnostics.raise_errors()
 
 
-def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
+def _extents(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
+    """Of each state what its axis covers, or else its topic's set; without ends where none is."""
     interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
-    return tuple(interval_by_state[s] for s in range(count))
+    every = range(len(axes.inputs.states))
+    return tuple(interval_by_state.get(s) or Interval(*axes.set_of(s)) for s in every)
 
 
 def cases(problem: Problem) -> Iterator[tuple[int, ...]]:

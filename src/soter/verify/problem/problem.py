@@ -23,9 +23,11 @@ if TYPE_CHECKING:
     from soter.verify.time.schedule import Schedule
 
 
-ProblemKind = Literal["flow", "map", "nodes"]
+ProblemKind = Literal["flow", "map", "nodes", "tubes"]
 NODES: Final = "nodes"
 """`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
+TUBES: Final = "tubes"
+"""`Problem.kind` where the DM follows SC from each estimate: a flow, and no sets."""
 
 
 @dataclass(frozen=True)

@@ -268,6 +268,7 @@ push l, choose bool + fair choose [1, a] * choose { a, fair }; return f(a, [1, 2
 topic t: float in { a in [0, 1] } = 1.0 max_age 2ms; extern fun g(): T from "c";
 node N period 1ms { subscribes t, a.b queue 2 fault; publishes u; on takeover { } step { } }
 rta R { ac N; sc M; verify { grid a.b in [0, 1] / 2; abstracts d by e: F = g(x); } }
+rta Q { rest a.b < 1 moves a by 2 down, c.d by K up, e by 1 within 3s; }
 plant P period 1ms { drives a = 1; state x: float in [0, 1] = 2; der x = y; measured a.b within 1; }
 system S default { c: P { a = b }; module R; until 1s; force R ac; replace N by M; set K = 1; }
 system L { for i in 0..2 { r[i]: P { a = r[1].b, set K = i }; force r[i].R ac; always r[i].x; } }

@@ -138,6 +138,18 @@ def test_a_file_with_errors_is_left_alone() -> None:
         ("soter 1;\nconst X: T = [ ];", "soter 1;\nconst X: T = [];\n"),
         ("soter 1;\nconst X: T = f( -a , ! b );", "soter 1;\nconst X: T = f(-a, !b);\n"),
         ("soter 1;\nconst X: T = 1 .x;", "soter 1;\nconst X: T = 1 .x;\n"),
+        (
+            (
+                "soter 1; rta R { rest abs(vehicle.speed) < LARGEST_SPEED_AT_REST   moves vehicle.way "
+                "by 0.1 // why\n  , gap_to_the_one_in_front by LARGEST_LOSS_OF_THE_GAP*2.0 down ,"
+                "vehicle.heading by 0.25 within TIME_TO_REST ; }"
+            ),
+            (
+                "soter 1;\nrta R {\n  rest abs(vehicle.speed) < LARGEST_SPEED_AT_REST moves "
+                "vehicle.way by 0.1  // why\n      , gap_to_the_one_in_front by LARGEST_LOSS_OF_THE_GAP * 2.0 down,\n"
+                "      vehicle.heading by 0.25 within TIME_TO_REST;\n}\n"
+            ),
+        ),
     ],
 )
 def test_small_cases(before: str, after: str) -> None:

@@ -14,8 +14,8 @@ from soter.language.check.expressions.field import listed
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
-from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BOOL, DURATION, INT, ErrorType
+from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.types import BOOL, DURATION, FLOAT, INT, ErrorType, FloatType
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
@@ -186,7 +186,10 @@ class ModuleChecker:
         module.ttf = check(decl.ttf, context, BOOL, ttf) if decl.ttf else None
         module.safer = check(decl.safer, context, BOOL, safer) if decl.safer else None
         module.topics_read = tuple(context.topics_read)
-        if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
+        if decl.rest is not None:
+            module.rest = self._rest(decl, decl.rest, scope)
+        half = (decl.ttf is None) != (decl.safer is None) and decl.rest is None
+        if half and decl.name.text not in scope.broken:
             what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
             self.diagnostics.error(
                 "M006",
@@ -201,6 +204,80 @@ class ModuleChecker:
             module.latch = self._latch(module, decl, decl.returns, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _rest(
+        self, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
+    ) -> typed.RestSymbol | None:
+        """Where SC ends: a truth of what plants publish. M029 beside what it takes the place of."""
+        where = f"`rest` of module `{decl.name.text}`"
+        numbers = Context(scope, where)
+        condition = self.shared.check_expr(
+            rest.condition, Context(scope, where, topics="any"), BOOL
+        )
+        within = self.shared.number(rest.within, numbers, DURATION, "the time of `rest`")
+        moves = [self._move(item, numbers, scope) for item in rest.moves]
+        first: dict[object, tree.Move] = {}
+        for move, item in zip(moves, rest.moves, strict=True):
+            if move is not None and first.setdefault((move.topic, move.path), item) is not item:
+                self.diagnostics.error(
+                    "N002",
+                    f"`rest` says twice how far `{item.path.text}` moves",
+                    item.path.span,
+                    "again",
+                    also=((first[move.topic, move.path].path.span, "the first time"),),
+                )
+        for word, other in _beside_rest(decl):
+            self.diagnostics.error(
+                "M029",
+                f"module `{decl.name.text}` has `rest`, and `{word}`",
+                other,
+                also=((rest.span, "`rest`"),),
+                notes=("with `rest` the DM follows SC from each estimate: nothing else decides",),
+                helps=(f"leave out `{word}`, or `rest`",),
+            )
+        sure = not is_error(condition) and self._of_a_state(condition, decl)
+        if not sure or is_error(within) or None in moves:
+            return None
+        kept = tuple(m for m in moves if m is not None)
+        return typed.RestSymbol(condition, kept, within, rest.span)
+
+    def _of_a_state(self, condition: typed.TypedExpr, decl: tree.RtaDecl) -> bool:
+        """Whether `rest` asks of a state alone; M029 for an age and what is extern."""
+        calls = self.shared.calls
+        for node in nodes([condition]):
+            if isinstance(node, typed.AgeRead):
+                what = f"reads the age of `{node.topic.name}`"
+            elif isinstance(node, typed.TypedCall) and (f := calls.extern_below(node.fun)):
+                what = f"calls the extern `{f.name}`"
+            else:
+                continue
+            self.diagnostics.error(
+                "M029",
+                f"`rest` of module `{decl.name.text}` {what}",
+                node.span,
+                notes=("it is said of true states, wherever SC brings the robot",),
+                helps=("say it of topics, constants and parameters",),
+            )
+            return False
+        return True
+
+    def _move(self, item: tree.Move, context: Context, scope: FileScope) -> typed.RestMove | None:
+        """How far a leaf moves; T001 where it is no `float`."""
+        by = self.shared.number(item.by, context, FLOAT, "how far it moves")
+        place = self.shared.topic_path(item.path, scope)
+        if place is None or is_error(by):
+            return None
+        topic, path, t = place
+        if isinstance(t, FloatType):
+            return typed.RestMove(topic, path, by, item.way, item.path.span)
+        self.diagnostics.error(
+            "T001",
+            f"expected `float`, found `{t}`",
+            item.path.span,
+            "what moves is a `float`",
+            helps=("name one of its fields",),
+        )
+        return None
 
     def _latch(
         self,
@@ -327,6 +404,31 @@ class ModuleChecker:
                 notes=("a module relies on others, and answers for its own outputs",),
                 helps=("write `guarantees`, or leave its outputs out",),
             )
+
+
+def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
+    """What cannot stand beside `rest`: clauses of the module and of its `verify` block."""
+    for word in ("ttf", "safer", "shield"):
+        if (part := getattr(decl, word)) is not None:
+            yield word, part.span
+    if decl.failsafe:
+        yield "failsafe", decl.failsafe[0][0].span
+    if isinstance(decl.ac, tree.ModuleAsAc):
+        yield "ac module", decl.ac.span
+    if isinstance(decl.sc, tree.Synthesized):
+        yield "sc synthesized", decl.sc.span
+    verify = decl.verify
+    if verify is None:
+        return
+    yield from ((group.kind, group.span) for group in verify.groups)
+    yield from (("view", view.span) for view in verify.views)
+    for word in ("levels", "enters"):
+        if (part := getattr(verify, word)) is not None:
+            yield word, part.span
+    if verify.recover is not None:
+        yield "recover within", verify.recover.span
+    if verify.induction is not None:
+        yield "induction", verify.induction
 
 
 def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:

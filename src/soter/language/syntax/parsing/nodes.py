@@ -250,6 +250,7 @@ class NodeParser(VerifyParser):
             returns=once("returns"),
             shield=once("shield", (None, False))[0],
             toward_sc=once("shield", (None, False))[1],
+            rest=once("rest"),
         )
 
     def _clause(self, parts: _RtaParts) -> None:
@@ -324,6 +325,26 @@ class NodeParser(VerifyParser):
             self.expect_word("sc", "after `toward`")
         self.keep_once(parts, "shield", (self.ended(cells, what), toward), at)
 
+    def _rest(self, parts: OnceParts) -> None:
+        """`rest e moves x by d, gap by d down within T;`."""
+        at = self.i
+        self.i += 1
+        condition = self.expr("the condition of `rest`")
+        moves: list[tree.Move] = []
+        if self.accept_word("moves"):
+            while True:
+                path = self.path("a topic or one of its fields")
+                self.expect_word("by", "and how far, behind what moves")
+                by = self.expr("how far it moves")
+                way = next((w for w in ("down", "up") if self.accept_word(w)), "")
+                moves.append(tree.Move(path, by, way))
+                if not self.accept(","):
+                    break
+        self.expect_word("within", "and a time at the end of `rest`")
+        within = self.time_value("the time of `rest`")
+        rest = tree.Rest(condition, tuple(moves), within, self.span_from(self.starts[at]))
+        self.keep_once(parts, "rest", rest, at)
+
     def _module_period(self, parts: OnceParts) -> None:
         at = self.i
         self.i += 1
@@ -355,6 +376,7 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "clean": predicate("clean", "the value of `clean`"),
     "returns": NodeParser._returns,
     "shield": NodeParser._shield,
+    "rest": NodeParser._rest,
     "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,

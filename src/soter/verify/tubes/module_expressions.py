@@ -1,0 +1,228 @@
+"""What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
+
+Purpose: `ModuleExpressions`, read from Core (the plants' derivatives, SC's step on what it sees).
+Non-goals: printing (`print_forms.py`), times (`tube_check.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.core.lower_statements import FunctionTable
+from soter.core.steps import lower_predicate
+from soter.language.model.types import ArrayType, FloatType, RecordType, Type, leaves
+from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
+from soter.verify.enclose.enclosure_inputs import key, names, types_of
+from soter.verify.tubes.expressions import (
+    ExpressionReading,
+    Expressions,
+    NoExpressionError,
+    in_order,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.core import core
+    from soter.language.model.system import Component
+    from soter.language.model.typed import TypedExpr
+    from soter.verify.problem.problem import Interval, Problem
+    from soter.verify.tubes.expressions import Node, Value
+
+Path = tuple[str, ...]
+
+
+class ModuleExpressions:
+    """Expressions over inputs "x" (states), "u" (controls), "w" (disturbances), "y" (reads)."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.make = Expressions()
+        q = problem.quantities
+        self._numbers: dict[Any, tuple[str, int]] = {}
+        for kind, every in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
+            self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
+        self.functions = {f.name: f for f in problem.core.functions}
+
+    # ------------------------------------------------------------ flows
+
+    def rates(self) -> list[Node]:
+        """The derivative of every state over x, u and w."""
+        rates: dict[Any, Node] = {}
+        for component, step in self._plants():
+            call = right_hand_side(step, self.functions)
+            if call is None:
+                continue
+            body = self._started(component, step)
+            function = self.functions[call.function]
+            record = function.parameters[0].type
+            assert isinstance(record, RecordType)
+            cells = {x.cell.name: x for x in step.states}
+            x = tuple(self._cell(cells[n].cell, t) for n, t in record.fields)
+            result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
+            for path, _, v in parts(record, result):
+                rates[component.index, path[0], path[1:]] = v
+        zero = self.make.number(0.0)
+        return [rates.get(key(s), zero) for s in self.problem.quantities.states]
+
+    def still(self, rates: list[Node]) -> list[Node]:
+        """Rates with every disturbance in the middle of its range."""
+        make, every = self.make, enumerate(self.problem.disturbances)
+        known = {make.input("w", k): make.number(middle(d)) for k, d in every}
+        return [make.replaced(e, known) for e in rates]
+
+    def effects(self, rates: list[Node]) -> list[list[Node]]:
+        """For each disturbance and then each control its factor in every rate.
+
+        NoExpressionError where a rate is not affine in them.
+        """
+        q, make, all_effects = self.problem.quantities, self.make, []
+        moved = [("w", i) for i in range(len(q.disturbances))]
+        moved += [("u", i) for i in range(len(q.controls))]
+        for kind, i in moved:
+            direction = {make.input(kind, i): make.number(1.0)}
+            known: dict[Node, Node] = {}
+            row = [make.along(e, direction, known) for e in rates]
+            if any(below(e, "w") or below(e, "u") for e in row):
+                msg = "a rate is not affine in commands and disturbances"
+                raise NoExpressionError(msg)
+            all_effects.append(row)
+        return all_effects
+
+    def bends(self, rates: list[Node]) -> list[Node]:
+        """Derivatives of these along "v"."""
+        make = self.make
+        count = len(self.problem.quantities.states)
+        direction = {make.input("x", i): make.input("v", i) for i in range(count)}
+        known: dict[Node, Node] = {}
+        return [make.along(e, direction, known) for e in rates]
+
+    # ------------------------------------------------------------ the law, predicates
+
+    def law(self) -> list[Node]:
+        """What SC publishes, over reads y; NoExpressionError with locals or where it may not."""
+        step = self.problem.core.nodes[self.problem.module.sc]
+        if step.locals:
+            raise NoExpressionError("SC has variables")
+        body = ExpressionReading(self.make, self.functions, self._seen)
+        body.run(step.body)
+        self.law_guards = body.guards
+        found = {}
+        for number, output in enumerate(step.outputs):
+            published, value, t = body.frame.outputs[number]
+            if published is not self.make.true:
+                raise NoExpressionError("SC may publish nothing")
+            for path, _, v in parts(t, value):
+                found[output.topic, path] = v
+        return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
+
+    def law_defined(self, law: list[Node]) -> Node:
+        """That SC's step does not fault on reads y, and publishes what its topics may hold."""
+        held = self.make.true
+        for guard in self.law_guards:
+            held = self.make.join("and", held, guard)
+        for u, r in zip(law, self.problem.controls, strict=True):
+            held = self.make.join("and", held, self.make.inside(u, r.low, r.high))
+        return held
+
+    def predicate(self, e: TypedExpr) -> Node:
+        """A condition on true states, over x."""
+        table = FunctionTable(self.problem.system)
+        system, module = self.problem.system, self.problem.module
+        p = lower_predicate(table, system, module.scope, e, e.span)
+        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
+        body.run(p.body)
+        held: Node = body.expr(p.value)
+        return held
+
+    def constraint(self) -> Node:
+        """C: `safe`, and that plants can publish what they then drive, errors included.
+
+        `NoExpressionError` where what has a set is no float.
+        """
+        system, make = self.problem.system, self.make
+        held = self.predicate(self.problem.module.symbol.safe)
+        for component, step in self._plants():
+            body = self._started(component, step)
+            body.run(step.publish)
+            for number, output in enumerate(step.outputs):
+                topic = system.topics[output.topic]
+                bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
+                errors = {m.leaf: m.bound for m in component.measured if m.topic == output.topic}
+                published = parts(topic.type, body.frame.outputs[number][1])
+                for k, (path, t, v) in enumerate(published):
+                    bound = bounds.get(path)
+                    if bound is None:
+                        continue
+                    if not isinstance(t, FloatType):
+                        raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
+                    low, high = room_of(bound, errors.get(k, 0.0))
+                    held = make.join("and", held, make.inside(v, low, high))
+        return held
+
+    # ------------------------------------------------------------ cells
+
+    def _plants(self) -> Iterator[tuple[Component, core.PlantStep]]:
+        for i, step in sorted(self.problem.core.plants.items()):
+            if step.extern:
+                raise NoExpressionError("a plant is extern")
+            yield self.problem.system.components[i], step
+
+    def _started(self, component: Component, step: core.PlantStep) -> ExpressionReading:
+        body = ExpressionReading(self.make, self.functions, self._cell)
+        for x in step.states:
+            body.bind(x.name, x.type, self._cell(x.cell, x.type))
+        for (name, t, _), d in zip(step.disturbances, component.disturbances, strict=True):
+            body.bind(name, t, self._leaves((component.index, d.variable.name), t, ()))
+        return body
+
+    def _leaves(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Value:
+        if isinstance(t, (RecordType, ArrayType)):
+            below_ = zip(names(t), types_of(t), strict=True)
+            return tuple(self._leaves(owner, f, (*path, n), kind) for n, f in below_)
+        number = self._numbers.get((*owner, path))
+        if number is None or not isinstance(t, FloatType):
+            raise NoExpressionError(f"`{owner[1] or owner[0]}` is no state and no command")
+        return self.make.input(kind or number[0], number[1])
+
+    def _cell(self, cell: core.Cell, t: Type) -> Value:
+        return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
+
+    def _topic(self, index: int, t: Type, kind: str) -> Value:
+        """What plants publish, as the states that equal it."""
+
+        def at(t: Type, k: list[int]) -> Value:
+            if isinstance(t, (RecordType, ArrayType)):
+                return tuple(at(f, k) for f in types_of(t))
+            state = self.problem.state_of_leaf.get((index, k[0]))
+            k[0] += 1
+            if state is None:
+                raise NoExpressionError("SC or `safe` reads what no state equals")
+            return self.make.input(kind, state)
+
+        return at(t, [0])
+
+    def _seen(self, cell: core.Cell, t: Type) -> Value:
+        return self._topic(cell.owner, t, "y")
+
+    def _true(self, cell: core.Cell, t: Type) -> Value:
+        return self._topic(cell.owner, t, "x")
+
+
+def middle(r: Interval) -> float:
+    """A number about halfway."""
+    return 0.5 * r.low + 0.5 * r.high
+
+
+def parts(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
+    """Leaves of a value."""
+    if isinstance(t, (RecordType, ArrayType)):
+        for n, f, x in zip(names(t), types_of(t), v, strict=True):
+            yield from parts(f, x, (*path, n))
+    else:
+        yield path, t, v
+
+
+def below(e: Node, kind: str) -> bool:
+    """Whether an input of a kind occurs in it."""
+    return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))

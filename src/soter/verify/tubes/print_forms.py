@@ -1,0 +1,137 @@
+"""Expressions as functions of Soter over forms.
+
+Purpose: `function`: a function that encloses some expressions; `certain`: one that says whether a
+condition holds of everything that forms stand for.
+Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`).
+"""
+
+from __future__ import annotations
+
+from math import isinf
+from typing import TYPE_CHECKING
+
+from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import TypeAlias
+
+    Inputs: TypeAlias = Mapping[tuple[str, int], str]
+
+OPERATIONS = {
+    "add": "f_add",
+    "sub": "f_sub",
+    "mul": "f_mul",
+    "square": "f_square",
+    "inverse": "f_inverse",
+    "max": "f_max",
+    "min": "f_min",
+    "share": "f_share",
+    "select": "f_select",
+}
+
+
+def function(name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str) -> str:
+    """The text of `fun name(parameters): result`, an array of one form for each root.
+
+    `inputs`: kind and number of an input -> the form that stands for it.
+    """
+    body, names = _body(roots, inputs)
+    given = ", ".join(names[x] for x in roots)
+    return f"fun {name}({parameters}): {result} {{\n{body}  return [{given}];\n}}\n"
+
+
+def certain(
+    name: str, parameters: str, condition: Node, inputs: Inputs, *, truth: bool = True
+) -> str:
+    """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
+    body, names = _body([condition], inputs)
+    holds = (_condition if truth else _refuted)(condition, names)
+    return f"fun {name}({parameters}): bool {{\n{body}  return {holds};\n}}\n"
+
+
+def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:
+    """Statements for all nodes but conditions, and what each node is called."""
+    names: dict[Node, str] = {}
+    order = in_order(roots)
+    used = {*roots, *(x for e in order for x in _operands(e))}
+    lines: list[str] = []
+    for e in order:
+        if e.op in CONDITIONS or e not in used:
+            continue
+        if e.op == "input":
+            names[e] = inputs[e.of]
+            continue
+        names[e] = f"t{len(lines)}"
+        lines.append(f"  let {names[e]} = {_operation(e, names)};\n")
+    return "".join(lines), names
+
+
+def _operands(e: Node) -> list[Node]:
+    """The nodes that an operation names: of a clamp not its ends, of a sum not a number."""
+    if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
+        return [e.of[0].of[0]]
+    last = e.of[-1]
+    if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul", "over"):
+        return [e.of[0]]
+    return [x for x in e.of if isinstance(x, Node)]
+
+
+def _operation(e: Node, names: Mapping[Node, str]) -> str:
+    if e.op == "number":
+        return f"f_number({number(e.of[0])})"
+    if e.op == "neg":
+        return f"f_times({names[e.of[0]]}, -1.0)"
+    if e.op == "over":
+        return f"f_over({names[e.of[0]]}, {number(e.of[1].of[0])})"
+    last = e.of[-1]
+    if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul"):
+        value = last.of[0] if e.op != "sub" else -last.of[0]
+        return f"{'f_times' if e.op == 'mul' else 'f_plus'}({names[e.of[0]]}, {number(value)})"
+    if e.op == "min" and last.op == "number" and _is_floor(e.of[0]):
+        inner = e.of[0]
+        ends = number(inner.of[1].of[0]), number(last.of[0])
+        return f"f_clamp({names[inner.of[0]]}, {', '.join(ends)})"
+    if e.op == "select":
+        yes, no = _condition(e.of[0], names), _refuted(e.of[0], names)
+        return f"f_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
+    arguments = ", ".join(names[x] for x in e.of)
+    return f"{OPERATIONS.get(e.op, 'f_' + e.op)}({arguments})"
+
+
+def _is_floor(e: Node) -> bool:
+    return e.op == "max" and bool(e.of[1].op == "number")
+
+
+def _condition(c: Node, names: Mapping[Node, str]) -> str:
+    """That it certainly holds."""
+    if c.op == "known":
+        return "true" if c.of[0] else "false"
+    if c.op in ("and", "or"):
+        a, b = (_condition(x, names) for x in c.of)
+        return f"({a} {'&&' if c.op == 'and' else '||'} {b})"
+    if c.op == "inside":
+        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        return f"({a}.lo >= {low} && {a}.hi <= {high})"
+    return f"{names[c.of[0]]}.lo {'>' if c.op == 'positive' else '>='} 0.0"
+
+
+def _refuted(c: Node, names: Mapping[Node, str]) -> str:
+    """That it certainly does not."""
+    if c.op == "known":
+        return "false" if c.of[0] else "true"
+    if c.op in ("and", "or"):
+        a, b = (_refuted(x, names) for x in c.of)
+        return f"({a} {'||' if c.op == 'and' else '&&'} {b})"
+    if c.op == "inside":
+        a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
+        return f"({a}.hi < {low} || {a}.lo > {high})"
+    return f"{names[c.of[0]]}.hi {'<=' if c.op == 'positive' else '<'} 0.0"
+
+
+def number(x: float) -> str:
+    """What is read as this double."""
+    if isinf(x):
+        return "ENDLESS" if x > 0 else "-ENDLESS"
+    text = repr(x)
+    return text if any(c in text for c in ".en") else text + ".0"

@@ -1,0 +1,100 @@
+"""What is to be shown of a module with `rest`: its DM follows SC from each estimate.
+
+Purpose: `TubeProblem`, and `followed`, which makes one of what every flow has; R007 for what the
+theorem ("Decisions by tubes" in docs/proof.md) does not have.
+Non-goals: the check (`tube_check.py`), what is shown offline (`rest_claims.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.model.types import leaves
+from soter.verify.problem.problem import TUBES, Problem
+
+if TYPE_CHECKING:
+    from soter.language.check.constants import Calculator
+    from soter.language.model.typed import RestMove, RestSymbol, TypedExpr
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How far SC moves a state below and above where it was when `rest` held; inf: anywhere."""
+
+    below: float
+    above: float
+
+
+@dataclass(eq=False, kw_only=True)
+class TubeProblem(Problem):
+    """`rest e moves ... within T;`. `drifts`: state -> what `moves` says of it."""
+
+    rest: TypedExpr
+    within_ns: int
+    drifts: dict[int, Drift]
+
+
+def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
+    """The problem of a module with `rest`; `SoterError` R007 for what no tube follows."""
+    diagnostics = Diagnostics()
+    _refuse(problem, rest, diagnostics)
+    drifts = {}
+    for move in rest.moves:
+        state = _state(problem, move)
+        if state is None:
+            diagnostics.error(
+                "R009",
+                f"`{'.'.join((move.topic.name, *move.path))}` is no state of a verification plant",
+                move.span,
+                notes=("what moves is a leaf of a topic that equals a state",),
+            )
+            continue
+        by = float(calculator.value(move.by, "how far it moves") or 0.0)
+        inf = float("inf")
+        drifts[state] = Drift(inf if move.way == "up" else by, inf if move.way == "down" else by)
+    within = int(calculator.value(rest.within, "the time of `rest`") or 0)
+    diagnostics.raise_errors()
+    given = vars(problem) | {"kind": TUBES}
+    return TubeProblem(**given, rest=rest.condition, within_ns=within, drifts=drifts)
+
+
+def _state(problem: Problem, move: RestMove) -> int | None:
+    topic = problem.module.scope.topics[move.topic]
+    paths = [p for p, _ in leaves(move.topic.type)]
+    return problem.state_of_leaf.get((topic, paths.index(move.path)))
+
+
+def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> None:
+    seen = set(problem.topic_leaf_of_state)
+    unseen = [leaf.name for s, leaf in enumerate(problem.quantities.states) if s not in seen]
+    wrong = {
+        "plants that move in steps (`next`)": problem.kind != "flow",
+        "parameters of the plants": bool(problem.parameters),
+        "a fail-safe law": bool(problem.module.law),
+        "views": bool(problem.view),
+        "modules above or below it": bool(problem.above or problem.below),
+        "modes of other modules": problem.modes is not None,
+        f"a state that no topic shows: {', '.join(unseen)}": bool(unseen),
+    }
+    for what in (what for what, there in wrong.items() if there):
+        diagnostics.error(
+            "R007",
+            f"`rest` beside {what}",
+            rest.span,
+            "is not followed",
+            helps=("`ttf` and `safer`, or a `grid`, in the place of `rest`",),
+        )
+
+
+def refused(problem: TubeProblem, why: str) -> SoterError:
+    """R007 for what is no expression of reals."""
+    diagnostics = Diagnostics()
+    diagnostics.error(
+        "R007",
+        f"module `{problem.name}` is followed by tubes, and {why}",
+        problem.module.symbol.span,
+        notes=("a tube needs rates, the law, `safe` and `rest` as expressions of reals",),
+    )
+    return SoterError(diagnostics.items)

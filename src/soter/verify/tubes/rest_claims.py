@@ -1,0 +1,203 @@
+"""What is shown of a module with `rest` before anything flies.
+
+Purpose: `shown`: a box around where `rest` holds that SC keeps (rule 1 of "Decisions by tubes" in
+docs/proof.md), what SC answers on all that it may read, what `moves` says, and the start; each by
+the tube of `rest.soter`.
+Non-goals: verdicts (`verify.py`), the check in flight.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from math import inf, isfinite
+from typing import TYPE_CHECKING
+
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller, TooLongError
+from soter.verify.tubes.problem import refused
+from soter.verify.tubes.rest_drift import undrifted
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from soter.verify.tubes.tube_check import TubeCheck
+
+    Ends = tuple[list[float], list[float]]
+    """Of a region: low and high, in the order of `TubeCheck.states`."""
+
+WIDER = (0.25, 1.0, 4.0)
+"""How far beyond the box SC may lead on the way back, in sizes of the box: tried in turn."""
+HALVINGS, NARROWINGS = 12, 5
+
+
+@dataclass
+class RestClaims:
+    """What was found; a text where something is not shown, "" where it is.
+
+    `ways`: Y, by state, of those that `moves` does not name. `box`: B.
+    """
+
+    box: dict[int, Interval] = field(default_factory=dict)
+    ways: dict[int, Interval] = field(default_factory=dict)
+    answers: str = ""
+    kept: str = ""
+    moves: str = ""
+    start: str = ""
+
+    def write(self, path: Path) -> None:
+        """As JSON; the ends of ranges as they are."""
+        path.write_text(json.dumps(asdict(self)), encoding="utf-8")
+
+    @classmethod
+    def read(cls, path: Path) -> RestClaims:
+        """What was written."""
+        told = json.loads(path.read_text(encoding="utf-8"))
+        for name in ("box", "ways"):
+            told[name] = {int(s): Interval(**r) for s, r in told[name].items()}
+        return cls(**told)
+
+
+def shown(check: TubeCheck) -> RestClaims:
+    """All of it, in turn: what is not shown leaves out what rests on it.
+
+    `SoterError` R007 where the check takes more operations than a step may.
+    """
+    claims = RestClaims()
+    try:
+        caller = Caller(check.offline({}))
+    except TooLongError:
+        holds = f"{check.times.switches} steps of SC"
+        why = f"to follow {holds} is more than a step of the DM can do (`within`, its period)"
+        raise refused(check.problem, why) from None
+    claims.answers = _answers(check, caller)
+    claims.kept = claims.answers or _kept(check, caller, claims)
+    if not claims.kept:
+        at = {s: claims.ways.get(s, check.problem.states[s]) for s in check.states}
+        unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
+        at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
+        claims.moves = undrifted(check, caller, at, claims.box)
+    claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
+    return claims
+
+
+def _name(check: TubeCheck, state: int) -> str:
+    return check.problem.quantities.states[state].name
+
+
+def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
+    """A state without a set among these; "": all have one."""
+    sets = check.problem.states
+    return next((_name(check, s) for s in states if not isfinite(sets[s].high - sets[s].low)), "")
+
+
+def _ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
+    """A region; 0 for a state that has no range, which nothing asked then reads."""
+    ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
+    return [r.low for r in ranges], [r.high for r in ranges]
+
+
+def _answers(check: TubeCheck, caller: Caller) -> str:
+    """SC faults on nothing that it may read, and publishes what its topics may hold."""
+    read = sorted(check.read_by_law)
+    if name := _without_set(check, read):
+        return f"SC reads {name}, whose topic has no set"
+    sets = {s: check.problem.states[s] for s in read}
+    if caller.holds("answers", _ends(check, sets)):
+        return ""
+    return "on something in the sets of what it reads SC may fault, or publish what is outside"
+
+
+def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
+    """Rule 1."""
+    problem = check.problem
+    own = [s for s in check.states if s not in problem.drifts]
+    moving = [s for s in check.states if s in problem.drifts]
+    if name := _without_set(check, own):
+        return f"nothing bounds {name} (a set of its topic would)"
+    read = check.read_by_law | check.read_by_rates | check.read_by_rest
+    if name := _without_set(check, [s for s in moving if s in read]):
+        return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
+    sets = {s: problem.states[s] for s in check.states if s in read or s not in problem.drifts}
+    box = _around_rest(check, caller, sets, own)
+    if box is None:
+        return "`rest` holds nowhere in the sets of what it reads"
+    claims.box = {s: box[s] for s in own}
+    ways = _ways(check, caller, box, own)
+    if ways is None:
+        return f"SC does not certainly lead back into {_told(check, claims.box)}"
+    claims.ways = ways
+    return ""
+
+
+def _ways(
+    check: TubeCheck, caller: Caller, box: dict[int, Interval], own: Sequence[int]
+) -> dict[int, Interval] | None:
+    """Y of each state: as little more than the box as is shown, side by side; None: nothing is."""
+    sets = check.problem.states
+    moving = dict.fromkeys([s for s in check.states if s not in own], Interval(-inf, inf))
+    end = {**{s: box[s] for s in own}, **moving}
+
+    def keeps(wider: Mapping[int, float]) -> bool:
+        ways = {s: _widened(box[s], wider[s], sets[s]) for s in own}
+        return caller.holds("keeps", *[_ends(check, r) for r in (box, {**ways, **moving}, end)])
+
+    wider = next((w for w in (dict.fromkeys(own, x) for x in WIDER) if keeps(w)), None)
+    if wider is None:
+        return None
+    for s in own:
+        least = 0.0
+        for _ in range(NARROWINGS):
+            middle = 0.5 * (least + wider[s])
+            if keeps({**wider, s: middle}):
+                wider[s] = middle
+            else:
+                least = middle
+    return {s: _widened(box[s], wider[s], sets[s]) for s in own}
+
+
+def _around_rest(
+    check: TubeCheck, caller: Caller, sets: dict[int, Interval], own: Sequence[int]
+) -> dict[int, Interval] | None:
+    """A box outside of which `rest` certainly does not hold; None where it holds nowhere."""
+    box = dict(sets)
+    if caller.holds("never_rests", _ends(check, box)):
+        return None
+    for s in own:
+        for upper in (False, True):
+            box[s] = _shaved(check, caller, box, s, upper=upper)
+    return box
+
+
+def _shaved(
+    check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int, *, upper: bool
+) -> Interval:
+    """One end of a side moved in as far as bisection shows."""
+    low, high = box[s].low, box[s].high
+    outer, inner = (high, low) if upper else (low, high)
+    for _ in range(HALVINGS):
+        middle = 0.5 * (outer + inner)
+        off = Interval(middle, high) if upper else Interval(low, middle)
+        if caller.holds("never_rests", _ends(check, {**box, s: off})):
+            outer = middle
+        else:
+            inner = middle
+    return Interval(low, outer) if upper else Interval(outer, high)
+
+
+def _widened(side: Interval, wider: float, within: Interval) -> Interval:
+    more = wider * (side.high - side.low)
+    return Interval(max(within.low, side.low - more), min(within.high, side.high + more))
+
+
+def _told(check: TubeCheck, box: Mapping[int, Interval]) -> str:
+    return ", ".join(f"{_name(check, s)} in [{r.low:.4g}, {r.high:.4g}]" for s, r in box.items())
+
+
+def _starts(check: TubeCheck, caller: Caller) -> str:
+    """Condition 6, of all states in which the plants may start."""
+    initial = {s: check.problem.initial[s] for s in check.states}
+    if caller.holds("starts", _ends(check, initial)):
+        return ""
+    return f"from {_told(check, initial)} SC is not certainly led to rest"

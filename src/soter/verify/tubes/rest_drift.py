@@ -1,0 +1,150 @@
+"""How far SC moves what `moves` names, once `rest` holds.
+
+Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V = c |x| for one state x: where
+z' = x p and x' = x q, z moves by at most V as long as |p| + c q <= 0; V is 0 where x is, and
+exactly so, as x is taken out as a factor and only p and q are enclosed.
+Non-goals: other potentials: what is not of this form is not shown.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.expressions import Node, in_order
+from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.print_forms import function
+from soter.verify.tubes.tube_check import part
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.verify.tubes.expressions import Expressions
+    from soter.verify.tubes.tube_check import TubeCheck
+
+    Ranges = Mapping[tuple[str, int], Interval]
+
+
+RANGES = "const SYMBOLS: int = 1;\nconst NONE: float[SYMBOLS] = [0.0];"
+"""Forms that share nothing."""
+
+
+def undrifted(
+    check: TubeCheck, caller: Caller, at: Mapping[int, Interval], box: Mapping[int, Interval]
+) -> str:
+    """The first state of `moves` of which it is not shown; "": all are.
+
+    `at`: where states are once `rest` holds, Y or a topic's set; `box`: where it holds.
+    """
+    ends = [[at[s].low for s in check.states], [at[s].high for s in check.states]]
+    answer = caller.value("answers_at_rest", ends)
+    if answer is None:
+        return "what SC answers at rest is not bounded"
+    ranges: dict[tuple[str, int], Interval] = {("x", s): at[s] for s in check.states}
+    ranges |= {("u", k): Interval(u[2], u[3]) for k, u in enumerate(answer)}
+    ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(check.problem.disturbances)}
+    for z, drift in check.problem.drifts.items():
+        rate, name = check.rates[z], check.problem.quantities.states[z].name
+        topic = check.problem.states[z]
+        if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):
+            return f"SC may move {name} without end, and the set of its topic has one"
+        ways = ((rate, drift.above), (check.make.neg(rate), drift.below))
+        for e, by in ways:
+            if not any(_bounded(check, e, by, x, ranges, r) for x, r in box.items()):
+                return f"how far SC moves {name} is not shown"
+    return ""
+
+
+def _bounded(
+    check: TubeCheck, e: Node, by: float, state: int, ranges: Ranges, rests: Interval
+) -> bool:
+    """Whether what grows at e grows by at most `by`, by V of one state."""
+    if not isfinite(by):
+        return True
+    make, x = check.make, check.make.input("x", state)
+    e = _at_worst(make, e, ranges)
+    e, own = _decided(check, [e, check.rates[state]], ranges)
+    p, q = _factor(make, e, x), _factor(make, own, x)
+    size = max(abs(Fraction(rests.low)), abs(Fraction(rests.high)))
+    if p is None or q is None or not size:
+        return False
+    of_p, of_q = _enclosed([p, q], ranges)
+    if not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
+        return False
+    c = Fraction(by) / size
+    return max(Fraction(of_p.high), -Fraction(of_p.low)) + c * Fraction(of_q.high) <= 0
+
+
+def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
+    """Disturbances that only add to e, at the end at which they add most."""
+    for w in [x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"]:
+        slope = make.along(e, {w: make.number(1.0)}, {})
+        if slope.op == "number":
+            ends = ranges["w", w.of[1]]
+            most = ends.high if slope.of[0] > 0.0 else ends.low
+            e = make.replaced(e, {w: make.number(most)})
+    return e
+
+
+def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
+    """The same expressions, without a `min` or `max` whose answer is certain in these ranges.
+
+    An input that has one value is that number.
+    """
+    make = check.make
+    known = {make.input(*at): make.number(r.low) for at, r in ranges.items() if r.low == r.high}
+    for e in in_order(roots):
+        if e.op not in ("min", "max"):
+            continue
+        a, b = (make.replaced(x, known) for x in e.of)
+        of_a, of_b = _enclosed([a, b], ranges)
+        smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
+        if smaller is not None:
+            larger = b if smaller is a else a
+            known[e] = smaller if e.op == "min" else larger
+    return [make.replaced(e, known) for e in roots]
+
+
+def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
+    """Where these expressions lie; without ends where nothing is known."""
+    used = [e for e in in_order(nodes) if e.op == "input"]
+    over = {e.of: f"a[{k}]" for k, e in enumerate(used)}
+    many = f"Form[{max(1, len(used))}]"
+    text = function("asked", f"a: {many}", nodes, over, f"Form[{len(nodes)}]")
+    caller = Caller("\n".join([RANGES, part("forms.soter"), text]))
+    inputs: list[Any] = [
+        caller.value("f_range", ranges[e.of].low, ranges[e.of].high) for e in used
+    ] or [caller.value("f_number", 0.0)]
+    found = caller.value("asked", inputs)
+    if found is None:
+        return [Interval(-inf, inf)] * len(nodes)
+    return [Interval(f[2], f[3]) for f in found]
+
+
+def _factor(make: Expressions, e: Node, x: Node) -> Node | None:
+    """The p of e = x p, for all values; None where it is not seen."""
+    if e is x:
+        return make.number(1.0)
+    if e is make.number(0.0):
+        return e
+    if e.op == "neg":
+        p = _factor(make, e.of[0], x)
+        return None if p is None else make.neg(p)
+    if e.op in ("add", "sub"):
+        a, b = (_factor(make, y, x) for y in e.of)
+        return None if a is None or b is None else getattr(make, e.op)(a, b)
+    if e.op == "square":
+        return e.of[0] if e.of[0] is x else None
+    if e.op == "mul":
+        a, b = e.of
+        p = _factor(make, a, x)
+        if p is not None:
+            return make.mul(p, b)
+        p = _factor(make, b, x)
+        return None if p is None else make.mul(a, p)
+    if e.op == "over":
+        p = _factor(make, e.of[0], x)
+        return None if p is None else make.div(p, e.of[1])
+    return None

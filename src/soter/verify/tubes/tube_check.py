@@ -1,0 +1,281 @@
+"""The check of a decision module by tubes, as Soter source.
+
+Purpose: `TubeCheck`: what a module gives for it as expressions, and program texts: `in_flight` with
+`fun good(estimate: float[n]): bool`, and `offline` with what is shown beforehand (`rest.soter`),
+made of what is the same for all (`forms.soter`, `tube.soter`, `check.soter`) and of the module's
+rates, law and predicates.
+Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`tube_table.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from importlib.resources import files
+from math import inf, nextafter
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import leaves
+from soter.verify.tubes.expressions import NoExpressionError, in_order
+from soter.verify.tubes.module_expressions import ModuleExpressions, middle
+from soter.verify.tubes.print_forms import certain, function, number
+from soter.verify.tubes.problem import refused
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from soter.verify.problem.problem import Interval
+    from soter.verify.tubes.expressions import Node
+    from soter.verify.tubes.print_forms import Inputs
+    from soter.verify.tubes.problem import TubeProblem
+
+SYMBOLS_MAX = 2000
+"""How many a form may have, for what `forms.soter` says of sums."""
+ATTEMPTS = 8
+FREE, STEPS, KEEP = 2, 1, 6
+"""How finely a tube is cut: steps until SC acts, steps a hold; columns that are kept."""
+
+
+@dataclass(frozen=True)
+class TubeTimes:
+    """Times of a tube in ns (docs/proof.md, "Decisions by tubes")."""
+
+    earliest: int
+    """alpha: an output of SC is complete no earlier after the estimate's instant."""
+    latest: int
+    """H."""
+    start: int
+    """h_0."""
+    delay: int
+    """d."""
+    jitter: int
+    """j."""
+    period: int
+    """delta."""
+    switches: int
+    """N_T: after so many outputs of SC, the first not counted, it has to be at rest."""
+
+    @property
+    def depth(self) -> int:
+        """Holds over which a read may go back: until the last one acts, j more than d."""
+        return max(1, -(-(self.delay + self.jitter) // self.period))
+
+    @staticmethod
+    def of(problem: TubeProblem) -> TubeTimes:
+        """Of a module that comes to rest within its time."""
+        t = problem.times
+        h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
+        earliest = max(t.delta_dm - t.late_dm, h - period - j, 0)
+        switches = (problem.within_ns - j) // period
+        return TubeTimes(min(earliest, h), h, t.start, t.delay_sc, j, period, switches)
+
+
+class TubeCheck:
+    """Of one problem; `SoterError` R007 where something is no expression of reals.
+
+    `states`: those that what is asked hangs on, in the order of estimates; all others are left out
+    (no rate, law or condition of these reads them).
+    """
+
+    def __init__(self, problem: TubeProblem) -> None:
+        self.problem = problem
+        self.times = TubeTimes.of(problem)
+        try:
+            self._read()
+        except NoExpressionError as error:
+            raise refused(problem, str(error)) from None
+
+    def _read(self) -> None:
+        module = ModuleExpressions(self.problem)
+        self.make = module.make
+        self.rates = every = module.rates()
+        self._law = module.law()
+        self._defined = module.law_defined(self._law)
+        self._safe = module.constraint()
+        self._rest = module.predicate(self.problem.rest)
+        asked = [*self._law, self._defined, self._safe, self._rest]
+        self.states = _behind(asked, every)
+        self.read_by_law = _inputs([*self._law, self._defined])
+        self.read_by_rates = _inputs([every[s] for s in self.states])
+        self.read_by_rest = _inputs([self._rest])
+        rates = [every[s] for s in self.states]
+        self._still = module.still(rates)
+        self._effects = [e for row in module.effects(rates) for e in row]
+        self._bends = module.bends(self._still)
+
+    @property
+    def estimate(self) -> list[tuple[int, int]]:
+        """(topic, leaf) of each of `states`."""
+        at = self.problem.topic_leaf_of_state
+        return [at[s] for s in self.states]
+
+    def in_flight(self, ways: Mapping[int, Interval]) -> str:
+        """`ways`: Y of each state that `moves` does not name and a condition reads."""
+        return "\n".join([*self._parts(ways), part("check.soter")])
+
+    def offline(self, ways: Mapping[int, Interval]) -> str:
+        """The same with what is asked beforehand."""
+        parts = self._parts(ways)
+        over = self._over()
+        return "\n".join(
+            [
+                *parts,
+                part("check.soter"),
+                certain("law_defined", "y: Forms", self._defined, over),
+                certain("surely_not_at_rest", "x: Forms", self._rest, over, truth=False),
+                part("rest.soter"),
+            ]
+        )
+
+    # ------------------------------------------------------------ parts
+
+    def _over(self) -> Inputs:
+        """What stands for each input: states by their place among those that are followed."""
+        places = [(s, k) for k, s in enumerate(self.states)]
+        found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
+        controls = range(len(self.problem.quantities.controls))
+        return found | {("u", k): f"u[{k}]" for k in controls}
+
+    def _parts(self, ways: Mapping[int, Interval]) -> list[str]:
+        over = self._over()
+        return [
+            self._constants(),
+            part("forms.soter"),
+            part("tube.soter"),
+            function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
+            function("effects", "x: Forms, u: Controls", self._effects, over, "Effects"),
+            function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
+            function("law", "y: Forms", self._law, over, "Controls"),
+            certain("safe", "x: Forms", self._safe, over),
+            certain("rests", "x: Forms", self._rest, over),
+            self._at_rest(ways),
+        ]
+
+    def _at_rest(self, ways: Mapping[int, Interval]) -> str:
+        """`rest` holds, and all that SC then moves to is safe."""
+        lines = []
+        read = _inputs([self._safe])
+        for k, s in enumerate(self.states):
+            drift = self.problem.drifts.get(s)
+            if s not in read:
+                continue
+            if drift is not None:
+                ends = f"x[{k}], {number(-drift.below)}, {number(drift.above)}"
+                lines.append(f"  m[{k}] = moved({ends});")
+            elif s in ways:
+                way = ways[s]
+                lines.append(f"  m[{k}] = f_range({number(way.low)}, {number(way.high)});")
+            else:
+                lines.append("  if true { return false; }  // nothing is shown of where it goes")
+        body = "\n".join(["  if !rests(x) { return false; }", "  var m = x;", *lines])
+        return f"fun at_rest(x: Forms): bool {{\n{body}\n  return safe(m);\n}}\n"
+
+    def errors(self) -> list[float]:
+        """How far what is read of each state may be off."""
+        p = self.problem
+        found = dict.fromkeys(range(len(p.quantities.states)), 0.0)
+        for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
+            paths = [path for path, _ in leaves(p.system.topics[leaf.owner].type)]
+            state = p.state_of_leaf.get((leaf.owner, paths.index(leaf.path)))
+            if state is not None:
+                found[state] = max(found[state], -bounds.low, bounds.high)
+        return [found[s] for s in self.states]
+
+    def _constants(self) -> str:
+        """Sizes, times and ranges."""
+        q, times = self.problem.quantities, self.times
+        n, m, w = len(self.states), len(q.controls), len(q.disturbances)
+        moved = m + w
+        read = 2 * n + KEEP
+        opened, closed, moves = read + n, read + n + moved, read + n + 2 * moved
+        symbols = moves + moved * STEPS
+        if symbols > SYMBOLS_MAX:
+            msg = f"{symbols} symbols of a form: more than {SYMBOLS_MAX}"
+            raise refused(self.problem, msg)
+        whole = {
+            "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
+            "EFFECTS": n * moved, "KEEP": KEEP, "READS": read, "OPEN": opened, "CLOSED": closed,
+            "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
+            "HOLDS": times.switches + 1, "DEPTH": times.depth,
+        }  # fmt: skip
+        begin = max(0, times.start - times.period - times.jitter)
+        seconds = {
+            "FREE_STEP": near(times.earliest, FREE),
+            "WINDOW": near(times.latest - times.earliest),
+            "START_STEP": near(begin, FREE),
+            "START_WINDOW": near(times.start - begin),
+            "LATE_READ": above(Fraction(times.delay, 10**9)),
+            "JITTER": near(times.jitter),
+            "FIRST_STEP": near(times.period - times.jitter, STEPS),
+            "LATER_STEP": near(times.period - 2 * times.jitter, STEPS),
+        }
+        lines = [f"const {name}: int = {value};" for name, value in whole.items()]
+        lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
+        half = [half_width(c) for c in self.problem.controls]
+        wide = [half_width(d) for d in self.problem.disturbances]
+        zero = form(0.0)
+        middles = [form(middle(c)) for c in self.problem.controls]
+        lines += [
+            f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
+            f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
+            f"const ERRORS: float[STATES] = {_list(self.errors())};",
+            f"const NOWHERE: Forms = {_array([zero] * n)};",
+            f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
+            f"const ANY_COMMAND: Controls = {_array(middles)};",
+            f"const ANY: Wide = {_list(wide + half)};",
+            f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
+            f"const NO_REGION: Region = {{ lo: {_list([0.0] * n)}, hi: {_list([0.0] * n)} }};",
+            "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
+        ]
+        return "\n".join(lines) + "\n"
+
+
+def near(ns: int, parts: int = 1) -> float:
+    """The double next to a time in s, over parts: `flow` allows for that rounding."""
+    return float(Fraction(ns, 10**9 * parts))
+
+
+def above(x: Fraction) -> float:
+    """The least double that is not below."""
+    value = float(x)
+    return value if Fraction(value) >= x else nextafter(value, inf)
+
+
+def half_width(r: Interval) -> float:
+    """How far a range goes from its middle, rounded up."""
+    m = Fraction(middle(r))
+    return above(max(Fraction(r.high) - m, m - Fraction(r.low)))
+
+
+def part(name: str) -> str:
+    """A text that is the same for all modules."""
+    return (files(__package__) / name).read_text(encoding="utf-8")
+
+
+def _inputs(roots: Iterable[Node]) -> set[int]:
+    """States that expressions read, true or seen."""
+    return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
+
+
+def _behind(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
+    """States that something asked reads, and those that their rates read, and so on."""
+    found: set[int] = set()
+    new = _inputs(asked)
+    while new - found:
+        found |= new
+        new = _inputs([rates[s] for s in found])
+    return sorted(found)
+
+
+def form(value: float) -> str:
+    """A form of one number."""
+    v = number(value)
+    return f"{{ c: {v}, r: 0.0, lo: {v}, hi: {v}, g: NONE }}"
+
+
+def _list(values: Iterable[float]) -> str:
+    return _array([number(float(v)) for v in values])
+
+
+def _array(items: Sequence[str]) -> str:
+    return f"[{', '.join(items)}]"

@@ -1,0 +1,62 @@
+"""The predicates of a DM that follows SC: `ttf` where an estimate is not good, `safer` where it is.
+
+Purpose: `TubeLevels`, as a function of the program that interpreter, Core and C see like any other.
+Non-goals: the check (`tube_check.py`), when it is put into a module (`deploy/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed as t
+from soter.language.model.types import FLOAT, INT, ArrayType
+from soter.verify.tables.level_table import LevelTable
+from soter.verify.tubes.generated_functions import functions_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.model.typed import FunSymbol
+    from soter.verify.problem.problem import Group
+    from soter.verify.tables.typed_tree_builder import Writer
+    from soter.verify.tubes.rest_claims import RestClaims
+    from soter.verify.tubes.tube_check import TubeCheck
+
+IN_S0 = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TubeLevels(LevelTable):
+    """Level 2 of an estimate from which SC is followed to rest, level 0 of every other one."""
+
+    states: tuple[int, ...]
+    text: str
+    ends = ()
+    """Nothing is told apart by single numbers."""
+    full = None
+    samples = None
+
+    @classmethod
+    def of(cls, check: TubeCheck, claims: RestClaims) -> TubeLevels:
+        """With what is shown offline."""
+        return cls(tuple(check.states), check.in_flight(claims.ways))
+
+    def share(self, group: Group) -> float:
+        """There is no group to have a share of."""
+        raise NotImplementedError
+
+    def function(self, w: Writer, name: str) -> FunSymbol:
+        """`fun level(x0: float, ...): int`."""
+        good = functions_of(self.text)["good"]
+        inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(self.states)))
+        estimate = t.Aggregate(
+            ArrayType(FLOAT, len(inputs)), w.span, tuple(w.read(x) for x in inputs)
+        )
+        found = w.call(good, estimate)
+        answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
+        return w.function(name, inputs, [w.give(answer)])
+
+    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """It is made anew from the program, and is no part of a certificate."""
+        raise NotImplementedError

@@ -1,0 +1,156 @@
+"""The verdicts on a module whose DM follows SC.
+
+Purpose: what was shown offline as findings, property by property. What the DM decides in flight is
+never called proved: it is *assumed* that its compiled check is sound (docs/proof.md, "Decisions by
+tubes", condition 5).
+Non-goals: showing it (`rest_claims.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.current_phase import phase
+from soter.language.model.durations import show_ns
+from soter.verify.claims.failsafe_claim import NO_LAW
+from soter.verify.claims.results import (
+    ASSUMED,
+    PROPERTIES,
+    PROVED,
+    STAYS,
+    UNDECIDED,
+    Finding,
+    ModuleResult,
+)
+from soter.verify.deploy.missing_predicates import rest_claims
+from soter.verify.problem.assumption import Assumption
+from soter.verify.time.problem_times import DELAYS, in_words
+from soter.verify.tubes.tube_check import TubeCheck
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.verify.tubes.problem import TubeProblem
+    from soter.verify.tubes.rest_claims import RestClaims
+
+HOW = "SC followed by tubes"
+IN_FLIGHT = (
+    "decided in flight: AC keeps control only where SC, followed from the estimate, surely comes "
+    "to rest within C"
+)
+DECIDED = ", decided in flight (rest and start proved)"
+SOUND = Assumption(
+    "tubes",
+    "the compiled check of the DM encloses what SC and the plants do: tested, not proved",
+)
+HINT = "a smaller `rest`, or one that SC surely comes back to"
+
+
+class TubeResult(ModuleResult):
+    """A module that is followed by tubes: `claims` is what was shown."""
+
+    problem: TubeProblem
+    claims: RestClaims
+
+    @property
+    def verdict(self) -> str:
+        """Never `proved`: the DM decides in flight, by a check that is tested."""
+        said = super().verdict
+        return ASSUMED if said == PROVED else said
+
+    @property
+    def whilst(self) -> str:
+        """What is proved, and that it is not the decisions."""
+        return DECIDED if self.verdict == ASSUMED else ""
+
+
+def verify_by_tubes(
+    problem: TubeProblem,
+    *,
+    refute: bool = True,
+    explain: bool | None = None,
+    progress: Callable[[float], None] | None = None,
+    search: object = None,
+    compiled: object = None,
+) -> TubeResult:
+    """Everything about one module. `SoterError` R007 where something cannot be followed.
+
+    The arguments are those that every method takes; nobody looks for a run that refutes yet.
+    """
+    del refute, explain, progress, search, compiled
+    began = time.perf_counter()
+    phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
+    check = TubeCheck(problem)
+    claims = rest_claims(check)
+    result = TubeResult(problem, {}, [], added=(SOUND,))
+    result.claims = claims
+    times, cpu = check.times, time.perf_counter() - began
+    why = _unshown(check, claims)
+    rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
+    rest.hint = HINT if why else ""
+    flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or IN_FLIGHT)
+    findings = {
+        "P1a": Finding(
+            PROVED,
+            method="periods compared",
+            text=f"SC every {show_ns(times.period)}, DM every {show_ns(problem.times.delta_dm)}",
+        ),
+        "P1b": Finding(PROVED, method="outputs compared", text="AC and SC publish the same topics"),
+        "P1c": _horizon(problem),
+        "P2a": rest,
+        "P2b": _returns(problem),
+        "P3": flies,
+        "ttf": flies,
+        "safer": flies,
+        "start": Finding(
+            UNDECIDED if claims.start else PROVED, 0.0, HOW, claims.start or _start(check)
+        ),
+        "failsafe": Finding(ASSUMED, text=NO_LAW),
+        "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
+    }
+    result.findings = {p: findings[p] for p in PROPERTIES}
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+def _unshown(check: TubeCheck, claims: RestClaims) -> str:
+    """Why rest is not proved; "": it is."""
+    if check.times.switches < 1:
+        return "`within` of `rest` is shorter than a period of SC"
+    return claims.kept or claims.moves
+
+
+def _kept(check: TubeCheck, claims: RestClaims) -> str:
+    """What is proved of rest."""
+    names = check.problem.quantities.states
+    ways = [f"{names[s].name} in [{r.low:.3g}, {r.high:.3g}]" for s, r in claims.ways.items()]
+    where = f", within {', '.join(ways)}" if ways else ""
+    return f"once `rest` holds SC leads back there again and again{where}"
+
+
+def _start(check: TubeCheck) -> str:
+    return f"from there SC, acting within {show_ns(check.times.start)}, comes to rest within C"
+
+
+def _horizon(problem: TubeProblem) -> Finding:
+    times = problem.times
+    enough = times.horizon_ns >= times.h_star
+    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
+    return Finding(
+        held if enough else UNDECIDED,
+        method="worst case over all releases",
+        text=in_words(times),
+        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
+    )
+
+
+def _returns(problem: TubeProblem) -> Finding:
+    """That AC gets control back is not asked of maps and estimates that nobody knows offline."""
+    stays = problem.module.symbol.stays
+    if stays:
+        return Finding(ASSUMED, text=STAYS.format(stays))
+    text = (
+        f"at rest within {show_ns(problem.within_ns)}; AC has control again where the check is good"
+    )
+    return Finding(ASSUMED, text=text)

@@ -1,0 +1,165 @@
+"""Plants, laws and real expressions drawn at random, as Soter text and as functions of Python.
+
+Purpose: `drawn_module`, a program whose plant is affine in its commands and disturbances, with what
+its rates and its law compute; `Real`, a drawn expression with its text and its value.
+Non-goals: what is to be true of their tubes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Callable, Sequence
+
+
+@dataclass(frozen=True)
+class Real:
+    """An expression: its text, its value over a list of numbers, whether it has a kink."""
+
+    text: str
+    value: Callable[[Sequence[Any], Any], Any]
+    kinked: bool = False
+
+
+class Floats:
+    """Functions of floats, as an expression calls them."""
+
+    sin, cos, tanh, atan, sqrt, exp, tan = (
+        math.sin, math.cos, math.tanh, math.atan, math.sqrt, math.exp, math.tan,
+    )  # fmt: skip
+    max, min = max, min
+
+    @staticmethod
+    def number(x: float) -> float:
+        return x
+
+
+def real(rng: random.Random, names: Sequence[str], depth: int = 3) -> Real:
+    """An expression over names, the value over their numbers in the same order."""
+    if depth == 0 or rng.random() < 0.12:
+        if rng.random() < 0.3:
+            v = rng.choice((0.1, 0.3, 2.0, -0.7, 1e-3, round(rng.uniform(-2, 2), 3)))
+            return Real(f"({v})", lambda _, f: f.number(v))
+        i = rng.randrange(len(names))
+        return Real(names[i], lambda x, _: x[i])
+    a, b = (real(rng, names, depth - 1) for _ in range(2))
+    low, high = sorted((round(rng.uniform(-2, 0.5), 2), round(rng.uniform(0.6, 2), 2)))
+    kinks = a.kinked or b.kinked
+    name = rng.choice(("sin", "cos", "tanh", "atan"))
+    return rng.choice((
+        Real(f"({a.text} + {b.text})", lambda x, f: a.value(x, f) + b.value(x, f), kinks),
+        Real(f"({a.text} - {b.text})", lambda x, f: a.value(x, f) - b.value(x, f), kinks),
+        Real(f"({a.text} * {b.text})", lambda x, f: a.value(x, f) * b.value(x, f), kinks),
+        Real(f"({a.text} * {a.text})", lambda x, f: a.value(x, f) * a.value(x, f), a.kinked),
+        Real(f"({a.text} / 3.0)", lambda x, f: a.value(x, f) / 3, a.kinked),
+        Real(f"{name}({a.text})", lambda x, f: getattr(f, name)(a.value(x, f)), a.kinked),
+        Real(
+            f"sqrt(1.0 + {a.text} * {a.text})",
+            lambda x, f: f.sqrt(1 + a.value(x, f) * a.value(x, f)), a.kinked,
+        ),
+        Real(
+            f"({a.text} / (1.5 + {b.text} * {b.text}))",
+            lambda x, f: a.value(x, f) / (f.number(1.5) + b.value(x, f) * b.value(x, f)), kinks,
+        ),
+        Real(
+            f"exp(-({a.text} * {a.text}))",
+            lambda x, f: f.exp(-(a.value(x, f) * a.value(x, f))), a.kinked,
+        ),
+        Real(
+            f"tan(0.9 * sin({a.text}))",
+            lambda x, f: f.tan(f.number(0.9) * f.sin(a.value(x, f))), a.kinked,
+        ),
+        Real(
+            f"clamp({a.text}, {low}, {high})",
+            lambda x, f: f.min(f.max(a.value(x, f), f.number(low)), f.number(high)), True,
+        ),
+        Real(f"max({a.text}, {b.text})", lambda x, f: f.max(a.value(x, f), b.value(x, f)), True),
+        Real(f"abs({a.text})", lambda x, f: f.max(a.value(x, f), -a.value(x, f)), True),
+    ))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DrawnModule:
+    """A program, and what its plant and its SC compute."""
+
+    text: str
+    states: int
+    controls: int
+    drift: list[Real]
+    by_control: list[list[Real]]
+    by_disturbance: list[Real]
+    law: list[Real]
+    disturbed: float
+
+    @property
+    def kinked(self) -> bool:
+        rows = [*self.by_control, self.drift, self.by_disturbance]
+        return any(e.kinked for row in rows for e in row)
+
+    def rate(self, x: Sequence[float], u: Sequence[float], w: float) -> list[float]:
+        """The derivative of the state."""
+        return [
+            self.drift[i].value(x, Floats)
+            + sum(self.by_control[i][k].value(x, Floats) * u[k] for k in range(self.controls))
+            + self.by_disturbance[i].value(x, Floats) * w
+            for i in range(self.states)
+        ]
+
+
+def drawn_module(rng: random.Random) -> DrawnModule:
+    """A plant of two or three states with one or two commands and a disturbance."""
+    n, m = rng.choice((2, 3)), rng.choice((1, 2))
+    own, seen = [f"s{i}" for i in range(n)], [f"pose.s{i}" for i in range(n)]
+    drift = [real(rng, own) for _ in range(n)]
+    by_control = [[real(rng, own, 1) for _ in range(m)] for _ in range(n)]
+    by_disturbance = [real(rng, own, 1) for _ in range(n)]
+    law = [real(rng, own, 2) for _ in range(m)]
+    wide = rng.choice((0.01, 0.3))
+    lines = [
+        "soter 1;",
+        f"type Pose = {{ {', '.join(f's{i}: float' for i in range(n))} }};",
+        f"type Order = {{ {', '.join(f'u{k}: float' for k in range(m))} }};",
+        "topic pose: Pose max_age 20ms;",
+        "topic order: Order in { " + ", ".join(f"u{k} in [-2.0, 2.0]" for k in range(m)) + " }"
+        " = { " + ", ".join(f"u{k}: 0.0" for k in range(m)) + " };",
+        "plant Body period 10ms {",
+        "  reads order;",
+        f"  drives pose = {{ {', '.join(f's{i}: s{i}' for i in range(n))} }};",
+        *[f"  state s{i}: float = 0.0;" for i in range(n)],
+        f"  disturbance w: float in [-{wide}, {wide}];",
+    ]
+    for i in range(n):
+        by = "".join(f" + {by_control[i][k].text} * order.u{k}" for k in range(m))
+        lines.append(f"  der s{i} = {drift[i].text}{by} + {by_disturbance[i].text} * w;")
+    measured = ", ".join(f"pose.s{i} within 0.01" for i in range(n))
+    laws = [_renamed(law[k].text, own, seen) for k in range(m)]
+    answer = ", ".join(f"u{k}: clamp({laws[k]}, -2.0, 2.0)" for k in range(m))
+    for name in ("Ac", "Sc"):
+        node = f"node {name} period 50ms {{ subscribes pose; publishes order; step {{"
+        lines.append(f"{node} publish order = {{ {answer} }}; }} }}")
+    lines.insert(-2, f"  measured {measured};\n}}")
+    bounds = " && ".join(f"abs({s}) < 50.0" for s in seen)
+    lines += [
+        f"rta M {{ ac Ac; sc Sc; period 50ms; safe {bounds};",
+        "  rest abs(pose.s0) < 40.0 within 2s; }",
+        "system S default { b: Body; module M; until 1s; }",
+    ]
+    held = [_held(e) for e in law]
+    return DrawnModule("\n".join(lines), n, m, drift, by_control, by_disturbance, held, wide)
+
+
+def _held(e: Real) -> Real:
+    """An expression between the ends of a command."""
+    return Real(
+        "", lambda x, f: f.min(f.max(e.value(x, f), f.number(-2.0)), f.number(2.0)), kinked=True
+    )
+
+
+def _renamed(text: str, own: list[str], seen: list[str]) -> str:
+    for a, b in zip(own, seen, strict=True):
+        text = text.replace(a, b)
+    return text

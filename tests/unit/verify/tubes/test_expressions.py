@@ -1,0 +1,192 @@
+"""What is printed is the real function: folding, limits, functions of the prelude, times."""
+
+from __future__ import annotations
+
+import random
+import re
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
+from soter.verify.tubes import tube_check
+from soter.verify.tubes.expressions import Expressions, NoExpressionError
+from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.tubes.print_forms import function
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
+from unit.verify.tubes.random_plants import drawn_module
+
+WHOLE = """
+const LISTED: float[2] = [0.5, 0.25];
+fun first(i: int): int { return i; }
+fun narrow(i: int): int { var k: int in [0, 1] = 0; k = i; return k; }
+"""
+
+
+def printed(e: object) -> str:
+    return function("f", "x: Forms", [e], {("x", 0): "x[0]"}, "Forms")  # type: ignore[list-item]
+
+
+def law_of(answer: str) -> str:
+    """The printed law of an SC that answers so."""
+    text = drawn_module(random.Random(1)).text  # noqa: S311 - drawn examples
+    before, sc = (text + WHOLE).split("node Sc")
+    first = re.sub(r"u0: clamp\(.*?, -2\.0, 2\.0\)(?=[ ,])", f"u0: {answer}", sc, count=1)
+    assert first != sc
+    flat = system_to_prove(check_file("law.soter", before + "node Sc" + first), None)
+    module = ModuleExpressions(extract(flat, flat.modules[0]))
+    return function(
+        "law", "y: Forms", module.law(), {("y", k): f"y[{k}]" for k in range(3)}, "Controls"
+    )
+
+
+def test_constants_are_folded_only_where_that_is_exact() -> None:
+    make = Expressions()
+    x, tenth, fifth = make.input("x", 0), make.number(0.1), make.number(0.2)
+    assert make.add(make.number(0.5), make.number(0.25)) is make.number(0.75)
+    assert make.mul(make.number(0.5), make.number(0.25)) is make.number(0.125)
+    assert make.add(tenth, fifth).op == "add"
+    assert make.mul(tenth, fifth).op == "mul"
+    slope = make.along(make.mul(make.mul(x, tenth), fifth), {x: make.number(1.0)}, {})
+    assert "let t0 = f_number(0.2);\n  let t1 = f_times(t0, 0.1);" in printed(slope)
+
+
+def test_a_number_that_forms_do_not_compute_with_is_refused() -> None:
+    for wild in (1e300, -1e308, float("inf"), float("nan")):
+        with pytest.raises(NoExpressionError):
+            Expressions().number(wild)
+
+
+@pytest.mark.parametrize(
+    ("inner", "k", "outer", "v", "is_clamp"),
+    [
+        ("max", 2.0, "min", 1.0, False),
+        ("max", 1.0, "min", 1.0, False),
+        ("max", 1.0, "min", 2.0, True),
+        ("min", 1.0, "max", 2.0, False),
+        ("min", 2.0, "max", 1.0, True),
+    ],
+)
+def test_limits_that_cross_give_the_last_one(
+    inner: str, k: float, outer: str, v: float, is_clamp: bool
+) -> None:
+    make = Expressions()
+    e = make.extreme(outer, make.extreme(inner, make.input("x", 0), make.number(k)), make.number(v))
+    assert (e.op == outer) is is_clamp
+    assert is_clamp or e is make.number(v)
+
+
+def test_what_compares_a_number_with_itself_is_known() -> None:
+    make = Expressions()
+    x = make.input("x", 0)
+    assert [make.compare(op, x, x) for op in ("<", ">", "<=", ">=")] == [
+        make.false, make.false, make.true, make.true,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("answer", "form"),
+    [
+        ("tanh(pose.s0)", "f_tanh(y[0])"),
+        ("atan(pose.s0)", "f_atan(y[0])"),
+        ("clamp(exp(pose.s0), -2.0, 2.0)", "f_exp(y[0])"),
+        ("clamp(wrap_angle(pose.s0), -2.0, 2.0)", "f_wrap_angle(y[0])"),
+        ("clamp(hypot(pose.s0, pose.s1), -2.0, 2.0)", "f_sqrt("),
+        ("clamp(pose.s0, -abs(pose.s1), abs(pose.s1))", "f_limit(y[0], "),
+        ("min(max(pose.s0, 1.0), 0.5)", "f_number(0.5)"),
+        ("LISTED[first(2) - 1]", "f_number(0.25)"),
+    ],
+)
+def test_functions_have_forms_of_their_own(answer: str, form: str) -> None:
+    assert form in law_of(answer)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "clamp(log(2.0 + pose.s0), -2.0, 2.0)", "clamp(pow(2.0, pose.s0), -2.0, 2.0)",
+        "clamp(atan2(pose.s0, pose.s1), -2.0, 2.0)", "asin(clamp(pose.s0, -1.0, 1.0))",
+        "clamp(acos(clamp(pose.s0, -1.0, 1.0)), -2.0, 2.0)", "clamp(pose.s0, 1.0, 0.5)",
+        "clamp(floor(pose.s0), -2.0, 2.0)", "LISTED[first(1) - 2]", "LISTED[first(2)]",
+        "LISTED[first(4611686018427387904) + first(4611686018427387904)]",
+        "LISTED[narrow(first(9))]",
+    ],
+)  # fmt: skip
+def test_functions_without_a_form_are_refused(answer: str) -> None:
+    """Their bodies look at how floats round, so as real functions they are others."""
+    with pytest.raises(NoExpressionError):
+        law_of(answer)
+
+
+def test_reads_go_back_no_further_than_the_holds_whose_rates_are_kept() -> None:
+    """Read n may be of n delta - j - d, counted from the first complete output; hold 0 begins there
+    and not j before. With d = delta one hold is too few: a_0 = t_0 + j, a_1 = t_0 + delta, and the
+    read of output 1 is of t_0, before a_0, where any command acted.
+    """
+    for period in range(2, 12):
+        for jitter in range(period // 2 + 1):
+            for delay in range(4 * period):
+                depth = TubeTimes(0, 0, 0, delay, jitter, period, 9).depth
+                for n in range(depth, 9):  # before that the rates of any command are among them
+                    begins = (n - depth) * period - (jitter if n > depth else 0)
+                    assert begins <= n * period - jitter - delay
+                assert depth == 1 or (depth - 1) * period < jitter + delay
+
+
+def test_times_and_ranges_are_covered_by_their_doubles(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
+    flat = system_to_prove(check_file("times.soter", module.text), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
+    controls = check.problem.controls
+    rng = random.Random(5)  # noqa: S311 - drawn examples
+    unit = Fraction(2) ** -52
+    for _ in range(40):
+        period, d = rng.randrange(10**6, 10**9), rng.randrange(10**9)
+        jitter, first = rng.randrange(period // 2), rng.randrange(10**9)
+        latest = first + rng.randrange(10**8)
+        times = TubeTimes(first, latest, latest, d, jitter, period, 20)
+        free, steps = rng.randrange(1, 9), rng.randrange(1, 4)
+        monkeypatch.setattr(tube_check, "FREE", free)
+        monkeypatch.setattr(tube_check, "STEPS", steps)
+        low, high = sorted((rng.uniform(-3, 3), rng.uniform(-3, 3)))
+        check.problem.controls = tuple(replace(c, low=low, high=high) for c in controls)
+        check.times = times
+        made = check.in_flight({})
+
+        def of(name: str, text: str = made) -> Fraction:
+            return Fraction(
+                float(text.split(f"const {name}: float = ")[1].split(";", maxsplit=1)[0])
+            )
+
+        exact = {
+            "FREE_STEP": Fraction(first, free),
+            "WINDOW": Fraction(times.latest - first),
+            "JITTER": Fraction(jitter),
+            "FIRST_STEP": Fraction(period - jitter, steps),
+            "LATER_STEP": Fraction(period - 2 * jitter, steps),
+        }
+        for name, ns in exact.items():
+            assert abs(of(name) - ns / 10**9) <= unit * ns / 10**9
+        assert of("LATE_READ") >= Fraction(d, 10**9)
+        middle = Fraction(float(made.split("ANY_COMMAND: Controls = [{ c: ")[1].split(",", 1)[0]))
+        most = made.split("const ANY: Wide = [")[1].split("]")[0].split(",")
+        half = Fraction(float(most[1]))
+        assert middle - half <= Fraction(low)
+        assert middle + half >= Fraction(high)
+
+
+def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    module = drawn_module(random.Random(1))  # noqa: S311 - drawn examples
+    flat = system_to_prove(check_file("many.soter", module.text), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
+    monkeypatch.setattr(tube_check, "STEPS", 2000)
+    with pytest.raises(SoterError, match="symbols"):
+        check.in_flight({})

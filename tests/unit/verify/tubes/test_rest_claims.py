@@ -1,0 +1,101 @@
+"""What `soter verify` says of a module with `rest`, of right ones and of ones that are wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.api import Program
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    from soter.verify.claims.results import ModuleResult
+
+FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
+SENSED = FOLLOW.read_text(encoding="utf-8").replace(
+    """  publishes levers;
+  step { publish levers = { gas: 0.0, brake: 1.0 }; }""",
+    """  subscribes sight;
+  publishes levers;
+  step { publish levers = { gas: 0.0, brake: clamp(1.0 + sight.v, 0.0, 1.0) }; }""",
+)
+"""SC brakes by what it sees."""
+
+
+def verified(folder: Path, text: str) -> ModuleResult:
+    path = folder / "module.soter"
+    path.write_text(text, encoding="utf-8")
+    return Program(str(path)).verify(refute=False).modules[0]
+
+
+def test_a_rest_that_is_kept_is_proved_and_the_decisions_are_not(tmp_path: Path) -> None:
+    for text in (FOLLOW.read_text(encoding="utf-8"), SENSED):
+        m = verified(tmp_path, text)
+        assert m.verdict == "assumed"
+        said = {n: f.verdict for n, f in m.findings.items()}
+        assert (said["P2a"], said["start"]) == ("proved", "proved")
+        assert {said[n] for n in ("P3", "ttf", "safer", "P2b", "DM")} == {"assumed"}
+        assert "tubes" in {a.key for a in m.assumptions}
+        assert m.not_rechecked
+
+
+WRONG = {
+    "SC accelerates": ("gas: 0.0, brake: 1.0 }; }", "gas: 1.0, brake: 0.0 }; }"),
+    "SC leaves a little gas": ("gas: 0.0, brake: 1.0 }; }", "gas: 0.1, brake: 1.0 }; }"),
+    "SC does nothing": ("gas: 0.0, brake: 1.0 }; }", "gas: 0.0, brake: 0.0 }; }"),
+    "it drifts farther": ("param CREEP: float = 0.3", "param CREEP: float = 0.1"),
+    "it drifts both ways": ("sight.gap by CREEP down", "sight.gap by CREEP"),
+    "the one in front backs": ("front: float in [0.0", "front: float in [-0.1"),
+    "it is pushed": (
+        "BRAKE * levers.brake * v;",
+        "BRAKE * levers.brake * v + 0.1 * (front - 15.0);",
+    ),
+    "no time to rest": ("within 5s", "within 40ms"),
+    "the way is not named": (", sight.way by CREEP within", " within"),
+    "SC may publish too much": ("gas: 0.0, brake: 1.0 }; }", "gas: 0.0, brake: 1.5 }; }"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_of_rest_is_not_proved(tmp_path: Path, name: str) -> None:
+    old, new = WRONG[name]
+    text = FOLLOW.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    m = verified(tmp_path, text.replace(old, new))
+    assert m.findings["P2a"].verdict == "undecided"
+    assert m.verdict == "undecided"
+
+
+def test_an_sc_that_reads_needs_sets_and_answers_on_all_of_them(tmp_path: Path) -> None:
+    unbounded = SENSED.replace(
+        "sight: Sight in { way in [-50.0, 500.0], v in [-2.0, 40.0] }", "sight: Sight"
+    )
+    assert "no set" in verified(tmp_path, unbounded).findings["P2a"].text
+    faulty = SENSED.replace("brake: clamp(", "brake: clamp(1.0 / sight.v + ")
+    assert "may fault" in verified(tmp_path, faulty).findings["P2a"].text
+
+
+def test_more_than_a_step_can_follow_is_refused(tmp_path: Path) -> None:
+    text = FOLLOW.read_text(encoding="utf-8").replace("within 5s", "within 500s")
+    with pytest.raises(SoterError) as caught:
+        verified(tmp_path, text)
+    assert caught.value.diagnostics[0].code == "R007"
+
+
+def test_flights_are_safe_and_the_same_in_both_engines(tmp_path: Path) -> None:
+    """AC does whatever its draws say; the module is what keeps the train off the end."""
+    path = tmp_path / "wild.soter"
+    text = FOLLOW.read_text(encoding="utf-8").replace(
+        "gas: clamp(wanted, 0.0, 1.0), brake: clamp(-wanted, 0.0, 1.0)",
+        "gas: choose { 0.0, 1.0 }, brake: choose { 0.0, 0.05 }",
+    )
+    path.write_text(text, encoding="utf-8")
+    program = Program(str(path))
+    for seed in range(1, 5):
+        run = program.simulate(until="30s", seed=seed)
+        assert run.violations == 0
+        assert 0.0 < run.modules["Follow"].ac_share < 1.0
+    one, two = (program.simulate(until="1s", engine=e) for e in ("native", "interp"))
+    assert one.trace_sha256 == two.trace_sha256
