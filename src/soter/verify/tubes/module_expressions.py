@@ -43,6 +43,8 @@ class ModuleExpressions:
         for kind, every in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
             self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
+        self.seen: set[int] = set()
+        """Topics in which SC sees states."""
 
     # ------------------------------------------------------------ flows
 
@@ -102,8 +104,8 @@ class ModuleExpressions:
     def law(self) -> list[Node]:
         """What SC publishes, over reads y; NoExpressionError with locals or where it may not."""
         step = self.problem.core.nodes[self.problem.module.sc]
-        if step.locals:
-            raise NoExpressionError("SC has variables")
+        if step.locals or step.takeover:
+            raise NoExpressionError("SC has variables, or `on takeover`")
         body = ExpressionReading(self.make, self.functions, self._seen)
         body.run(step.body)
         self.law_guards = body.guards
@@ -203,6 +205,7 @@ class ModuleExpressions:
         return at(t, [0])
 
     def _seen(self, cell: core.Cell, t: Type) -> Value:
+        self.seen.add(cell.owner)
         return self._topic(cell.owner, t, "y")
 
     def _true(self, cell: core.Cell, t: Type) -> Value:

@@ -45,7 +45,9 @@ def undrifted(
     ranges: dict[tuple[str, int], Interval] = {("x", s): at[s] for s in check.states}
     ranges |= {("u", k): Interval(u[2], u[3]) for k, u in enumerate(answer)}
     ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(check.problem.disturbances)}
-    for z, drift in check.problem.drifts.items():
+    followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
+    for z in followed:
+        drift = check.problem.drifts[z]
         rate, name = check.rates[z], check.problem.quantities.states[z].name
         topic = check.problem.states[z]
         if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):

@@ -98,10 +98,23 @@ class TubeCheck:
         self.read_by_law = _inputs([*self._law, self._defined])
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
+        every_input = in_order([*asked, *(every[s] for s in self.states)])
+        if any(e.op == "input" and e.of[0] not in "xyuw" for e in every_input):
+            raise NoExpressionError("something reads a time, an age or a mode")
+        self._reads_what_sc_reads(module.seen)
         rates = [every[s] for s in self.states]
         self._still = module.still(rates)
         self._effects = [e for row in module.effects(rates) for e in row]
         self._bends = module.bends(self._still)
+
+    def _reads_what_sc_reads(self, seen: set[int]) -> None:
+        """Condition 2: of other topics SC may read states that are older than the estimate."""
+        topics = self.problem.system.topics
+        unread = sorted(topics[i].name for i in seen - {topic for topic, _ in self.estimate})
+        if unread:
+            raise NoExpressionError(
+                f"SC sees the plant by `{unread[0]}`, which its DM does not read"
+            )
 
     @property
     def estimate(self) -> list[tuple[int, int]]:

@@ -86,7 +86,7 @@ def verify_by_tubes(
     result = TubeResult(problem, {}, [], added=(SOUND,))
     result.claims = claims
     times, cpu = check.times, time.perf_counter() - began
-    why = _unshown(check, claims)
+    why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
     rest.hint = HINT if why else ""
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or IN_FLIGHT)
@@ -112,13 +112,6 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
-
-
-def _unshown(check: TubeCheck, claims: RestClaims) -> str:
-    """Why rest is not proved; "": it is."""
-    if check.times.switches < 1:
-        return "`within` of `rest` is shorter than a period of SC"
-    return claims.kept or claims.moves
 
 
 def _kept(check: TubeCheck, claims: RestClaims) -> str:

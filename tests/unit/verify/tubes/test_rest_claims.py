@@ -77,11 +77,35 @@ def test_an_sc_that_reads_needs_sets_and_answers_on_all_of_them(tmp_path: Path) 
     assert "may fault" in verified(tmp_path, faulty).findings["P2a"].text
 
 
+def refused(folder: Path, text: str) -> str:
+    with pytest.raises(SoterError) as caught:
+        verified(folder, text)
+    assert caught.value.diagnostics[0].code == "R007"
+    return caught.value.diagnostics[0].message
+
+
+def test_an_sc_that_the_theorem_does_not_have_is_refused(tmp_path: Path) -> None:
+    """A topic of its own may be older than the estimate; what it keeps is not followed."""
+    topics = [f"topic {n}: float in [-2.0, 40.0] max_age 20ms;\n" for n in ("one", "two")]
+    sees = SENSED.replace("topic levers:", "".join([*topics, "topic levers:"]))
+    sees = sees.replace("  state gap:", "  drives one = v;\n  drives two = v;\n  state gap:")
+    behind = ";\n  publishes levers;\n  step { publish"
+    sees = sees.replace(f"  subscribes sight{behind}", f"  subscribes one{behind}")
+    sees = sees.replace("clamp(1.0 + sight.v", "clamp(1.0 + one")
+    assert "does not read" in refused(tmp_path, sees)
+    step = "  publishes levers;\n  step { publish"
+    keeps = FOLLOW.read_text(encoding="utf-8").replace(
+        step,
+        "  publishes levers;\n  state n: int in [0, 9] = 0;\n  step { n = (n + 1) % 10; publish",
+    )
+    assert "variables" in refused(tmp_path, keeps)
+    bends = SENSED.replace("BRAKE * levers.brake * v;", "BRAKE * levers.brake * levers.brake * v;")
+    assert "affine" in refused(tmp_path, bends)
+
+
 def test_more_than_a_step_can_follow_is_refused(tmp_path: Path) -> None:
     text = FOLLOW.read_text(encoding="utf-8").replace("within 5s", "within 500s")
-    with pytest.raises(SoterError) as caught:
-        verified(tmp_path, text)
-    assert caught.value.diagnostics[0].code == "R007"
+    assert "10000 steps" in refused(tmp_path, text)
 
 
 def test_flights_are_safe_and_the_same_in_both_engines(tmp_path: Path) -> None:
