@@ -96,7 +96,7 @@ def test_an_sc_that_the_theorem_does_not_have_is_refused(tmp_path: Path) -> None
     step = "  publishes levers;\n  step { publish"
     keeps = FOLLOW.read_text(encoding="utf-8").replace(
         step,
-        "  publishes levers;\n  state n: int in [0, 9] = 0;\n  step { n = (n + 1) % 10; publish",
+        "  publishes levers;\n  var n: int in [0, 9] = 0;\n  step { n = (n + 1) % 10; publish",
     )
     assert "variables" in refused(tmp_path, keeps)
     bends = SENSED.replace("BRAKE * levers.brake * v;", "BRAKE * levers.brake * levers.brake * v;")
