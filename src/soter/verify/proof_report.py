@@ -30,7 +30,7 @@ from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED
 from soter.verify.composition_table import rows_of
 from soter.verify.diagnosis.counterexample_figures import leaving_figures
 from soter.verify.problem.assumption import texts
-from soter.verify.problem.problem import NODES
+from soter.verify.problem.problem import NODES, TUBES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -61,6 +61,11 @@ MEANINGS = {
 }
 OF_SETS = "the enclosures and the set engine; `soter recheck` checks certificates without them"
 OF_INDUCTION = "z3, and how Core is read for it; `soter recheck` asks z3, too, but reads Core anew"
+OF_TUBES = (
+    "how SC is followed (`verify/tubes/`), which also decides in flight: tested, and checked by "
+    "nobody else"
+)
+TRUSTED = {NODES: OF_INDUCTION, TUBES: OF_TUBES}
 BY_INDUCTION = {
     "P1c": "every order of steps that the times allow is part of the proof",
     "P2a": "`safe` holds for ever, whatever AC publishes of its declared sets",
@@ -69,6 +74,15 @@ BY_INDUCTION = {
     "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
     "safer": "whenever the DM gives AC control, `safe` goes on holding",
 }
+BY_TUBES = {
+    "P2a": "from wherever `rest` holds SC keeps `safe` for ever, and moves what it may",
+    "P2b": "SC comes to rest, and a time comes at which the DM gives control back",
+    "P3": "when AC has control, SC could still lead from the state to rest, `safe` all the way",
+    "ttf": "whenever `ttf` may be false, it could for H longer",
+    "safer": "whenever `safer` may be true, it could for H longer",
+    "start": "from the declared initial states SC leads to rest, `safe` all the way",
+}
+OTHERWISE = {NODES: BY_INDUCTION, TUBES: BY_TUBES}
 """What is said otherwise where there are no sets of states."""
 REGIONS_SHOWN = 3
 SHARES = {
@@ -131,11 +145,10 @@ def _names(report: VerifyReport) -> list[str]:
 
 
 def _trusted(report: VerifyReport) -> tuple[str, ...]:
-    kinds = {m.problem.kind == NODES for m in report.modules}
+    engines = dict.fromkeys(TRUSTED.get(m.problem.kind, OF_SETS) for m in report.modules)
     return (
         "Soter's front end and Core: both the proof and the code that flies come from them",
-        *((OF_SETS,) if False in kinds else ()),
-        *((OF_INDUCTION,) if True in kinds else ()),
+        *engines,
         "the C compiler, the operating system and the hardware that run both",
     )
 
@@ -154,7 +167,7 @@ def _but(report: VerifyReport) -> str:
 
 
 def _module(m: ModuleResult) -> ModuleProof:
-    meanings = {**MEANINGS, **(BY_INDUCTION if m.problem.kind == NODES else {})}
+    meanings = {**MEANINGS, **OTHERWISE.get(m.problem.kind, {})}
     rows = tuple(
         PropertyRow(name, meanings.get(name, ""), f.verdict, _method(f), f.seconds, f.text)
         for name, f in m.findings.items()
