@@ -227,13 +227,14 @@ class ModuleChecker:
                     also=((first[move.topic, move.path].path.span, "the first time"),),
                 )
         for word, other in _beside_rest(decl):
+            quoted = f"`{word}`" if " " not in word else f"the words {word}"
             self.diagnostics.error(
                 "M029",
                 f"module `{decl.name.text}` has `rest`, and `{word}`",
                 other,
                 also=((rest.span, "`rest`"),),
                 notes=("with `rest` the DM follows SC from each estimate: nothing else decides",),
-                helps=(f"leave out `{word}`, or `rest`",),
+                helps=(f"leave out {quoted}, or `rest`",),
             )
         sure = not is_error(condition) and self._of_a_state(condition, decl)
         if not sure or is_error(within) or None in moves:
