@@ -129,11 +129,9 @@ class Expressions:
     def div(self, a: Node, b: Node) -> Node:
         """The quotient."""
         if b.op == "number" and b.of[0]:
-            return (
-                self.mul(a, self.number(1.0 / b.of[0]))
-                if _is_power_of_two(b.of[0])
-                else (self._node("over", a, b))
-            )
+            if _is_power_of_two(b.of[0]):
+                return self.mul(a, self.number(1.0 / b.of[0]))
+            return self._node("over", a, b)
         return self.mul(a, self._node("inverse", b))
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
@@ -213,12 +211,7 @@ class Expressions:
         if e.op == "neg":
             return self.neg(below[0])
         if e.op in ("add", "sub", "mul", "square"):
-            a, b = below[0], below[-1]
-            return (
-                self.add(a, b)
-                if e.op == "add"
-                else (self.sub(a, b) if e.op == "sub" else self.mul(a, b))
-            )
+            return {"add": self.add, "sub": self.sub}.get(e.op, self.mul)(below[0], below[-1])
         return self._node(e.op, *below)
 
     # ------------------------------------------------------------ derivatives
@@ -310,8 +303,8 @@ class ExpressionReading(Execution["Value"]):
         self.guards: list[Node] = []
         """What has to hold so that nothing faults, wherever it stands."""
         self.computed: dict[Node, None] = {}
-        """Every number that is computed, also where the result does not hang on it: an endless one
-        may become NaN."""
+        """Every number on the way, whether or not the result hangs on it: an endless one may become
+        NaN."""
 
     def _known(self, condition: Value) -> bool | None:
         return condition.of[0] if condition.op == "known" else None

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
+PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
+"""Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS = 8
@@ -104,6 +106,7 @@ class TubeCheck:
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuw" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
+        self._left_out()
         self._reads_what_sc_reads(module.seen)
         bounds = {s: self.problem.system.topics[t].bounds[k] for s, (t, k) in module.seen.items()}
         self.read_sets = {
@@ -114,6 +117,23 @@ class TubeCheck:
         self._still = module.still(rates)
         self._effects = [e for row in module.effects(rates) for e in row]
         self._bends = module.bends(self._still)
+
+    def _left_out(self) -> None:
+        """States that are not followed have rates, and do not grow without end in finite time.
+
+        They grow at most exponentially where rates are affine in them.
+        """
+        names = self.problem.quantities.states
+        left = set(range(len(names))) - set(self.states)
+        for s in left:
+            rate = self.rates[s]
+            partial = any(e.op in PARTIAL for e in in_order([rate]))
+            along = [self.make.input("x", k) for k in _inputs([rate]) & left]
+            slopes = [self.make.along(rate, {x: self.make.number(1.0)}, {}) for x in along]
+            if partial or _inputs(slopes) & left:
+                raise NoExpressionError(
+                    f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
+                )
 
     def _reads_what_sc_reads(self, seen: Mapping[int, tuple[int, int]]) -> None:
         """Condition 2: of topics that the DM does not read SC may read what is older."""

@@ -142,3 +142,15 @@ def test_conditions_compare_truths(tmp_path: Path) -> None:
     for same in ("(sight.gap > 0.0) == (sight.v < 50.0)", "(sight.gap <= 0.0) != (sight.v < 50.0)"):
         m = verified(tmp_path, changed(PLAIN, ("safe sight.gap > 0.0", f"safe {same}")))
         assert m.findings["start"].verdict == "proved"
+
+
+def test_a_state_that_nothing_asks_for_does_not_end(tmp_path: Path) -> None:
+    """A plant stops whose state grows without end, or has no rate, and with it what is asked."""
+    heat = gauge(PLAIN, "topic gauge: float;", "heat")
+    heat = changed(heat, ("  state gap:", "  state heat: float = 1.0;\n  state gap:"))
+    for rate in ("heat * heat", "sqrt(v)", "tan(gap)"):
+        wrong = changed(heat, ("  der gap", f"  der heat = {rate};\n  der gap"))
+        assert "which may end" in refused(tmp_path, wrong)
+    for rate in ("v * v - 0.1 * heat", "0.1 * v * heat", "front"):
+        right = changed(heat, ("  der gap", f"  der heat = {rate};\n  der gap"))
+        assert verified(tmp_path, right).findings["start"].verdict == "proved"
