@@ -135,7 +135,10 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
 
 def rest_claims(check: TubeCheck) -> RestClaims:
     """What is shown of a rest, from the cache or computed."""
-    told = [version("soter"), check.offline({}), repr(check.problem.drifts)]
+    p = check.problem
+    names = [s.name for s in p.quantities.states]
+    ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
+    told = [version("soter"), check.offline({}), repr(ranges)]
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:

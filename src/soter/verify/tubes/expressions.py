@@ -11,8 +11,9 @@ Non-goals: whether a step faults (asked offline, of all that it may read), print
 from __future__ import annotations
 
 import operator
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from soter.core import core
 from soter.core.abstract_execution import Execution
@@ -47,8 +48,12 @@ class NoExpressionError(Exception):
     """What Core does here is no expression of reals; the text says what, for people."""
 
 
-class Node(NamedTuple):
-    """An operator and what it is applied to: nodes; of "number" and "input" a value."""
+@dataclass(frozen=True, eq=False, slots=True)
+class Node:
+    """An operator and what it is applied to: nodes; of "number" and "input" a value.
+
+    `Expressions` makes each once: two are the same one, or differ.
+    """
 
     op: str
     of: tuple[Any, ...]
@@ -62,12 +67,11 @@ class Expressions:
     """Nodes, folded where their value is known."""
 
     def __init__(self) -> None:
-        self._nodes: dict[Node, Node] = {}
+        self._nodes: dict[tuple[object, ...], Node] = {}
         self.true, self.false = self._node("known", True), self._node("known", False)
 
     def _node(self, op: str, *of: object) -> Node:
-        node = Node(op, of)
-        return self._nodes.setdefault(node, node)
+        return self._nodes.setdefault((op, *of), Node(op, of))
 
     def number(self, value: float) -> Node:
         """A constant; `NoExpressionError` for one that forms do not hold."""
@@ -125,11 +129,9 @@ class Expressions:
     def div(self, a: Node, b: Node) -> Node:
         """The quotient."""
         if b.op == "number" and b.of[0]:
-            return (
-                self.mul(a, self.number(1.0 / b.of[0]))
-                if _is_power_of_two(b.of[0])
-                else (self._node("over", a, b))
-            )
+            if _is_power_of_two(b.of[0]):
+                return self.mul(a, self.number(1.0 / b.of[0]))
+            return self._node("over", a, b)
         return self.mul(a, self._node("inverse", b))
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
@@ -209,12 +211,7 @@ class Expressions:
         if e.op == "neg":
             return self.neg(below[0])
         if e.op in ("add", "sub", "mul", "square"):
-            a, b = below[0], below[-1]
-            return (
-                self.add(a, b)
-                if e.op == "add"
-                else (self.sub(a, b) if e.op == "sub" else self.mul(a, b))
-            )
+            return {"add": self.add, "sub": self.sub}.get(e.op, self.mul)(below[0], below[-1])
         return self._node(e.op, *below)
 
     # ------------------------------------------------------------ derivatives
@@ -302,8 +299,12 @@ class ExpressionReading(Execution["Value"]):
     ) -> None:
         super().__init__(functions)
         self.make, self.cell = make, cell
+        self.where = None
         self.guards: list[Node] = []
         """What has to hold so that nothing faults, wherever it stands."""
+        self.computed: dict[Node, None] = {}
+        """Every number on the way, whether or not the result hangs on it: an endless one may become
+        NaN."""
 
     def _known(self, condition: Value) -> bool | None:
         return condition.of[0] if condition.op == "known" else None
@@ -323,6 +324,8 @@ class ExpressionReading(Execution["Value"]):
         return join
 
     def _select(self, condition: Node, a: Value, b: Value) -> Value:
+        if a is b:
+            return a
         if isinstance(a, Node):
             if a.op in CONDITIONS or b.op in CONDITIONS:
                 yes = self.make.join("and", condition, a)
@@ -374,15 +377,20 @@ class ExpressionReading(Execution["Value"]):
         k, *rest = path
         return (*old[:k], self._changed(s, old[k], rest, value), *old[k + 1 :])
 
+    def _number(self, e: Node) -> Node:
+        """What is computed, noted."""
+        self.computed[e] = None
+        return e
+
     def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
         """The result of a function; NoExpressionError where it is extern."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
-            return self.make.function(f.source_name, arguments[0])
+            return self._number(self.make.function(f.source_name, arguments[0]))
         if is_prelude(f) and f.source_name == "clamp":
-            return self.make.clamp(*arguments)
+            return self._number(self.make.clamp(*arguments))
         if is_prelude(f) and f.source_name == "hypot":
             x, y = (self.make.mul(a, a) for a in arguments)
-            return self.make.function("sqrt", self.make.add(x, y))
+            return self._number(self.make.function("sqrt", self.make.add(x, y)))
         if is_prelude(f) and f.source_name in NO_FUNCTIONS:
             raise NoExpressionError(f"`{f.source_name}`, of which no form is known")
         if f.result is None:
@@ -455,7 +463,7 @@ class ExpressionReading(Execution["Value"]):
         if op == "abs":
             return make.number(abs(a.of[0])) if a.op == "number" else make.function("abs", a)
         if op == "sqrt":
-            return make.function("sqrt", a)
+            return self._number(make.function("sqrt", a))
         msg = f"`{op}`, which jumps"
         raise NoExpressionError(msg)
 
@@ -466,9 +474,13 @@ class ExpressionReading(Execution["Value"]):
         if op in COMPARED:
             return make.compare(op, a, b)
         if op in ("==", "!="):
-            same = make.join("and", make.compare("<=", a, b), make.compare(">=", a, b))
+            if a.op in CONDITIONS:
+                same = self._select(a, b, make.not_(b))
+            else:
+                same = make.join("and", make.compare("<=", a, b), make.compare(">=", a, b))
             return same if op == "==" else make.not_(same)
-        return {"+": make.add, "-": make.sub, "*": make.mul, "/": make.div}[op](a, b)
+        by = {"+": make.add, "-": make.sub, "*": make.mul, "/": make.div}
+        return self._number(by[op](a, b))
 
 
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
@@ -477,15 +489,12 @@ CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "insid
 def in_order(roots: Sequence[Node]) -> list[Node]:
     """All nodes below, each behind what it is made of."""
     seen: dict[Node, None] = {}
-
-    def visit(e: Node) -> None:
-        if e in seen:
-            return
-        for x in e.of:
-            if isinstance(x, Node):
-                visit(x)
-        seen[e] = None
-
-    for root in roots:
-        visit(root)
+    todo = [(root, False) for root in reversed(roots)]
+    while todo:
+        e, below_seen = todo.pop()
+        if below_seen:
+            seen[e] = None
+        elif e not in seen:
+            todo.append((e, True))
+            todo += [(x, False) for x in reversed(e.of) if isinstance(x, Node)]
     return list(seen)

@@ -14,6 +14,7 @@ from soter.language.model.types import ArrayType, FloatType, RecordType, Type, l
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_inputs import key, names, types_of
 from soter.verify.tubes.expressions import (
+    LARGEST,
     ExpressionReading,
     Expressions,
     NoExpressionError,
@@ -43,8 +44,10 @@ class ModuleExpressions:
         for kind, every in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
             self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
-        self.seen: set[int] = set()
-        """Topics in which SC sees states."""
+        self.seen: dict[int, tuple[int, int]] = {}
+        """State that SC sees -> the topic and the leaf in which it does."""
+        self._guards: list[Node] = []
+        """What has to hold so that no plant faults."""
 
     # ------------------------------------------------------------ flows
 
@@ -62,6 +65,7 @@ class ModuleExpressions:
             cells = {x.cell.name: x for x in step.states}
             x = tuple(self._cell(cells[n].cell, t) for n, t in record.fields)
             result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
+            self._guards += body.guards
             for path, _, v in parts(record, result):
                 rates[component.index, path[0], path[1:]] = v
         zero = self.make.number(0.0)
@@ -108,7 +112,11 @@ class ModuleExpressions:
             raise NoExpressionError("SC has variables, or `on takeover`")
         body = ExpressionReading(self.make, self.functions, self._seen)
         body.run(step.body)
+        make = self.make
         self.law_guards = body.guards
+        self.law_guards += [
+            make.inside(e, -LARGEST, LARGEST) for e in body.computed if e.op != "number"
+        ]
         found = {}
         for number, output in enumerate(step.outputs):
             published, value, t = body.frame.outputs[number]
@@ -119,7 +127,10 @@ class ModuleExpressions:
         return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
 
     def law_defined(self, law: list[Node]) -> Node:
-        """That SC's step does not fault on reads y, and publishes what its topics may hold."""
+        """That SC's step does not fault on reads y, and publishes what its topics may hold.
+
+        That all numbers on the way have ends says that none is NaN.
+        """
         held = self.make.true
         for guard in self.law_guards:
             held = self.make.join("and", held, guard)
@@ -128,19 +139,23 @@ class ModuleExpressions:
         return held
 
     def predicate(self, e: TypedExpr) -> Node:
-        """A condition on true states, over x."""
+        """A condition on true states, over x: that it is true, and that nothing faults there."""
         table = FunctionTable(self.problem.system)
         system, module = self.problem.system, self.problem.module
         p = lower_predicate(table, system, module.scope, e, e.span)
         body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
         body.run(p.body)
         held: Node = body.expr(p.value)
+        for guard in body.guards:
+            held = self.make.join("and", held, guard)
         return held
 
     def constraint(self) -> Node:
-        """C: `safe`, and that plants can publish what they then drive, errors included.
+        """C: `safe`, and that plants neither fault nor publish what their topics may not hold.
 
-        `NoExpressionError` where what has a set is no float.
+        Errors are counted. After `rates`, whose faults are among these.
+        `NoExpressionError` where what has a set is no float, and where commands or disturbances
+        alone may make a plant fault.
         """
         system, make = self.problem.system, self.make
         held = self.predicate(self.problem.module.symbol.safe)
@@ -160,6 +175,11 @@ class ModuleExpressions:
                         raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
                     low, high = room_of(bound, errors.get(k, 0.0))
                     held = make.join("and", held, make.inside(v, low, high))
+            self._guards += body.guards
+        for guard in self._guards:
+            if below(guard, "u") or below(guard, "w"):
+                raise NoExpressionError("a command or a disturbance may make a plant fault")
+            held = make.join("and", held, guard)
         return held
 
     # ------------------------------------------------------------ cells
@@ -205,7 +225,11 @@ class ModuleExpressions:
         return at(t, [0])
 
     def _seen(self, cell: core.Cell, t: Type) -> Value:
-        self.seen.add(cell.owner)
+        """What SC reads; of a state that it reads twice the errors differ."""
+        for leaf, state in self.problem.state_of_leaf.items():
+            if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
+                name = self.problem.quantities.states[state].name
+                raise NoExpressionError(f"SC sees `{name}` twice, with an error each")
         return self._topic(cell.owner, t, "y")
 
     def _true(self, cell: core.Cell, t: Type) -> Value:

@@ -46,8 +46,22 @@ def certain(
 ) -> str:
     """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
     body, names = _body([condition], inputs)
-    holds = (_condition if truth else _refuted)(condition, names)
-    return f"fun {name}({parameters}): bool {{\n{body}  return {holds};\n}}\n"
+    said = _condition if truth else _refuted
+    every = [said(c, names) for c in _parts(condition, "and" if truth else "or")]
+    lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
+    return f"fun {name}({parameters}): bool {{\n{body}{lines}  return true;\n}}\n"
+
+
+def _parts(condition: Node, op: str) -> list[Node]:
+    """What is joined by `op`, in one chain or in several."""
+    found, todo = [], [condition]
+    while todo:
+        c = todo.pop()
+        if c.op == op:
+            todo += reversed(c.of)
+        else:
+            found.append(c)
+    return found
 
 
 def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:

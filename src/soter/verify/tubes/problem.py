@@ -56,8 +56,24 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
         drifts[state] = Drift(inf if move.way == "up" else by, inf if move.way == "down" else by)
     within = int(calculator.value(rest.within, "the time of `rest`") or 0)
     diagnostics.raise_errors()
-    given = vars(problem) | {"kind": TUBES}
+    read = read_by(problem)
+    at = sorted(
+        problem.state_of_leaf.items(),
+        key=lambda x: (x[0][0] in read) + (x[0][0] in read_by_sc(problem)),
+    )
+    shown = {s: leaf for leaf, s in at}
+    given = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
     return TubeProblem(**given, rest=rest.condition, within_ns=within, drifts=drifts)
+
+
+def read_by(problem: Problem) -> set[int]:
+    """The topics that SC or a condition of the module reads: the DM of a proof reads them."""
+    return {*problem.module.scope.topics.values(), *read_by_sc(problem)}
+
+
+def read_by_sc(problem: Problem) -> set[int]:
+    """Those of SC."""
+    return set(problem.system.components[problem.module.sc].scope.topics.values())
 
 
 def _state(problem: Problem, move: RestMove) -> int | None:

@@ -89,9 +89,10 @@ def _name(check: TubeCheck, state: int) -> str:
     return check.problem.quantities.states[state].name
 
 
-def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
+def _without_set(
+    check: TubeCheck, sets: Sequence[Interval] | Mapping[int, Interval], states: Sequence[int]
+) -> str:
     """A state without a set among these; "": all have one."""
-    sets = check.problem.states
     return next((_name(check, s) for s in states if not isfinite(sets[s].high - sets[s].low)), "")
 
 
@@ -103,10 +104,10 @@ def _ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
 
 def _answers(check: TubeCheck, caller: Caller) -> str:
     """SC faults on nothing that it may read, and publishes what its topics may hold."""
-    read = sorted(check.read_by_law)
-    if name := _without_set(check, read):
+    sets = check.read_sets
+    if name := _without_set(check, sets, sorted(check.read_by_law)):
         return f"SC reads {name}, whose topic has no set"
-    sets = {s: check.problem.states[s] for s in read}
+    sets = {s: sets[s] for s in check.read_by_law}
     if caller.holds("answers", _ends(check, sets)):
         return ""
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
@@ -117,10 +118,10 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
     moving = [s for s in check.states if s in problem.drifts]
-    if name := _without_set(check, own):
+    if name := _without_set(check, problem.states, own):
         return f"nothing bounds {name} (a set of its topic would)"
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, [s for s in moving if s in read]):
+    if name := _without_set(check, problem.states, [s for s in moving if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
     sets = {s: problem.states[s] for s in check.states if s in read or s not in problem.drifts}
     box = _around_rest(check, caller, sets, own)

@@ -15,20 +15,23 @@ from importlib.resources import files
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
+from soter.core.abstract_execution import TooManyStatementsError
 from soter.language.model.types import leaves
+from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import certain, function, number
-from soter.verify.tubes.problem import refused
+from soter.verify.tubes.problem import read_by, refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from soter.verify.problem.problem import Interval
     from soter.verify.tubes.expressions import Node
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
+PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
+"""Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS = 8
@@ -74,7 +77,7 @@ class TubeCheck:
     """Of one problem; `SoterError` R007 where something is no expression of reals.
 
     `states`: those that what is asked hangs on, in the order of estimates; all others are left out
-    (no rate, law or condition of these reads them).
+    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state.
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -84,6 +87,8 @@ class TubeCheck:
             self._read()
         except NoExpressionError as error:
             raise refused(problem, str(error)) from None
+        except (TooManyStatementsError, RecursionError):
+            raise refused(problem, "an expression is too large") from None
 
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
@@ -101,20 +106,47 @@ class TubeCheck:
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuw" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
+        self._left_out()
         self._reads_what_sc_reads(module.seen)
+        bounds = {s: self.problem.system.topics[t].bounds[k] for s, (t, k) in module.seen.items()}
+        self.read_sets = {
+            s: Interval(-inf, inf) if b is None else Interval(b.low, b.high)
+            for s, b in bounds.items()
+        }
         rates = [every[s] for s in self.states]
         self._still = module.still(rates)
         self._effects = [e for row in module.effects(rates) for e in row]
         self._bends = module.bends(self._still)
 
-    def _reads_what_sc_reads(self, seen: set[int]) -> None:
-        """Condition 2: of other topics SC may read states that are older than the estimate."""
-        topics = self.problem.system.topics
-        unread = sorted(topics[i].name for i in seen - {topic for topic, _ in self.estimate})
-        if unread:
+    def _left_out(self) -> None:
+        """States that are not followed have rates, and do not grow without end in finite time.
+
+        They grow at most exponentially where rates are affine in them.
+        """
+        names = self.problem.quantities.states
+        left = set(range(len(names))) - set(self.states)
+        for s in left:
+            rate = self.rates[s]
+            partial = any(e.op in PARTIAL for e in in_order([rate]))
+            along = [self.make.input("x", k) for k in _inputs([rate]) & left]
+            slopes = [self.make.along(rate, {x: self.make.number(1.0)}, {}) for x in along]
+            if partial or _inputs(slopes) & left:
+                raise NoExpressionError(
+                    f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
+                )
+
+    def _reads_what_sc_reads(self, seen: Mapping[int, tuple[int, int]]) -> None:
+        """Condition 2: of topics that the DM does not read SC may read what is older."""
+        problem, topics = self.problem, self.problem.system.topics
+        estimate = {topic for topic, _ in self.estimate}
+        other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
+        if other:
             raise NoExpressionError(
-                f"SC sees the plant by `{unread[0]}`, which its DM does not read"
+                f"SC sees the plant by `{other[0]}`, which its DM does not read"
             )
+        unread = sorted(topics[i].name for i in estimate - read_by(problem))
+        if unread:
+            raise NoExpressionError(f"only `{unread[0]}`, which nobody reads, shows a state")
 
     @property
     def estimate(self) -> list[tuple[int, int]]:

@@ -90,7 +90,7 @@ def test_an_sc_that_the_theorem_does_not_have_is_refused(tmp_path: Path) -> None
     sees = SENSED.replace("topic levers:", "".join([*topics, "topic levers:"]))
     sees = sees.replace("  state gap:", "  drives one = v;\n  drives two = v;\n  state gap:")
     behind = ";\n  publishes levers;\n  step { publish"
-    sees = sees.replace(f"  subscribes sight{behind}", f"  subscribes one{behind}")
+    sees = sees.replace(f"  subscribes sight{behind}", f"  subscribes one, two{behind}")
     sees = sees.replace("clamp(1.0 + sight.v", "clamp(1.0 + one")
     assert "does not read" in refused(tmp_path, sees)
     step = "  publishes levers;\n  step { publish"

@@ -1,0 +1,156 @@
+"""Programs with `rest` that somebody wrote to get a wrong verdict, or none at all."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.api import Program
+from unit.verify.tubes.test_rest_claims import FOLLOW, SENSED, refused, verified
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PLAIN = FOLLOW.read_text(encoding="utf-8")
+STEP = "publish levers = { gas: 0.0, brake: clamp(1.0 + sight.v, 0.0, 1.0) };"
+BRAKES = "publish levers = { gas: 0.0, brake: 1.0 };"
+
+
+def changed(text: str, *pairs: tuple[str, str]) -> str:
+    for old, new in pairs:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return text
+
+
+def gauge(text: str, topic: str, value: str = "v") -> str:
+    """With a second topic of the plant."""
+    text = changed(text, ("topic levers:", f"{topic}\ntopic levers:"))
+    return changed(text, ("  state gap:", f"  drives gauge = {value};\n  state gap:"))
+
+
+def test_a_start_is_asked_of_each_program(tmp_path: Path) -> None:
+    """What is kept of one is nothing for another one that starts elsewhere."""
+    assert verified(tmp_path, PLAIN).findings["start"].verdict == "proved"
+    fast = changed(PLAIN, ("v: float = 10.0;", "v: float = 38.0;"))
+    assert verified(tmp_path, fast.replace("60.0", "1.0")).findings["start"].verdict == "undecided"
+    near = changed(PLAIN, ("way: float = 0.0;", "way: float = 399.9;"))
+    assert verified(tmp_path, near).findings["start"].verdict == "undecided"
+
+
+MAY_BE_NAN = {
+    "a sine beyond its range": "brake: clamp(0.9 + 0.05 * sin(1e5 * sight.v), 0.0, 1.0) };",
+    "a cosine beyond its range": "brake: clamp(0.9 + 0.05 * cos(1e5 * sight.v), 0.0, 1.0) };",
+    "an angle beyond its range": "brake: wrap_angle(1e5 * sight.v) > 9.0 ? 0.9 : 1.0 };",
+    "nothing of the endless": "brake: 1.0 + 0.0 * (sight.v * 1e200 * 1e120) };",
+    "the endless is limited": "brake: clamp(0.0 * (sight.v * 1e200 * 1e120), 1.0, 1.0) };",
+}
+
+
+@pytest.mark.parametrize("name", MAY_BE_NAN)
+def test_an_sc_that_may_publish_no_number_is_not_proved(tmp_path: Path, name: str) -> None:
+    nan = f"publish levers = {{ gas: 0.0, {MAY_BE_NAN[name]}"
+    m = verified(tmp_path, changed(SENSED, (STEP, nan)))
+    assert "may fault" in m.findings["P2a"].text
+
+
+def test_a_state_that_sc_sees_twice_has_two_errors(tmp_path: Path) -> None:
+    law = changed(SENSED, ("1.0 + sight.v, 0.0", "1.0 - 9.0 * abs(sight.v - OTHER), 0.0"))
+    leaf = changed(
+        law.replace("OTHER", "sight.u"),
+        ('v: float unit "m/s" };', 'v: float unit "m/s", u: float };'),
+        ("v: v }", "v: v, u: v }"),
+        ("sight.v within 0.05", "sight.v within 0.05, sight.u within 2.0"),
+    )
+    assert "twice" in refused(tmp_path, leaf)
+    topic = gauge(law.replace("OTHER", "gauge"), "topic gauge: float in [-2.0, 40.0] max_age 20ms;")
+    topic = changed(
+        topic,
+        ("  subscribes sight;\n  publishes levers;\n  step { publish", NODE_READS_BOTH),
+        ("sight.v within 0.05", "sight.v within 0.05, gauge within 2.0"),
+    )
+    assert "twice" in refused(tmp_path, topic)
+
+
+NODE_READS_BOTH = "  subscribes sight, gauge;\n  publishes levers;\n  step { publish"
+
+
+def test_an_sc_answers_all_that_its_own_topic_may_say(tmp_path: Path) -> None:
+    """Another topic of the same state may hold less."""
+    text = changed(SENSED, (STEP, f"let a = 1.0 / (sight.v + 1.0); {BRAKES}"))
+    text = changed(text, ("sight.v within 0.05", "sight.v within 1.0"))
+    other = gauge(text, "topic gauge: float in [-0.5, 35.0];")
+    assert "may fault" in verified(tmp_path, other).findings["P2a"].text
+
+
+def test_the_dm_sees_states_by_what_is_read(tmp_path: Path) -> None:
+    """A topic that nobody reads may show a state, too: first or last."""
+    for text in (PLAIN, SENSED):
+        more = gauge(text, "topic gauge: float;")
+        assert verified(tmp_path, more).findings["start"].verdict == "proved"
+        assert Program(str(tmp_path / "module.soter")).simulate(until="1s").violations == 0
+    hidden = changed(PLAIN, ("{ way in [-50.0, 500.0], v in", "{ way in [-50.0, 500.0], gap in"))
+    hidden = changed(
+        hidden,
+        (', v: float unit "m/s" }', " }"),
+        (", v: v }", " }"),
+        ("gap in [-2.0, 40.0]", "gap in [-2.0, 400.0]"),
+        ("0.5 * (30.0 - sight.v) + ", ""),
+        ("abs(sight.v) < 0.3", "sight.way > 300.0"),
+        (", sight.v within 0.05", ""),
+    )
+    hidden = gauge(hidden, "topic gauge: float in [-2.0, 40.0];")
+    assert "`gauge`, which nobody reads" in refused(tmp_path, hidden)
+
+
+def test_a_plant_that_may_fault_is_not_safe(tmp_path: Path) -> None:
+    told = gauge(PLAIN, "topic gauge: float;", "1.0 / (v - 5.0)")
+    assert verified(tmp_path, told).findings["start"].verdict == "undecided"
+    fun = "fun slow(v: float): float { assert v < 9.0; return v; }\nrta Follow"
+    rate = changed(
+        PLAIN, ("rta Follow", fun), ("BRAKE * levers.brake * v;", "levers.brake * slow(v);")
+    )
+    assert verified(tmp_path, rate).findings["start"].verdict == "undecided"
+    safe = changed(PLAIN, ("rta Follow", fun), ("sight.gap > 0.0 &&", "slow(sight.v) < 90.0 &&"))
+    assert verified(tmp_path, safe).findings["start"].verdict == "undecided"
+
+
+ODD = {
+    "a branch": f"if sight.v > 3.0 {{ {BRAKES} }} else {{ {BRAKES.replace('1.0', '0.9')} }}",
+    "truths compared": f"let a = (sight.v > 0.0) == (sight.v < 9.0); {BRAKES}",
+    "numbers used twice": "var a = 0.01 * sight.v; for i in 0..40 { a = 0.5 * a * (1.0 - a); } "
+    "publish levers = { gas: 0.0, brake: 1.0 + 0.0 * a };",
+    "many numbers": f"var a = sight.v; for i in 0..1500 {{ a = 0.5 * a; }} {BRAKES}",
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_sc_is_followed(tmp_path: Path, name: str) -> None:
+    m = verified(tmp_path, changed(SENSED, (STEP, ODD[name])))
+    assert m.findings["P2a"].verdict == "proved"
+
+
+def test_what_is_too_large_is_refused(tmp_path: Path) -> None:
+    long = f"var a = sight.v; for i in 0..30000 {{ a = 0.5 * a; }} {BRAKES}"
+    assert "too large" in refused(tmp_path, changed(SENSED, (STEP, long)))
+    once = f"if sight.v > 3.0 {{ {BRAKES} }}"
+    assert "publish nothing" in refused(tmp_path, changed(SENSED, (STEP, once)))
+
+
+def test_conditions_compare_truths(tmp_path: Path) -> None:
+    for same in ("(sight.gap > 0.0) == (sight.v < 50.0)", "(sight.gap <= 0.0) != (sight.v < 50.0)"):
+        m = verified(tmp_path, changed(PLAIN, ("safe sight.gap > 0.0", f"safe {same}")))
+        assert m.findings["start"].verdict == "proved"
+
+
+def test_a_state_that_nothing_asks_for_does_not_end(tmp_path: Path) -> None:
+    """A plant stops whose state grows without end, or has no rate, and with it what is asked."""
+    heat = gauge(PLAIN, "topic gauge: float;", "heat")
+    heat = changed(heat, ("  state gap:", "  state heat: float = 1.0;\n  state gap:"))
+    for rate in ("heat * heat", "sqrt(v)", "tan(gap)"):
+        wrong = changed(heat, ("  der gap", f"  der heat = {rate};\n  der gap"))
+        assert "which may end" in refused(tmp_path, wrong)
+    for rate in ("v * v - 0.1 * heat", "0.1 * v * heat", "front"):
+        right = changed(heat, ("  der gap", f"  der heat = {rate};\n  der gap"))
+        assert verified(tmp_path, right).findings["start"].verdict == "proved"
