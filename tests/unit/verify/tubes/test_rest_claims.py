@@ -69,9 +69,7 @@ def test_what_is_wrong_of_rest_is_not_proved(tmp_path: Path, name: str) -> None:
 
 
 def test_an_sc_that_reads_needs_sets_and_answers_on_all_of_them(tmp_path: Path) -> None:
-    unbounded = SENSED.replace(
-        "sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight"
-    )
+    unbounded = SENSED.replace("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")
     assert "no set" in verified(tmp_path, unbounded).findings["P2a"].text
     faulty = SENSED.replace("brake: clamp(", "brake: clamp(1.0 / sight.v + ")
     assert "may fault" in verified(tmp_path, faulty).findings["P2a"].text

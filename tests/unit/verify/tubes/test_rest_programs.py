@@ -90,7 +90,7 @@ def test_the_dm_sees_states_by_what_is_read(tmp_path: Path) -> None:
         more = gauge(text, "topic gauge: float;")
         assert verified(tmp_path, more).findings["start"].verdict == "proved"
         assert Program(str(tmp_path / "module.soter")).simulate(until="1s").violations == 0
-    hidden = changed(PLAIN, ("{ way in [-50.0, 500.0], v in", "{ way in [-50.0, 500.0], gap in"))
+    hidden = changed(PLAIN, ("sight: Sight in { v in", "sight: Sight in { gap in"))
     hidden = changed(
         hidden,
         (', v: float unit "m/s" }', " }"),
