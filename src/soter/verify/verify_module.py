@@ -109,7 +109,7 @@ def verify_module(
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
-    _static(problem, result)
+    static_claims(problem, result)
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
@@ -368,7 +368,7 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     return finding
 
 
-def _static(problem: Problem, result: ModuleResult) -> None:
+def static_claims(problem: Problem, result: ModuleResult) -> None:
     """P1a and P1b were checked with the program; P1c is a sum."""
     times = problem.times
     result.findings["P1a"] = Finding(

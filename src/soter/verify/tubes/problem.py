@@ -8,6 +8,7 @@ Non-goals: the check (`tube_check.py`), what is shown offline (`rest_claims.py`)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
@@ -52,16 +53,12 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
             )
             continue
         by = float(calculator.value(move.by, "how far it moves") or 0.0)
-        inf = float("inf")
         drifts[state] = Drift(inf if move.way == "up" else by, inf if move.way == "down" else by)
     within = int(calculator.value(rest.within, "the time of `rest`") or 0)
     diagnostics.raise_errors()
-    read = read_by(problem)
-    at = sorted(
-        problem.state_of_leaf.items(),
-        key=lambda x: (x[0][0] in read) + (x[0][0] in read_by_sc(problem)),
-    )
-    shown = {s: leaf for leaf, s in at}
+    read, by_sc = read_by(problem), read_by_sc(problem)
+    leaves_of = sorted(problem.state_of_leaf, key=lambda at: (at[0] in read) + (at[0] in by_sc))
+    shown = {problem.state_of_leaf[at]: at for at in leaves_of}  # the last one counts: SC's
     given = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
     return TubeProblem(**given, rest=rest.condition, within_ns=within, drifts=drifts)
 

@@ -25,8 +25,8 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.assumption import Assumption
-from soter.verify.time.problem_times import DELAYS, in_words
 from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.verify_module import static_claims
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -85,19 +85,14 @@ def verify_by_tubes(
     claims = rest_claims(check)
     result = TubeResult(problem, {}, [], added=(SOUND,))
     result.claims = claims
-    times, cpu = check.times, time.perf_counter() - began
+    static_claims(problem, result)
+    cpu = time.perf_counter() - began
     why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
     rest.hint = HINT if why else ""
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or IN_FLIGHT)
     findings = {
-        "P1a": Finding(
-            PROVED,
-            method="periods compared",
-            text=f"SC every {show_ns(times.period)}, DM every {show_ns(problem.times.delta_dm)}",
-        ),
-        "P1b": Finding(PROVED, method="outputs compared", text="AC and SC publish the same topics"),
-        "P1c": _horizon(problem),
+        **result.findings,
         "P2a": rest,
         "P2b": _returns(problem),
         "P3": flies,
@@ -124,18 +119,6 @@ def _kept(check: TubeCheck, claims: RestClaims) -> str:
 
 def _start(check: TubeCheck) -> str:
     return f"from there SC, acting within {show_ns(check.times.start)}, comes to rest within C"
-
-
-def _horizon(problem: TubeProblem) -> Finding:
-    times = problem.times
-    enough = times.horizon_ns >= times.h_star
-    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
-    return Finding(
-        held if enough else UNDECIDED,
-        method="worst case over all releases",
-        text=in_words(times),
-        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
-    )
 
 
 def _returns(problem: TubeProblem) -> Finding:
