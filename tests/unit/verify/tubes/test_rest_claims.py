@@ -68,6 +68,40 @@ def test_what_is_wrong_of_rest_is_not_proved(tmp_path: Path, name: str) -> None:
     assert m.verdict == "undecided"
 
 
+HELD = """soter 1;
+topic seen: float in [-2.0, 2.0] max_age 20ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+node Ac period 20ms { publishes push; step { publish push = 1.0; } }
+node Sc period 20ms { subscribes seen; publishes push;
+  step { publish push = clamp(-3.0 * seen, -1.0, 1.0); } }
+rta Held { ac Ac; sc Sc; period 20ms; safe abs(seen) < 1.0; rest abs(seen) < 0.3 within 2s; }
+plant Speed period 10ms { reads push; drives seen = v; state v: float = 0.0;
+  disturbance wind: float in [-0.2, 0.2]; der v = push + wind; measured seen within 0.02; }
+system S default { p: Speed; module Held; until 1s; }
+"""
+"""Nothing moves at rest: SC has to lead back, and nothing else is shown."""
+NOT_KEPT = {
+    "SC pushes the wrong way": ("-3.0 * seen", "3.0 * seen"),
+    "SC does nothing": ("clamp(-3.0 * seen, -1.0, 1.0)", "0.0 * seen"),
+    "SC looks elsewhere": ("-3.0 * seen", "-3.0 * (seen - 0.5)"),
+    "the wind is stronger": ("wind: float in [-0.2, 0.2]", "wind: float in [-1.1, 1.1]"),
+    "what is seen is too far off": ("seen within 0.02", "seen within 0.4"),
+}
+
+
+def test_a_rest_that_sc_leads_back_to_is_proved(tmp_path: Path) -> None:
+    assert verified(tmp_path, HELD).findings["P2a"].verdict == "proved"
+
+
+@pytest.mark.parametrize("name", NOT_KEPT)
+def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name: str) -> None:
+    old, new = NOT_KEPT[name]
+    assert HELD.count(old) == 1
+    finding = verified(tmp_path, HELD.replace(old, new)).findings["P2a"]
+    assert finding.verdict == "undecided"
+    assert "lead back" in finding.text
+
+
 def test_an_sc_that_reads_needs_sets_and_answers_on_all_of_them(tmp_path: Path) -> None:
     unbounded = SENSED.replace("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")
     assert "no set" in verified(tmp_path, unbounded).findings["P2a"].text
