@@ -44,7 +44,7 @@ setup: $(VENV)/.dev  ## make .venv with everything for running, testing and lint
 demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the reports
 	$(PY) examples/drone/demo.py
 
-test: $(VENV)/.dev  ## the tests, a quarter to half an hour on two cores; says how many long ones it left out
+test: $(VENV)/.dev  ## the tests, a quarter of an hour to forty minutes on two cores; says how many long ones it left out
 	$(PY) -m pytest $(PARALLEL)
 
 test-pages: $(VENV)/.dev  ## what the pages of the documents do and show
