@@ -78,6 +78,27 @@ def test_what_is_read_and_acts_beside_a_map_is_of_one_instant(
         facts_of(tmp_path, PROGRAMS["steps"], *pairs)
 
 
+# ---------------------------------------------------------------- SC's own times
+
+
+@pytest.mark.parametrize("cells", [True, False], ids=["cells", "half-spaces"])
+@pytest.mark.parametrize(("latest", "fine"), [(21, True), (22, False), (49, False)])
+def test_sc_that_acts_within_more_than_half_its_period_is_not_rechecked(
+    tmp_path: Path, cells: bool, latest: int, fine: bool
+) -> None:
+    """By every method: its step takes 1 ms, behind a DM that is done within 3 ms."""
+    pairs: Pairs = (("acts within 1ms", f"acts within {latest}ms"),)
+    if not cells:
+        (grid,) = [x for x in PROGRAMS["written"].splitlines() if "grid" in x]
+        pairs = (*pairs, (grid, "    polytope x;"))
+    if fine:
+        jitter = facts_of(tmp_path, PROGRAMS["written"], *pairs).times["j_ns"]
+        assert 2 * jitter <= 50_000_000
+    else:
+        with pytest.raises(NotRecheckedError, match="half its period"):
+            facts_of(tmp_path, PROGRAMS["written"], *pairs)
+
+
 # ---------------------------------------------------------------- defaults
 
 SEEN = """soter 1;

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import itertools
 import os
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -14,6 +16,7 @@ from soter.certificate.allowed_claims import static_claims
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT, canonical, read_certificate
+from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.reading import case_model, problem
 from soter.certificate.reading.case_model import CaseModel
@@ -209,6 +212,24 @@ def test_an_end_is_not_crossed_where_the_flow_leads_in(
     model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
     (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
     assert uncrossed_ends(model, [index]) == [ends]
+
+
+def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("soter.certificate.grid.grid_group.is_linear", lambda model, _: model)
+    for kept, linear in itertools.product((True, False), repeat=2):
+        check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
+        assert GridCheck.sees_rates.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
+
+
+def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
+    facts: Any = facts_of(tmp_path)
+    (index,) = facts.module.outputs
+    assert list(problem._leaves_of(facts, index, "other"))
+    topics = list(facts.system.topics)
+    topics[index] = dataclasses.replace(topics[index], bounds=(None,))
+    facts = SimpleNamespace(system=SimpleNamespace(topics=topics))
+    with pytest.raises(NotRecheckedError, match="no value set"):
+        list(problem._leaves_of(facts, index, "other"))
 
 
 # ---------------------------------------------------------------- what is said

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import random
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import pytest
 
@@ -189,6 +189,54 @@ def test_no_schedule_exceeds_a_time_and_nearly_all_are_reached() -> None:
             reached += seen[name] == value
             asked += 1
     assert reached >= 0.9 * asked, (reached, asked)
+
+
+def skips(setting: TimingSetting, dice: random.Random) -> bool:
+    """Whether a node behind SC misses an output in one run of that schedule."""
+    run, sc = Run(setting, dice), setting.sc
+    due = range(sc.phase, 150, sc.period)
+    published = [
+        (t + run.some(setting.starts_by(t) - t) + run.some(sc.response), k)
+        for k, t in enumerate(due)
+    ]
+    at_once = {k for at, k in published if at == due[k]}
+    every = [k for _, k in published]
+    for node in setting.effects[0].clocks:
+        shown = []
+        for t in range(node.phase, 250, node.period):
+            start = t + run.some(node.late)
+            tie = dice.random() < 0.5
+            seen = [
+                k for at, k in published if at < start or (at == start and (tie or k in at_once))
+            ]
+            if seen and (not shown or shown[-1][1] != seen[-1]):
+                shown.append((start + run.some(node.response), seen[-1]))
+        published, at_once = shown, set()
+    passed = {k for _, k in published}
+    return not passed.issuperset(every[1:-1]) and len(passed) > 1
+
+
+def test_no_node_skips_an_output_where_the_jitter_is_let_through() -> None:
+    """R015 refuses all that R018 is about: with a jitter below SC's period nothing is missed."""
+    through, missed = 0, 0
+    for seed in range(200):
+        dice = random.Random(seed)  # noqa: S311 - dice
+        nodes = tuple(
+            Clock(f"a{i}", p, dice.randrange(p), dice.randint(0, p // 2), dice.randint(0, p // 2))
+            for i in range(dice.choice((1, 1, 2)))
+            for p in [dice.choice((1, 2, 4, 6, 8, 12, 16))]
+        )
+        setting = replace(drawn(dice), effects=(NodeEffect(0, 0, nodes),))
+        try:
+            jitter = derive(setting).jitter
+        except NotRecheckedError:
+            continue
+        missing = any(skips(setting, dice) for _ in range(20))
+        fine = jitter < setting.sc.period
+        assert not (fine and missing), (seed, setting)
+        through, missed = through + fine, missed + missing
+    assert through > 20
+    assert missed > 20
 
 
 # ---------------------------------------------------------------- one thing at a time

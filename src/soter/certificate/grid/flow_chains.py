@@ -100,8 +100,6 @@ class FlowChain:
         self.times, self.delta = times, times.delta
         self.span = times.early + times.late
         """For how long it is not certain which command acts."""
-        if self.span > self.delta:
-            raise NotRecheckedError("an SC whose jitter exceeds half its period")
         reach = times.d + self.span
         self.depth = int(-(-reach // self.delta))
         """How many commands may have acted since a sample was taken, or may still act."""

@@ -226,8 +226,6 @@ class HoldImage:
         delays_ns: tuple[int, int],
     ) -> None:
         """`delays_ns`: d and j."""
-        if 2 * delays_ns[1] > instants_ns[-1]:
-            raise NotRecheckedError("polytopes where SC acts later than half its period")
         self.flow, self.law = flow, law
         self.times = [t * NS for t in instants_ns]
         self.delay, self.jitter = (t * NS for t in delays_ns)

@@ -62,6 +62,11 @@ def read_times(facts: Facts) -> None:
     if facts.kind == "map":
         _check_map(facts, setting)
     own = derive(setting)
+    # R015; and so no node on the way skips an output (R018): let one step before it sees output k,
+    # and next when k + 1 is there. Then k may not act before k + 1 may, by the same step and the
+    # same nodes behind it, so that j would be delta or more.
+    if 2 * own.jitter > setting.sc.period:
+        raise NotRecheckedError("an SC whose jitter exceeds half its period")
     for read in setting.by_sc:
         oldest = own.stamps.get(read.name, 0)
         if oldest > read.max_age:
