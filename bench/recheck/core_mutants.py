@@ -62,7 +62,14 @@ FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
     "terms": ("operations", "recheck_enclosures", "beyond_doubles"),
-    "time": ("times", "ways", "nodes_that_take_time", "recheck_towers", "one_instant"),
+    "time": (
+        "times",
+        "ways",
+        "nodes_that_take_time",
+        "recheck_towers",
+        "one_instant",
+        "refused_times",
+    ),
     "cells": ("certain_cells", "recheck_walks"),
     "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
     "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),

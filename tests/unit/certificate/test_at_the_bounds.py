@@ -20,6 +20,7 @@ from soter.certificate.cells.cell_sets import Grid
 from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.format.certificate_program import _overrides
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import GridCheck, _looked_at
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
@@ -102,6 +103,18 @@ def test_of_a_line_and_a_range_that_are_as_wide_the_line_is_kept() -> None:
 def test_growth_at_a_rate_that_is_a_ball_is_that_of_the_greatest() -> None:
     for own, most in ((arb(2, 0.5), 2.5), (arb(-2, 0.5), -1.5)):
         assert grown(own, exact(1.0)) >= math.expm1(most) / most
+
+
+@pytest.mark.parametrize("rate", [-2.0, 0.5, 2.0])
+@pytest.mark.parametrize(("start", "end"), [(0, 1), (-1, 0), (-1, 1)])
+def test_noise_adds_what_the_flow_makes_of_it_in_that_direction(
+    rate: float, start: int, end: int
+) -> None:
+    enclosure: Any = SimpleNamespace(a=[[exact(rate)]], b=[[exact(3.0)]], noise=[exact(1.0)])
+    of: Any = LocalFlow.noise
+    (bound,) = of(None, enclosure, Fraction(start), Fraction(end), [exact(0.5)])
+    most = max(abs(math.expm1(rate * t) / rate) for t in (start, end)) * 2.5
+    assert most <= bound < most * (1 + 1e-9)
 
 
 # ---------------------------------------------------------------- terms
