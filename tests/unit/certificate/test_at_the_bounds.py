@@ -16,16 +16,18 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cells import predicates
-from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.cells.cell_sets import Grid, finer
 from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.format.certificate_program import _overrides
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import GridCheck, _looked_at
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
+from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.sc_locals import one_of
-from soter.certificate.reading.symbolic_operations import Operations
+from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.terms.arb_balls import (
     ONE,
@@ -36,9 +38,15 @@ from soter.certificate.terms.arb_balls import (
     line_noisy_max0,
     line_or_range,
 )
-from soter.certificate.terms.compile_terms import compile_step, form_of_box, halved
-from soter.certificate.terms.operations import OPERATIONS, grown
-from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.certificate.terms.compile_terms import (
+    compile_step,
+    compile_truths,
+    form_of_box,
+    halved,
+)
+from soter.certificate.terms.operations import CERTAIN, OPERATIONS, grown
+from soter.certificate.terms.straight_line import content_of
+from soter.certificate.terms.terms import FALSE, TRUE, Linear, NotRecheckedError, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
 
@@ -236,6 +244,66 @@ def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
         assert part[11] == exact(0.6) / 2
 
 
+def test_what_is_never_so_is_not_certain() -> None:
+    terms = Terms()
+    inputs_of_two(terms)
+    for truth, certain in ((TRUE, True), (FALSE, False)):
+        assert all_certain(terms, [truth]) is certain
+        (bits,) = compile_truths(terms, [0], [truth], {})(form_of_box([(ONE, ONE)], symbols=False))
+        assert (bits == CERTAIN) is certain
+
+
+def test_a_table_of_one_column_is_read() -> None:
+    terms = Terms()
+    x, y = inputs_of_two(terms)
+    operations = Operations(terms, rounded=True)
+    for width in (1, 2):
+        rows = Rows([tuple(float(10 * r + c) for c in range(width)) for r in range(3)], x)
+        value: Any = operations.selected_twice(rows, y)
+        low, high = image(terms, value, [(2.0, 2.0), (width - 1.0, width - 1.0)])[1]
+        assert abs(low - (20 + width - 1)) < 1e-9
+        assert abs(high - low) < 1e-9
+
+
+def test_minus_a_number_is_no_int() -> None:
+    operations = Operations(Terms(), rounded=True)
+    for x in (1e300, -2.5, 0.0, 3, -(2**62)):
+        assert operations.negated(x) == -x
+    assert str(operations.negated(0.0)) == "-0.0"
+
+
+def test_only_equal_constants_are_one() -> None:
+    equal: list[Any] = [2, 2.0, exact(0.5), np.array([1.0, 2.0]), (ONE, 3), True]
+    for x, y in itertools.product(equal, repeat=2):
+        assert (content_of(x) == content_of(y)) is (x is y)
+    for unknown in (arb("nan"), arb("inf"), TRUE):
+        assert content_of(unknown) != content_of(unknown)
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_each_old_command_is_as_far_off_as_its_range_is_wide(given: bool) -> None:
+    n, q = 2, 3
+    layout = FormLayout(n, q, 1)
+    count = n + q if given else n
+    form: list[Any] = [exact(0.0)] * ((4 + n) * count + n * (count - n))
+    ends = [(exact(float(k)), exact(3.0 * k + 2)) for k in range(q)]
+    for k, (low, high) in enumerate(ends if given else ()):
+        form[2 * (n + k)], form[2 * (n + k) + 1] = low, high
+        form[2 * count + n + k] = (low + high) / 2
+        form[(3 + n) * count + n + k] = (high - low) / 2
+    opened = layout.opened(tuple(form), None if given else ends)
+    symbols = set()
+    for k, (low, high) in enumerate(ends):
+        row = opened.z[n + k]
+        assert row[0] == (low + high) / 2
+        (at,) = [i for i, x in enumerate(row) if i and not x.is_zero()]
+        assert row[at] == (high - low) / 2
+        assert at < len(row) - q  # the last are left to the commands that answer
+        symbols.add(at)
+        assert opened.ranges[n + k] == (low, high)
+    assert len(symbols) == q
+
+
 # ---------------------------------------------------------------- reading
 
 
@@ -245,6 +313,12 @@ topic unknown: float;
 fun Truths(x: float, y: float): float { return (x > 0.0) == (y > 0.0) ? 1.0 + x : -1.0 - y; }
 fun Others(x: float, y: float): float { return (x > 0.0) != (y > 1.0) ? 1.0 + x : -1.0 - y; }
 fun Counts(x: float, y: float): float { return float(2 * int(floor(x)) + 1) + y; }
+fun Of(v: float[3], i: int): float { return v[i]; }
+fun Known(x: float, y: float): float {
+  let v: float[3] = [x, y, x + y];
+  let i: int = 2;
+  return Of(v, i) - v[1] + [x, y][0];
+}
 fun Long(x: float, y: float): float {
   var sum = 0.0;
   for i in 0..24 {
@@ -275,6 +349,7 @@ def read(folder: Path, name: str, terms: Terms) -> Linear:
         ("Truths", lambda x, y: 1.0 + x if (x > 0) == (y > 0) else -1.0 - y),
         ("Others", lambda x, y: 1.0 + x if (x > 0) != (y > 1) else -1.0 - y),
         ("Counts", lambda x, y: 2 * math.floor(x) + 1 + y),
+        ("Known", lambda x, y: 2 * x),
         ("Long", lambda x, y: y * sum(x > i - 12.0 for i in range(24))),
     ],
 )
@@ -370,6 +445,20 @@ def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
 
 
 # ---------------------------------------------------------------- cells
+
+
+def test_a_box_is_halved_as_often_as_is_allowed() -> None:
+    for splits in range(5):
+        seen: list[float] = []
+
+        def attempt(box: Any, seen: list[float] = seen) -> bool:
+            width = float((box[0][1] - box[0][0]) * (box[1][1] - box[1][0]))
+            seen.append(width)
+            return width <= 1 / 8
+
+        square = [(exact(0.0), exact(1.0))] * 2
+        assert finer(square, attempt, splits) is (splits >= 3)
+        assert min(seen) == 2.0 ** -min(splits, 3)
 
 
 def test_a_box_on_an_edge_has_cells_on_its_inner_side() -> None:

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate import assumptions, rechecker
-from soter.certificate.allowed_claims import static_claims
+from soter.certificate.allowed_claims import of_the_module, static_claims
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.groups import GroupCheck
 from soter.certificate.reading import case_model, problem
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.linear_flows import _scheme
+from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.task_processes import can_fork
 from soter.certificate.terms.affine_forms import AffineForms
@@ -101,7 +102,14 @@ def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
 # ---------------------------------------------------------------- claims
 
 
-def claimed(monkeypatch: pytest.MonkeyPatch, p1c: str, horizon: int, least: int) -> None:
+def claimed(
+    monkeypatch: pytest.MonkeyPatch,
+    p1c: str,
+    horizon: int,
+    least: int,
+    tower: int = 1,
+    **more: str,
+) -> None:
     monkeypatch.setattr("soter.certificate.allowed_claims.of_the_module", lambda *_: None)
     monkeypatch.setattr("soter.certificate.allowed_claims.p1c_of", lambda _: "assumed")
     setting = SimpleNamespace(by_dm=(), by_sc=())
@@ -109,13 +117,50 @@ def claimed(monkeypatch: pytest.MonkeyPatch, p1c: str, horizon: int, least: int)
     facts: Any = SimpleNamespace(
         times=times,
         setting=setting,
-        tower=(),
+        tower=(None,) * tower,
         above=None,
         start_ns=0,
         flying=None,
         flying_module=None,
     )
-    static_claims(facts, {"P1c": p1c})
+    static_claims(facts, {"P1c": p1c, **more})
+
+
+@pytest.mark.parametrize(
+    ("ac", "sc", "outputs", "fine"),
+    [
+        ("uv", "vu", "uv", True),
+        ("u", "uv", "uv", False),
+        ("uv", "v", "uv", False),
+        ("uv", "uv", "u", False),
+        ("", "", "", False),
+    ],
+)
+def test_both_controllers_publish_all_outputs_and_no_others(
+    ac: str, sc: str, outputs: str, fine: bool
+) -> None:
+    def publishes(names: str) -> Any:
+        scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
+        return SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=1)
+
+    system: Any = SimpleNamespace(components=[publishes(ac), publishes(sc)])
+    symbol = SimpleNamespace(latch=None)
+    module: Any = SimpleNamespace(
+        ac=0, sc=1, over=None, period_ns=1, outputs=[ord(n) for n in outputs], symbol=symbol
+    )
+    of_the_module(system, module, {"P1b": "assumed"})
+    if fine:
+        of_the_module(system, module, {"P1b": "proved"})
+    else:
+        with pytest.raises(RejectedError, match="P1b"):
+            of_the_module(system, module, {"P1b": "proved"})
+
+
+def test_a_law_of_a_tower_is_not_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    claimed(monkeypatch, "assumed", 5, 5, tower=1, failsafe="proved")
+    claimed(monkeypatch, "assumed", 5, 5, tower=2, failsafe="assumed")
+    with pytest.raises(RejectedError, match="tower"):
+        claimed(monkeypatch, "assumed", 5, 5, tower=2, failsafe="proved")
 
 
 def test_a_horizon_is_long_enough_from_h_star_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -219,6 +264,7 @@ def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPat
     for kept, linear in itertools.product((True, False), repeat=2):
         check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
         assert GridCheck.sees_rates.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
+    assert not GroupCheck.sees_rates.fget(None)  # type: ignore[attr-defined]
 
 
 def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
@@ -230,6 +276,49 @@ def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
     facts = SimpleNamespace(system=SimpleNamespace(topics=topics))
     with pytest.raises(NotRecheckedError, match="no value set"):
         list(problem._leaves_of(facts, index, "other"))
+
+
+def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None:
+    for rate, linear in (("-q", True), ("-q * q", False)):
+        model = CaseModel(
+            facts_of(tmp_path, ("der q = -q", f"der q = {rate}")), (), ((-3.0, 3.0), (-1.0, 1.0))
+        )
+        (index,) = (i for i, s in enumerate(model.facts.states) if s.name.endswith("q.q"))
+        assert is_linear(model, [index]) is linear
+        if linear:
+            linear_flow(model, [index])
+        else:
+            with pytest.raises(NotRecheckedError, match="not linear"):
+                linear_flow(model, [index])
+
+
+RECORDS = """type In = { a: float, b: float };
+type Out = { one: In, two: In };
+topic whole: Out;
+"""
+WHOLE = "drives whole = { two: { b: p, a: 1.0 }, one: { a: 2.0, b: 3.0 } };"
+
+
+def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
+    pairs = ("topic x:", f"{RECORDS}topic x:"), ("drives x = p;", f"drives x = p; {WHOLE}")
+    facts = facts_of(tmp_path, *pairs)
+    (plant,) = (c for c in facts.plants if c.name == "p")
+    assert plant.plant is not None
+    (value,) = (e for t, e in plant.plant.drives if t.name == "whole")
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
+    for path, found in ((("two", "b"), index), (("two", "a"), None), (("one", "b"), None)):
+        assert problem.followed(facts, plant, value, path) == found
+
+
+def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
+    assert not facts_of(tmp_path).others
+    facts = facts_of(
+        tmp_path,
+        ("topic u:", "input topic wish: float in [-0.5, 0.5] max_age 9s;\ntopic u:"),
+        ("subscribes x, y;", "subscribes x, y, wish;"),
+        ("clamp(-x,", "clamp(wish - x,"),
+    )  # fmt: skip
+    assert [(i.low, i.high) for i in facts.others] == [(-0.5, 0.5)]
 
 
 # ---------------------------------------------------------------- what is said
@@ -249,6 +338,15 @@ def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
         facts.view = view  # type: ignore[assignment]
         said = [a.key for a in assumptions.assumptions_of(facts)]
         assert ("key" in said) == (view is not None)
+
+
+def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    of = "soter.certificate.reading.modes_of_other_modules.assumed"
+    monkeypatch.setattr(of, lambda *_: [("key", "text")])
+    facts = facts_of(tmp_path)
+    for modes in ((), ("a mode",)):
+        monkeypatch.setattr(type(facts), "modes", modes)
+        assert ("key" in [a.key for a in assumptions.assumptions_of(facts)]) == bool(modes)
 
 
 # ---------------------------------------------------------------- numbers
