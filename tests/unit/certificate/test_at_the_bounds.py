@@ -196,6 +196,7 @@ def test_a_root_asks_that_there_is_one() -> None:
     x, _ = inputs_of_two(terms)
     operations = Operations(terms, rounded=True)
     operations.builtin("sqrt", terms.function("square", x, nonnegative=True))
+    operations.builtin("sqrt", terms.multiply(x, x))
     assert not terms.obligations
     operations.builtin("sqrt", x)
     assert terms.obligations
@@ -349,7 +350,7 @@ def read(folder: Path, name: str, terms: Terms) -> Linear:
         ("Truths", lambda x, y: 1.0 + x if (x > 0) == (y > 0) else -1.0 - y),
         ("Others", lambda x, y: 1.0 + x if (x > 0) != (y > 1) else -1.0 - y),
         ("Counts", lambda x, y: 2 * math.floor(x) + 1 + y),
-        ("Known", lambda x, y: 2 * x),
+        ("Known", lambda x, _: 2 * x),
         ("Long", lambda x, y: y * sum(x > i - 12.0 for i in range(24))),
     ],
 )

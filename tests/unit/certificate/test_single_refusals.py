@@ -9,10 +9,13 @@ import os
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.certificate import assumptions, rechecker
 from soter.certificate.allowed_claims import of_the_module, static_claims
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT, canonical, read_certificate
@@ -171,6 +174,51 @@ def test_a_horizon_is_long_enough_from_h_star_on(monkeypatch: pytest.MonkeyPatch
     claimed(monkeypatch, "undecided", 4, 5)
     with pytest.raises(RejectedError, match="P1c"):
         claimed(monkeypatch, "proved", 5, 5)
+
+
+@pytest.mark.parametrize("lawful", [None, [True, True, False]])
+@pytest.mark.parametrize("left", [True, False])
+def test_k_holds_no_cell_on_which_safe_is_not_certain(
+    left: bool, lawful: list[bool] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where no run leaves K."""
+    monkeypatch.setattr("soter.certificate.grid.grid_group.blocks", lambda *_: ["asked"])
+    grid = Grid(((0.0, 1.0, 2.0, 3.0),))
+    for members, allowed in itertools.product(itertools.product((False, True), repeat=3), repeat=2):
+        check: Any = SimpleNamespace(
+            grid=grid,
+            kernel=Cells(grid, np.array(members)),
+            allowed=np.array(allowed),
+            lawful=None if lawful is None else Cells(grid, np.array(lawful)),
+            chains=None,
+            tables=SimpleNamespace(core=None),
+            _never_left=lambda _: not left,
+        )
+        certain = [
+            a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
+        ]
+        if all(c or not m for m, c in zip(members, certain, strict=True)):
+            assert list(GridCheck.core(check)) == (["asked"] if left else [])
+        else:
+            with pytest.raises(RejectedError, match="not certain"):
+                GridCheck.core(check)
+
+
+@pytest.mark.parametrize(("begins", "asked"), [((2.0, 3.0), True), ((3.0,), False)])
+def test_a_start_is_asked_with_the_values_with_which_runs_start(
+    begins: tuple[float, ...], asked: bool
+) -> None:
+    facts = SimpleNamespace(
+        above=None, parameters=[SimpleNamespace(begins=begins)], controls=[], start_ns=7
+    )
+    starts: list[int] = []
+    case: Any = SimpleNamespace(
+        model=SimpleNamespace(facts=facts, parameter=(2.0,)),
+        checks=[SimpleNamespace(start=starts.append)],
+        _ask=list,
+    )
+    CaseCheck._start(case)
+    assert starts == ([7] if asked else [])
 
 
 @pytest.mark.parametrize("law", [None, "a law"])
