@@ -111,18 +111,21 @@ def claimed(
     horizon: int,
     least: int,
     tower: int = 1,
+    start: int = 0,
+    seen: str = "",
     **more: str,
 ) -> None:
     monkeypatch.setattr("soter.certificate.allowed_claims.of_the_module", lambda *_: None)
     monkeypatch.setattr("soter.certificate.allowed_claims.p1c_of", lambda _: "assumed")
-    setting = SimpleNamespace(by_dm=(), by_sc=())
+    by_dm, by_sc = ([SimpleNamespace(name=n) for n in names] for names in (seen, "xy"))
+    setting = SimpleNamespace(by_dm=by_dm, by_sc=by_sc)
     times = {"H_ns": horizon, "H_star_ns": least}
     facts: Any = SimpleNamespace(
         times=times,
         setting=setting,
         tower=(None,) * tower,
         above=None,
-        start_ns=0,
+        start_ns=start,
         flying=None,
         flying_module=None,
     )
@@ -157,6 +160,13 @@ def test_both_controllers_publish_all_outputs_and_no_others(
     else:
         with pytest.raises(RejectedError, match="P1b"):
             of_the_module(system, module, {"P1b": "proved"})
+
+
+def test_what_sc_alone_reads_is_there_within_the_horizon(monkeypatch: pytest.MonkeyPatch) -> None:
+    for start, seen in ((5, "x"), (4, ""), (6, "xy")):
+        claimed(monkeypatch, "assumed", 5, 5, start=start, seen=seen)
+    with pytest.raises(RejectedError, match="`y`, which the DM does not read"):
+        claimed(monkeypatch, "assumed", 5, 5, start=6, seen="x")
 
 
 def test_a_law_of_a_tower_is_not_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
