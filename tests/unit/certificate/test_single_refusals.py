@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import itertools
+import math
 import os
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT, canonical, read_certificate
-from soter.certificate.grid.grid_group import GridCheck
+from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.groups import GroupCheck
 from soter.certificate.reading import case_model, problem
@@ -348,6 +349,31 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
         else:
             with pytest.raises(NotRecheckedError, match="not linear"):
                 linear_flow(model, [index])
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("euler", 1), ("rk4", 4)])
+def test_a_flow_is_that_of_which_a_step_of_the_scheme_is_a_solution(
+    tmp_path: Path, scheme: str, order: int
+) -> None:
+    facts = facts_of(tmp_path, ("der q = -q", f"integrate {scheme}; der q = -20.0 * q"))
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("q.q"))
+    ((rate,),) = linear_flow(model, [index]).a
+    step = sum((-20.0 * 0.01) ** k / math.factorial(k) for k in range(order + 1))
+    assert abs(float(rate.mid()) - math.log(step) / 0.01) < 1e-9
+
+
+@pytest.mark.parametrize("state", ["p.p", "q.q"])
+def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str) -> None:
+    facts = facts_of(tmp_path)
+    (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
+    group = SimpleNamespace(states=(index,), grid=Grid(((0.0, 1.0),)))
+    check: Any = SimpleNamespace(tables=group)
+    axis = {"state": state, "edges": [0.0, 2.0]}
+    certificate: Any = SimpleNamespace(edges=tuple)
+    why = "elsewhere" if state == "p.p" else "other axes"
+    with pytest.raises(RejectedError, match=why):
+        GridGroup.compare(check, certificate, facts, [check], {"axes": [axis], "levels": None})
 
 
 RECORDS = """type In = { a: float, b: float };
