@@ -352,15 +352,16 @@ def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(("scheme", "order"), [("euler", 1), ("rk4", 4)])
-def test_a_flow_is_that_of_which_a_step_of_the_scheme_is_a_solution(
-    tmp_path: Path, scheme: str, order: int
-) -> None:
+def test_the_rate_of_a_scheme_leads_to_its_step(tmp_path: Path, scheme: str, order: int) -> None:
     facts = facts_of(tmp_path, ("der q = -q", f"integrate {scheme}; der q = -20.0 * q"))
     model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
     (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("q.q"))
-    ((rate,),) = linear_flow(model, [index]).a
-    step = sum((-20.0 * 0.01) ** k / math.factorial(k) for k in range(order + 1))
-    assert abs(float(rate.mid()) - math.log(step) / 0.01) < 1e-9
+    of_state, of_held = (float(m[0][0].mid()) for m in _scheme(model, [[exact(-20.0)]], [index]))
+    z, gamma = -0.2, -math.expm1(-0.2) / 20.0
+    state = sum(z**k / math.factorial(k) for k in range(order + 1))
+    held = 0.01 * sum(z**k / math.factorial(k + 1) for k in range(order))
+    assert abs(of_state - (state - math.exp(z)) / gamma) < 1e-9
+    assert abs(of_held - (held - gamma) / gamma) < 1e-9
 
 
 @pytest.mark.parametrize("state", ["p.p", "q.q"])
