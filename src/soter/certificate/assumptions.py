@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate import handover, module_above
 from soter.certificate.reading import modes_of_other_modules, verification_system
-from soter.certificate.reading.module_facts import bounded_topics, read_by
+from soter.certificate.reading.module_facts import bounded_topics, number_of, read_by
 from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.certificate.time import node_paths
@@ -172,6 +172,8 @@ def _timing(facts: Facts) -> Said:
     for key, (words, name) in DELAYS.items():
         if getattr(verify, name) is not None:
             text = f"{words} {show_ns(facts.times[key])}"
+            if key == "L_ns" and verify.acts_least is not None:
+                text = f"{text}, and {show_ns(number_of(facts, verify.acts_least))} at least"
             yield f"declared {text}", f"times as declared: {text}"
         elif facts.kind == "flow":
             yield f"undeclared {words}", f"{undeclared} {words}"

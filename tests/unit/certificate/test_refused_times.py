@@ -99,6 +99,19 @@ def test_sc_that_acts_within_more_than_half_its_period_is_not_rechecked(
             facts_of(tmp_path, PROGRAMS["written"], *pairs)
 
 
+@pytest.mark.parametrize(("within", "jitter"), [("4ms", 8), ("1ms to 4ms", 7), ("4ms to 4ms", 4)])
+def test_both_sides_know_how_soon_a_command_acts_at_least(
+    tmp_path: Path, within: str, jitter: int
+) -> None:
+    pairs: Pairs = (("acts within 1ms", f"acts within {within}"),)
+    facts = facts_of(tmp_path, PROGRAMS["written"], *pairs)
+    problem = extract(facts.flying, facts.flying.modules[0])
+    assert facts.times["j_ns"] == problem.times.jitter_sc == jitter * 1_000_000
+    for name in ("h0_ns", "H_star_ns", "d_ns"):
+        known = facts_of(tmp_path, PROGRAMS["written"], ("acts within 1ms", "acts within 4ms"))
+        assert facts.times[name] == known.times[name]
+
+
 # ---------------------------------------------------------------- defaults
 
 SEEN = """soter 1;

@@ -46,7 +46,8 @@ def drawn(dice: random.Random) -> TimingSetting:
     sc = clock("sc", tuple(p for p in (4, 6, 8, 12) if p <= dm.period), 1)
     read = TopicReading("x", (path(),), 20)
     behind = tuple(clock(f"a{i}", (1, 2, 3), 1) for i in range(dice.choice((0, 0, 1))))
-    effect = NodeEffect(0, dice.choice((0, 1)), behind)
+    least = dice.choice((0, 0, 1))
+    effect = NodeEffect(least, least + dice.choice((0, 1)), behind)
     return TimingSetting(dm, sc, (read,), (read,), (effect,))
 
 

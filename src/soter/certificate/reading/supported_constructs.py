@@ -71,8 +71,8 @@ DECLARATIONS: dict[type, str] = {
     "sc_span over contract failsafe wcet jitter latch shield toward_sc rest",
     t.Latch: "topic span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
-    "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
-    "enters span",
+    "response_sc acts_least acts recover stays late_of response_of dropout views induction lemmas "
+    "progress enters span",
     t.ViewSymbol: "name block span",
     t.AbstractionLink: "instance name plant value span",
     t.TypedAxisGroup: "kind axes span",

@@ -107,7 +107,7 @@ def _setting(
         Clock("SC", sc.period_ns, sc.phase_ns, times["J_sc_ns"], times["R_sc_ns"]),
         found_dm,
         found_sc,
-        facts.ways.effects(0, times["L_ns"]),
+        facts.ways.effects(number_of(facts, facts.symbol.verify.acts_least), times["L_ns"]),
         number_of(facts, facts.symbol.verify.dropout),
         facts.kind == "map",
     )

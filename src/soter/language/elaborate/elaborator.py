@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import append
+from soter.diagnostics.fix import append, exchange
 from soter.language.elaborate.composition_check import Composition, hyperperiod
 from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
@@ -574,6 +574,8 @@ class Elaborator(Topics):
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
         delay_values = [self.delay(expr, what) for what, expr in delays.items()]
+        if verify.acts_least is not None and verify.acts is not None:
+            self._in_order(verify.acts_least, verify.acts)
         for block in (verify, *(v.block for v in verify.views)):
             for axis in (a for group in block.groups for a in group.axes):
                 self._axis(axis)
@@ -581,6 +583,18 @@ class Elaborator(Topics):
             for value in commands.values:
                 self._command(commands, value)
         return delay_values[0] or 0, levels or LEVELS_DEFAULT
+
+    def _in_order(self, least: typed.TypedExpr, most: typed.TypedExpr) -> None:
+        """V001 where `acts within a to b` is about no time."""
+        a, b = self.delay(least, "the least time of `acts within`"), self.delay(most, "`to`")
+        if a is not None and b is not None and a > b:
+            self.diagnostics.error(
+                "V001",
+                f"no command acts {show_ns(a)} to {show_ns(b)} after it",
+                least.span.to(most.span),
+                "the least time is above the greatest one",
+                helps=(exchange(least.span, most.span, "the other way round"),),
+            )
 
     def _axis(self, axis: typed.TypedGridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)

@@ -533,6 +533,8 @@ class TypedVerifyBlock(Shown):
     late_sc: TypedExpr | None = None
     response_dm: TypedExpr | None = None
     response_sc: TypedExpr | None = None
+    acts_least: TypedExpr | None = None
+    """`acts within a to b`: a; None: 0."""
     acts: TypedExpr | None = None
     recover: TypedExpr | None = None
     stays: Span | None = None

@@ -573,6 +573,7 @@ class VerifyBlock(Node):
     levels: SyntaxExpr | None
     late: Delays | None
     response: Delays | None
+    acts_least: SyntaxExpr | None
     acts: SyntaxExpr | None
     recover: SyntaxExpr | None
     stays: Span | None

@@ -327,7 +327,7 @@ def _timing(
         assumptions.append(Assumption("age", text))
     declared = [n for n in DELAYS if n in times.declared]
     if declared:
-        shown = ", ".join(f"{n.replace('_', ' ')} {show_ns(getattr(times, n))}" for n in declared)
+        shown = ", ".join(f"{n.replace('_', ' ')} {_declared(times, n)}" for n in declared)
         assumptions.append(Assumption("declared", f"times as declared: {shown}"))
     nodes = sorted({*verify.late_of, *verify.response_of})
     if nodes:
@@ -354,6 +354,12 @@ def _timing(
     text = "commands of AC and SC act in the order in which they were published"
     assumptions.append(Assumption("order", text))
     return assumptions
+
+
+def _declared(times: Times, name: str) -> str:
+    """A time that was declared, in words."""
+    least = times.acts_least if name == "acts" else 0
+    return f"{show_ns(least)} to " * bool(least) + show_ns(getattr(times, name))
 
 
 def _arithmetic(place: VerificationSystem) -> list[Assumption]:

@@ -95,6 +95,11 @@ class Times:
         return max(o.most for o in self.schedule.outputs)
 
     @property
+    def acts_least(self) -> int:
+        """L_min, of the last part of the way: nodes are not included."""
+        return min(o.least for o in self.schedule.outputs)
+
+    @property
     def acted(self) -> int:
         """W, of a shield."""
         return self.schedule.acted

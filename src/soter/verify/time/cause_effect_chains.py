@@ -124,12 +124,13 @@ def _publishes(c: Component, index: int) -> bool:
     return c.node is not None and index in [c.scope.topics[t] for t in c.node.publishes]
 
 
-def outputs_of(chains: CauseEffectChains, acts: int) -> tuple[ActuationPath, ...]:
+def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
     """What lies between SC and the plants, one entry for every different way."""
     ways = [
-        ActuationPath(0, acts, tuple(chains.releases[n] for n in w.counted)) for w in chains.ways
+        ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
+        for w in chains.ways
     ]
-    return tuple(dict.fromkeys(ways)) or (ActuationPath(0, acts),)
+    return tuple(dict.fromkeys(ways)) or (ActuationPath(least, acts),)
 
 
 def _to(

@@ -60,7 +60,7 @@ def times_of(
     except UnfollowedError as error:
         _unfollowed(place, error, diagnostics)
         chains = CauseEffectChains()
-    outputs = outputs_of(chains, delays["acts"])
+    outputs = outputs_of(chains, ns(verify.acts_least), delays["acts"])
     at = place.system.components[module.dm]
     schedule = Schedule(
         Releases(module.period_ns, at.phase_ns, delays["late_dm"], delays["response_dm"]),

@@ -165,14 +165,14 @@ def _replaced(schedule: Schedule, chains: CauseEffectChains, deployment: Deploye
     by_dm, by_sc = [chain(r) for r in chains.by_dm], [chain(r) for r in chains.by_sc]
     releases = {n: _with(deployment, n.name, r) for n, r in chains.releases.items()}
     ways = CauseEffectChains(by_dm, by_sc, chains.ways, chains.beside, releases)
-    acts = max(o.most for o in schedule.outputs)
+    least, acts = min(o.least for o in schedule.outputs), max(o.most for o in schedule.outputs)
     return replace(
         schedule,
         dm=replace(schedule.dm, late=deployment.dm[0], response=deployment.dm[1]),
         sc=replace(schedule.sc, late=deployment.sc[0], response=deployment.sc[1]),
         read_by_dm=tuple(r.path for r in by_dm),
         read_by_sc=tuple(r.path for r in by_sc),
-        outputs=outputs_of(ways, acts),
+        outputs=outputs_of(ways, least, acts),
     )
 
 

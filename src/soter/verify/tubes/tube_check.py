@@ -68,7 +68,7 @@ class TubeTimes:
         """Of a module that comes to rest within its time."""
         t = problem.times
         h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
-        earliest = max(t.delta_dm - t.late_dm, h - period - j, 0)
+        earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
         switches = (problem.within_ns - j) // period
         return TubeTimes(min(earliest, h), h, t.start, t.delay_sc, j, period, switches)
 

@@ -7,6 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import Program
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.tube_check import TubeTimes
 from unit.verify.tubes.test_rest_claims import FOLLOW, SENSED, refused, verified
 
 if TYPE_CHECKING:
@@ -154,3 +158,18 @@ def test_a_state_that_nothing_asks_for_does_not_end(tmp_path: Path) -> None:
     for rate in ("v * v - 0.1 * heat", "0.1 * v * heat", "front"):
         right = changed(heat, ("  der gap", f"  der heat = {rate};\n  der gap"))
         assert verified(tmp_path, right).findings["start"].verdict == "proved"
+
+
+@pytest.mark.parametrize(
+    ("within", "alpha"), [("", 100), ("acts within 9ms;", 100), ("acts within 4ms to 9ms;", 104)]
+)
+def test_ac_may_act_until_a_command_of_sc_acts_at_the_soonest(
+    tmp_path: Path, within: str, alpha: int
+) -> None:
+    """Delta - J_dm + L_min is the larger part of alpha here."""
+    path = tmp_path / "small.soter"
+    path.write_text(changed(PLAIN, ("within 5s;\n", f"within 5s;\n  verify {{ {within} }}\n")))
+    flat = system_to_prove(check_file(str(path)), "Line")
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    assert TubeTimes.of(problem).earliest == alpha * 1_000_000

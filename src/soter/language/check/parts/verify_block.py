@@ -95,6 +95,7 @@ class VerifyChecker:
             return sound(self.shared.number(expr, context, DURATION, what))
 
         block.horizon = time(verify.horizon, "`horizon`")
+        block.acts_least = time(verify.acts_least, "the least time of `acts within`")
         block.acts = time(verify.acts, "`acts within`")
         block.recover = time(verify.recover, "`recover within`")
         block.stays = verify.stays

@@ -46,6 +46,7 @@ class VerifyParser(BodyParser):
         self.body("this `verify` block", inner, _VERIFY_ITEMS)
         once = inner.once.get
         recover = once("recover")
+        least, most = once("acts") or (None, None)
         block = tree.VerifyBlock(
             groups=tuple(inner.groups),
             abstracts=tuple(inner.abstracts),
@@ -55,7 +56,8 @@ class VerifyParser(BodyParser):
             levels=once("levels"),
             late=once("late"),
             response=once("response"),
-            acts=once("acts"),
+            acts_least=least,
+            acts=most,
             recover=None if isinstance(recover, Span) else recover,
             stays=recover if isinstance(recover, Span) else None,
             dropout=once("dropout"),
@@ -197,20 +199,27 @@ class VerifyParser(BodyParser):
         self.i += 1
         self.keep_once(parts, "dropout", self.time_value("`dropout`"), at)
 
-    def _within_time(self, parts: _VerifyParts) -> None:
+    def _acts(self, parts: _VerifyParts) -> None:
+        """`acts within 10ms;`, or `acts within 1ms to 10ms;`."""
         at = self.i
-        word = "recover" if self.texts[at] == "recover" else "acts"
         self.i += 1
-        self.expect_word("within", f"after `{word}`")
-        self.keep_once(parts, word, self.time_value("`within`"), at)
+        self.expect_word("within", "after `acts`")
+        least, most = None, self.time("`within`")
+        if self.texts[self.i] == "to":
+            self.i += 1
+            least, most = most, self.time("`to`")
+        self.semicolon("`within`")
+        self.keep_once(parts, "acts", (least, most), at)
 
     def _recover(self, parts: _VerifyParts) -> None:
         """`recover within 10s;`, or `recover never;`: SC may stop for good."""
         at = self.i
-        if self.texts[at + 1] != "never":
-            self._within_time(parts)
+        self.i += 1
+        if self.texts[self.i] != "never":
+            self.expect_word("within", "after `recover`")
+            self.keep_once(parts, "recover", self.time_value("`within`"), at)
             return
-        self.i += 2
+        self.i += 1
         self.semicolon("`recover never`")
         self.keep_once(parts, "recover", self.span_from(self.starts[at]), at)
 
@@ -232,7 +241,7 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "levels": predicate("levels", "the levels"),
     "late": VerifyParser._delays,
     "response": VerifyParser._delays,
-    "acts": VerifyParser._within_time,
+    "acts": VerifyParser._acts,
     "recover": VerifyParser._recover,
     "dropout": VerifyParser._dropout,
     "induction": VerifyParser._induction,
