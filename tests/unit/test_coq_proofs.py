@@ -23,11 +23,18 @@ MAIN = (
     "ScRuns.core_of_chains",
     "Composition.all_promises_hold",
     "Releases.r_and_G",
+    "Implicit.good_stays",
+    "Implicit.box_rests",
+    "Implicit.verdict_safe",
+    "Implicit.verdict_rests",
+    "Implicit.start_safe",
+    "Implicit.implicit_safe",
     "Instance.flight_safe",
     "Instance.flight_gated",
     "Instance.flight_returns",
     "Instance.dm_goes_by_its_predicates",
     "Instance.gate_permits_more",
+    "Instance.flight_decided",
 )
 LIBRARY = {
     "ClassicalDedekindReals.sig_forall_dec",
@@ -37,7 +44,7 @@ LIBRARY = {
 }
 """What Coq's own library assumes: of reals, of functions, of classical logic."""
 UNPROVED = re.compile(r"\b(Admitted|admit|Axioms?|Parameters?|Conjecture|Unset|bypass_check)\b")
-MOST_LINES = 1000
+MOST_LINES = 1500
 WRONG = (
     ("Module.v", "Rmax (dm_late T + dm_response T) (G T + sc_late T)", "(G T + sc_late T)"),
     (
@@ -65,6 +72,24 @@ WRONG = (
     ),
     ("Gate.v", "(may_act s now) H (L T - L_min T) z", "(may_act s now) H 0 z"),
     ("Return.v", "complete ex m + T_Q + window T + age T", "complete ex m + T_Q + age T"),
+    ("Implicit.v", "Rmax (Delta T - dm_late T + L_min T)", "Rmax (Delta T + L_min T)"),
+    ("Implicit.v", "(H - delta T - window T)", "(H - delta T)"),
+    ("Implicit.v", "Rmax 0 (h0 - delta T - window T)", "Rmax 0 (h0 - delta T)"),
+    (
+        "Implicit.v",
+        "fb_commands : forall k i t, act k i <= t < act (S k) i",
+        "fb_commands : forall k i t, (k = 0%nat \\/ act k i <= t) /\\ t < act (S k) i",
+    ),
+    ("Implicit.v", "counts ex m /\\ dm_seen k <= sc_seen m", "counts ex m"),
+    ("Implicit.v", "al k - d <= q /\\\n", "al k - d < q /\\\n"),
+    ("Implicit.v", "k * delta + j;", "k * delta;"),
+    ("Implicit.v", "d (fun _ => True)).", "d Q)."),
+    ("Implicit.v", "P1c : H_star T <= H", "P1c : H_star T - age T <= H"),
+    ("Implicit.v", "forall z, M (x (al N)) z -> C z", "C (x (al N))"),
+    ("Implicit.v", "/\\ b < al N_T)", ")"),
+    ("Implicit.v", "start : good (eq (x ex 0)) alpha_0 h0", "start : good (eq (x ex 0)) h0 h0"),
+    ("Implicit.v", "says_ac ex k -> forall z, safe_with", "says_ac ex k -> forall z, Q z -> safe_with"),
+    ("Implicit.v", "INR N * delta - j <= t - al 0%nat <=", "INR N * delta <= t - al 0%nat <="),
     ("ScRuns.v", "Hypothesis j_small : j < delta", "Hypothesis j_small : j < 2 * delta"),
     ("Composition.v", "exists y, changed c y", "exists y, original c y"),
     ("Releases.v", "a <= d - g + r)", "a <= d - g)"),
