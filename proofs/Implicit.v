@@ -15,8 +15,8 @@ Variable shown : state P -> Prop.              (* what plants can publish *)
 Implicit Types (C near : state P -> Prop) (x : R -> state P) (u : R -> component P -> value P)
   (act : nat -> component P -> R) (al : nat -> R) (out : nat -> component P -> value P).
 
-(* A rest run is an SC-run of which nothing is asked before a_0. *)
-Notation rest_run := (sc_run P answers delta j d (fun _ => True)).
+(* A rest run is an SC-run of which nothing is asked before a_0 but that plants could publish what they did. *)
+Notation rest_run := (sc_run P answers delta j d shown).
 
 (* A fall-back run, from the instant 0 of the state that was seen, looked at until b: commands of U, then SC. *)
 Record fall_back near (alpha H : R) x u act al out (t0 b : R) : Prop := {
@@ -54,42 +54,135 @@ Qed.
 
 (* From each a_N on a fall-back run is a rest run. *)
 Lemma fall_back_suffix : forall near alpha H x u act al out t0 b N, fall_back near alpha H x u act al out t0 b ->
-  0 <= alpha -> al N <= b -> rest_run x u (fun k => act (N + k)%nat) (fun k => al (N + k)%nat)
+  0 <= alpha -> al N <= b -> (forall t, 0 <= t <= al N -> shown (x t)) ->
+  rest_run x u (fun k => act (N + k)%nat) (fun k => al (N + k)%nat)
     (fun k => out (N + k)%nat) (t0 + INR N * delta) b.
-Proof. intros near alpha H x u act al out t0 b N F A Hb. destruct (fall_back_ordered _ _ _ _ _ _ _ _ _ _ N F) as [_ O].
-  destruct F as [Nr B W La U Cm Rd Fl]. apply run_suffix; auto. constructor; auto. lra.
+Proof. intros near alpha H x u act al out t0 b N F A Hb HS.
+  destruct (fall_back_ordered _ _ _ _ _ _ _ _ _ _ N F) as [_ O]. destruct F as [Nr B W La U Cm Rd Fl].
+  apply run_suffix; auto; [| intros t Ht; apply HS; lra].
+  constructor; auto; [lra | intros t T0 Ht; apply HS; lra].
 Qed.
 
 (* The implicit core: a run whose estimate is good is in C as long as it lasts. *)
 Theorem good_stays : forall near alpha H N_T C, 0 <= alpha -> (forall z, C z -> shown z) -> rest_pair ->
   good near alpha H N_T C -> forall x u act al out t0 b, fall_back near alpha H x u act al out t0 b ->
-  (forall t, 0 <= t <= b -> C (x t)) /\ (al N_T <= b -> exists N, (N <= N_T)%nat /\ rests C x al b N).
+  (forall t, 0 <= t <= b -> C (x t)) /\ (al N_T <= b -> exists N, (N <= N_T)%nat /\ al N <= b /\ Q (x (al N)) /\
+    forall t, al N <= t <= b -> M (x (al N)) (x t)).
 Proof. intros near alpha H N_T C A CS RP G x u act al out t0 b F. destruct (G _ _ _ _ _ _ _ F) as [Some None].
   destruct (classic (exists N, (N <= N_T)%nat /\ rests C x al b N)) as [(N' & HN' & R') | No].
   - destruct (least (rests C x al b) N' R') as (N & R & Least).
     assert (HN : (N <= N_T)%nat) by (pose proof (Least _ R'); lia).
-    split; [| intros _; exists N; auto]. intros t Ht. destruct (Rle_or_lt t (al N)) as [L | L].
-    + apply (Some N HN R); [| lra]. intros k Hk Rk. apply Least in Rk. lia.
-    + destruct R as (Rb & Rq & Rm). apply Rm.
-      pose proof (RP _ _ _ _ _ _ _ (fall_back_suffix _ _ _ _ _ _ _ _ _ _ N F A Rb)) as K.
-      cbv beta in K. rewrite Nat.add_0_r in K. apply K; auto. lra.
+    assert (In : forall t, 0 <= t <= al N -> C (x t)).
+    { apply (Some N HN R). intros k Hk Rk. apply Least in Rk. lia. }
+    destruct R as (Rb & Rq & Rm). pose proof (RP _ _ _ _ _ _ _ (fall_back_suffix _ _ _ _ _ _ _ _ _ _ N F A Rb
+      (fun t Ht => CS _ (In t Ht)))) as K. cbv beta in K. rewrite Nat.add_0_r in K.
+    specialize (K Rq (fun z Hz => CS _ (Rm z Hz))). split; [| intros _; exists N; auto].
+    intros t Ht. destruct (Rle_or_lt t (al N)) as [L | L]; [apply In; lra | apply Rm, K; lra].
   - destruct None as [In Late]; [intros N HN R; apply No; eauto |]. split; auto. intros L. lra.
 Qed.
 
 (* The first rule: a box B that every rest run leaves for Y only, and is in again N outputs later. *)
-Theorem box_rests : forall (B Y : state P -> Prop) N, (1 <= N)%nat ->
+Theorem box_rests : forall (B Y : state P -> Prop) N, (1 <= N)%nat -> (forall z, Y z -> shown z) ->
   (forall x u act al out t0 b, rest_run x u act al out t0 b -> B (x (al 0%nat)) ->
     (forall t, al 0%nat <= t <= b -> t <= al 0%nat + INR N * delta + j -> Y (x t)) /\
     (forall t, al 0%nat <= t <= b -> INR N * delta - j <= t - al 0%nat <= INR N * delta + j -> B (x t))) ->
-  keeps P answers delta j d (fun _ => True) B Y.
-Proof. intros B Y N HN Hyp. apply keeps_of_chains; auto. intros z Hz. exists N. split; auto.
+  keeps P answers delta j d shown B Y.
+Proof. intros B Y N HN YS Hyp. apply keeps_of_chains; auto. intros z Hz. exists N. split; auto.
   intros x u act al out t0 b R E. rewrite <- E in Hz. destruct (Hyp _ _ _ _ _ _ _ R Hz) as [InY InB].
   pose proof (last_window P answers delta j d _ x u act al out t0 b 0 R) as W0.
   pose proof (last_window P answers delta j d _ x u act al out t0 b N R) as WN. simpl in W0.
   assert (1 <= INR N) by (apply (le_INR 1); exact HN).
   split; [intros t Ht; apply InY; unfold Rmin in Ht; destruct Rle_dec; lra | intros L; apply InB; nra].
 Qed.
+
+(* What may act: of each component what SC answers to a read of Y, or of a state from which Y is reached within d. *)
+Definition reaches (Y : state P -> Prop) z := exists x u b, 0 <= b <= d /\ x 0 = z /\ within P (inputs P) u 0 b /\
+  flow P x u 0 b /\ (forall t, 0 <= t <= b -> shown (x t)) /\ Y (x b).
+Definition answered (Y : state P -> Prop) i v := exists z y o,
+  (Y z \/ reaches Y z) /\ reads_as P z y /\ answers y o /\ v = o i.
+
+(* The second rule: z + V falls while the state is in Y, so z rises by V at most. *)
+Definition falls (Y : state P -> Prop) (z V : state P -> R) := forall x u a b, a <= b -> flow P x u a b ->
+  (forall t, a <= t <= b -> Y (x t)) -> (forall t i, a <= t < b -> answered Y i (u t i)) ->
+  z (x b) + V (x b) <= z (x a) + V (x a).
+
+Lemma in_force : forall x u act al out t0 b t i, rest_run x u act al out t0 b -> al 0%nat <= t ->
+  exists k, act k i <= t < act (S k) i.
+Proof. intros x u act al out t0 b t i R Ht. pose proof (run_windows _ _ _ _ _ _ _ _ _ _ _ _ _ R) as W.
+  destruct (enough_steps (t - t0) delta) as [n Hn]; [lra |].
+  destruct (last_below (fun k => act k i <= t) n) as (k & Kn & Ka & Last).
+  - exists 0%nat. pose proof (proj1 (run_last _ _ _ _ _ _ _ _ _ _ _ _ _ R 0%nat) i). split; [| lra].
+    destruct n; [| lia]. pose proof (W 0%nat i). simpl in *. lra.
+  - exists k. split; auto. destruct (Nat.eq_dec (S k) n) as [<- | Ne]; [specialize (W (S k) i); lra |].
+    apply Rnot_le_lt, Last. lia.
+Qed.
+
+Theorem potential_rests : forall Y z V, falls Y z V -> (forall s, Y s -> 0 <= V s) ->
+  forall x u act al out t0 b, rest_run x u act al out t0 b -> (forall t, al 0%nat <= t <= b -> Y (x t)) ->
+  forall t, al 0%nat <= t <= b -> z (x t) <= z (x (al 0%nat)) + V (x (al 0%nat)).
+Proof. intros Y z V Falls Pos x u act al out t0 b R InY t Ht. specialize (Pos _ (InY t Ht)).
+  cut (z (x t) + V (x t) <= z (x (al 0%nat)) + V (x (al 0%nat))); [lra |].
+  pose proof (last_window P answers delta j d _ x u act al out t0 b 0 R) as W0.
+  destruct (run_begins _ _ _ _ _ _ _ _ _ _ _ _ _ R) as [A0 _].
+  apply (Falls x u); [lra | apply (flow_part P x u 0 b); try lra; apply (run_flow _ _ _ _ _ _ _ _ _ _ _ _ _ R) | |].
+  - intros t' Ht'. apply InY. lra.
+  - intros t' i Ht'. destruct (in_force _ _ _ _ _ _ _ t' i R ltac:(lra)) as [k Hk].
+    pose proof (last_window P answers delta j d _ x u act al out t0 b k R) as Wk.
+    assert (O : al 0%nat <= al k).
+    { destruct k; [lra |]. rewrite S_INR in Wk. pose proof (pos_INR k). simpl in W0. nra. }
+    destruct (run_reads _ _ _ _ _ _ _ _ _ _ _ _ _ R k) as (q & y & Q0 & Q1 & Q2 & Q3 & Q4); [exists i; lra |].
+    specialize (Q2 i). exists (x q), y, (out k). repeat split; auto.
+    + destruct (Rle_or_lt (al 0%nat) q) as [L | L]; [left; apply InY; lra | right].
+      exists (fun r => x (r + q)), (fun r => u (r + q)), (al 0%nat - q). repeat split; try lra.
+      * f_equal; lra.
+      * intros r i' Hr. apply (run_inputs _ _ _ _ _ _ _ _ _ _ _ _ _ R). lra.
+      * replace 0 with (q - q) by lra. apply flow_moved. apply (flow_part P x u 0 b); try lra.
+        apply (run_flow _ _ _ _ _ _ _ _ _ _ _ _ _ R).
+      * intros r Hr. apply (run_before _ _ _ _ _ _ _ _ _ _ _ _ _ R); lra.
+      * replace (al 0%nat - q + q) with (al 0%nat) by lra. apply InY. lra.
+    + apply (run_commands _ _ _ _ _ _ _ _ _ _ _ _ _ R); lra.
+Qed.
+
+(* Both: a moving state that may go both ways counts twice, as z and as -z. *)
+Theorem rules_rest : forall (I : Type) (z V : I -> state P -> R) (by_ : I -> R) (B Y : state P -> Prop),
+  keeps P answers delta j d shown B Y -> (forall s, Q s -> B s /\ forall i, V i s <= by_ i) ->
+  (forall i, falls Y (z i) (V i) /\ forall s, Y s -> 0 <= V i s) ->
+  (forall s s', Y s' -> (forall i, z i s' <= z i s + by_ i) -> M s s') -> rest_pair.
+Proof. intros I z V by_ B Y K HQ HV HM x u act al out t0 b R Q0 _ t Ht. destruct (HQ _ Q0) as [B0 V0].
+  assert (InY := K _ _ _ _ _ _ _ R B0). apply HM; auto. intros i. destruct (HV i) as [Fi Pi].
+  pose proof (potential_rests Y (z i) (V i) Fi Pi _ _ _ _ _ _ _ R InY t Ht). specialize (V0 i). lra.
+Qed.
 End Tubes.
+
+(* SC with a memory: its answers are those that it gives with any locals in La, whatever others say. *)
+Section Memory.
+Variable P : plant. Variables locals other : Type. Variable La : locals -> Prop.
+Variable declared : estimate P -> other -> Prop.   (* the sets of the topics that SC reads *)
+Variable step : estimate P -> other -> locals -> option ((component P -> value P) * locals).  (* None: a fault *)
+Variable on_takeover : estimate P -> other -> locals -> option locals.
+Hypothesis never_faults : forall y o l, declared y o -> La l ->
+  (exists l', on_takeover y o l = Some l' /\ La l') /\
+  exists v l', step y o l = Some (v, l') /\ (forall i, inputs P i (v i)) /\ La l'.
+Definition any_locals y v := exists o l l', declared y o /\ La l /\ step y o l = Some (v, l').
+
+(* l is what SC may remember before its step m, where it reads y and o; in any step it may be taking over. *)
+Inductive remembers (y : nat -> estimate P) (o : nat -> other) : nat -> locals -> Prop :=
+  | at_first : forall l, La l -> remembers y o 0%nat l
+  | after_step : forall m l l1 v l', remembers y o m l -> l1 = l \/ on_takeover (y m) (o m) l = Some l1 ->
+      step (y m) (o m) l1 = Some (v, l') -> remembers y o (S m) l'.
+Theorem memory_kept : forall y o, (forall m, declared (y m) (o m)) -> forall m l, remembers y o m l ->
+  on_takeover (y m) (o m) l <> None /\ forall l1, l1 = l \/ on_takeover (y m) (o m) l = Some l1 ->
+    exists v l', step (y m) (o m) l1 = Some (v, l') /\ (forall i, inputs P i (v i)) /\ any_locals (y m) v.
+Proof. intros y o Dc m l Rm. assert (Ok : forall k l0 l1, La l0 -> l1 = l0 \/ on_takeover (y k) (o k) l0 = Some l1 -> La l1).
+  { intros k l0 l1 La0 [-> | E]; auto. destruct (never_faults _ _ _ (Dc k) La0) as [(l' & E' & La') _]. congruence. }
+  assert (La l) as Ll.
+  { induction Rm as [l Ll | k l0 l1 v l' _ La0 Or E]; auto.
+    destruct (never_faults _ _ _ (Dc k) (Ok _ _ _ La0 Or)) as [_ (v' & l2 & E' & _ & La2)]. congruence. }
+  split; [destruct (never_faults _ _ _ (Dc m) Ll) as [(l' & E & _) _]; congruence |].
+  intros l1 Or. assert (La1 := Ok _ _ _ Ll Or). destruct (never_faults _ _ _ (Dc m) La1) as [_ (v & l' & E & U & _)].
+  exists v, l'. repeat split; auto. exists (o m), l1, l'. auto.
+Qed.
+End Memory.
 
 Section Decided.
 Variable P : plant. Variable T : times.
@@ -106,8 +199,8 @@ Notation good := (good P answers (delta T) (window T) (state_age T) Q M).
 
 (* What DM and SC read, and when it was so. SC's output m counts: all that it reads of plants was available. *)
 Variable dm_seen sc_seen : nat -> R. Variable estimate_of : nat -> estimate P. Variable map_of : nat -> map.
-Hypothesis sc_reads : forall m, counts ex m -> 0 <= sc_seen m /\ sc_start ex m - sc_age T <= sc_seen m <= sc_start ex m /\
-  exists y, reads_as P (x ex (sc_seen m)) y /\ answers y (out ex m).
+Hypothesis sc_reads : forall m, counts ex m -> 0 <= sc_seen m /\
+  sc_start ex m - sc_age T <= sc_seen m <= sc_start ex m /\ exists y, reads_as P (x ex (sc_seen m)) y /\ answers y (out ex m).
 Hypothesis verdicts : forall k, says_ac ex k -> 0 <= dm_seen k /\
   dm_start ex k - age T <= dm_seen k <= dm_start ex k /\ reads_as P (x ex (dm_seen k)) (estimate_of k) /\
   good (fun z => reads_as P z (estimate_of k)) alpha H N_T (safe_with (map_of k)).
@@ -182,8 +275,8 @@ Lemma decided : forall (near : state P -> Prop) s a h b m, 0 <= s <= b -> near (
     (forall n, (m <= n)%nat -> counts ex n /\ s <= sc_seen n) /\
     forall t, sc_out ex m <= t < b -> ~ ac_mode ex t) ->
   good near a h N_T (safe_with m) -> (forall t, s <= t <= b -> safe_with m (x ex t)) /\
-  (s + h + INR N_T * delta T + window T <= b ->
-    exists t, s + a <= t <= s + h + INR N_T * delta T + window T /\ Q (x ex t)).
+  (s + h + INR N_T * delta T + window T <= b -> exists t, s + a <= t <= s + h + INR N_T * delta T + window T /\
+    Q (x ex t) /\ forall t', t <= t' <= b -> M (x ex t) (x ex t')).
 Proof. intros near s a h b m Sb Nr Ah Cases G.
   destruct (is_fall_back near s a h b Sb Nr ltac:(lra) Cases) as (act & al & o & t0 & F).
   pose proof (window_pos T TH) as Wp.
@@ -193,8 +286,9 @@ Proof. intros near s a h b m Sb Nr Ah Cases G.
   - intros L. assert (Or : forall N, t0 + INR N * delta T <= al N <= t0 + INR N * delta T + window T /\ al 0%nat <= al N)
       by (intros N; eapply fall_back_ordered; [lra | exact F]).
     pose proof (fb_begins _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F) as Bg. destruct (Or 0%nat) as [O0 _]. simpl in O0.
-    destruct Rest as (N & HN & _ & Qn & _); [destruct (Or N_T); lra |]. exists (al N + s). split; auto.
-    destruct (Or N) as [ON O1]. apply le_INR in HN. pose proof (periods T TH). nra.
+    destruct Rest as (N & HN & _ & Qn & Mn); [destruct (Or N_T); lra |]. exists (al N + s). split; [| split; auto].
+    + destruct (Or N) as [ON O1]. apply le_INR in HN. pose proof (periods T TH). nra.
+    + intros t' Ht'. replace t' with (t' - s + s) by lra. apply Mn. lra.
 Qed.
 
 (* The lemma: from a verdict "AC" until b, before which no other one is in force. *)
@@ -226,14 +320,46 @@ Proof. intros n b Ac No t Ht. destruct (verdicts n Ac) as (S0 & S1 & S2 & G). de
   destruct (Rle_or_lt b (dm_seen n + H)); [left; auto | right; apply takes_over; auto].
 Qed.
 
-(* If no other verdict "AC" comes for so long, SC brings it to rest. *)
-Theorem verdict_rests : forall n, says_ac ex n -> let b := dm_seen n + H + INR N_T * delta T + window T in
-  (forall k, (n < k)%nat -> dm_out ex k < b -> ~ says_ac ex k) -> exists t, dm_seen n <= t <= b /\ Q (x ex t).
-Proof. intros n Ac b No. destruct (verdicts n Ac) as (S0 & S1 & S2 & G). destruct alpha_in as [_ A].
-  pose proof (periods T TH). pose proof (window_pos T TH). pose proof (pos_INR N_T).
-  destruct (decided (fun z => reads_as P z (estimate_of n)) (dm_seen n) alpha H b (map_of n) ltac:(unfold b; nra) S2 A) as [_ (t & Ht & Qt)];
-    [| exact G | unfold b; lra | exists t; unfold b; split; auto; lra].
+(* If no other verdict "AC" comes for so long, SC brings it to rest, and keeps it there. *)
+Definition at_rest_by n := dm_seen n + H + INR N_T * delta T + window T.
+Theorem verdict_rests : forall n b, says_ac ex n -> at_rest_by n <= b ->
+  (forall k, (n < k)%nat -> dm_out ex k < b -> ~ says_ac ex k) ->
+  exists t, dm_seen n <= t <= at_rest_by n /\ Q (x ex t) /\ forall t', t <= t' <= b -> M (x ex t) (x ex t').
+Proof. unfold at_rest_by. intros n b Ac Hb No. destruct (verdicts n Ac) as (S0 & S1 & S2 & G).
+  destruct alpha_in as [_ A]. pose proof (periods T TH). pose proof (window_pos T TH). pose proof (pos_INR N_T).
+  assert (0 <= INR N_T * delta T) by (apply Rmult_le_pos; lra).
+  destruct (decided (fun z => reads_as P z (estimate_of n)) (dm_seen n) alpha H b (map_of n) ltac:(lra) S2 A)
+    as [_ (t & Ht & Qt)]; [| exact G | exact Hb | exists t; split; auto; lra].
   destruct (Rle_or_lt b (dm_seen n + H)); [left; auto | right; apply takes_over; auto].
+Qed.
+
+(* Control is back, if at rest the DM reads fresh and finds it good; so long after SC's first output acts. *)
+Theorem decided_returns : forall n, says_ac ex n ->
+  (forall k, at_rest_by n <= dm_start ex k -> dm_start ex k - age T <= dm_seen k <= dm_start ex k /\
+    forall z, Q z -> M z (x ex (dm_seen k)) -> says_ac ex k) ->
+  exists k, (n < k)%nat /\ says_ac ex k /\
+    dm_out ex k <= at_rest_by n + age T + Delta T + dm_late T + dm_response T /\
+    forall m i, dm_out ex (S n) <= sc_out ex m -> dm_out ex k <= acts ex m i +
+      (H - Delta T + dm_late T - L_min T) + (INR N_T * delta T + window T) + age T + Delta T + dm_late T + dm_response T.
+Proof. intros n Ac Fresh. pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
+  pose proof (pos_INR N_T). assert (0 <= INR N_T * delta T) by (apply Rmult_le_pos; lra).
+  destruct (verdicts n Ac) as (S0 & S1 & _). destruct alpha_in as [_ A].
+  set (b := at_rest_by n + age T + Delta T + dm_late T + dm_response T).
+  assert (exists k, (n < k)%nat /\ says_ac ex k /\ dm_out ex k <= b) as (k & Nk & Ack & Kb).
+  { apply NNPP. intros No. destruct (verdict_rests n b Ac) as (t & Ht & Qt & Mt); [unfold b; lra | |].
+    { intros k Nk Kb Ack. apply No. exists k. repeat split; auto; lra. }
+    destruct (next_release (dm_phase T) (Delta T) (at_rest_by n + age T)) as [k Hk]; [lra | unfold at_rest_by; lra |].
+    change (dm_phase T + INR k * Delta T) with (dm_release T k) in Hk.
+    destruct (dm_window P T answers ex TH k) as (D1 & D2 & D3 & _). destruct (Fresh k ltac:(lra)) as [F1 F2].
+    assert (Kb : dm_out ex k <= b) by (unfold b; lra). apply No. exists k. repeat split; auto.
+    - destruct (Nat.le_gt_cases k n) as [L | L]; auto. apply (dm_out_order P T answers ex TH) in L.
+      destruct (dm_window P T answers ex TH n) as (E1 & E2 & E3 & _). pose proof (dm_starts ex n).
+      unfold at_rest_by, H_star in *. pose proof (Rmax_l (dm_late T + dm_response T) (G T + sc_late T)). lra.
+    - apply (F2 (x ex t)); auto. apply Mt. unfold b. lra. }
+  exists k. repeat split; auto. intros m i Hm. pose proof (sc_acts ex m i). pose proof (dm_starts ex n).
+  destruct (dm_window P T answers ex TH (S n)) as (E1 & E2 & _).
+  assert (Rel : dm_release T (S n) = dm_release T n + Delta T) by (unfold dm_release; rewrite S_INR; ring).
+  unfold b, at_rest_by in Kb. lra.
 Qed.
 
 (* The start: with no error, and until h_0 any command. SC's outputs from number m0 on count. *)

@@ -259,14 +259,31 @@ Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200)
       destruct (below k m); lra.
 Qed.
 
-(* Decisions by tubes, in the same flight: rest is |x| <= 80, and the DM reads maps, which show less or more. *)
-Lemma at_rest : rest_pair integrator answers 20 4 5 (ball 80) (fun _ => ball 80) (ball 220).
-Proof. intros x u act al out t0 b R Q0 _ t Ht.
-  exact (kept (fun _ => True) 80 (ball 80) ltac:(lra) (fun _ Hz => Hz) (fun _ _ => I) _ _ _ _ _ _ _ R Q0 t Ht).
+(* Decisions by tubes, in the same flight: rest is |x| <= 80, and SC keeps |x| <= 200 from there, by the rule of boxes. *)
+Lemma boxed : keeps integrator answers 20 4 5 (ball 220) (ball 80) (ball 200).
+Proof. apply box_rests with 1%nat; [lra | lra | lia | unfold ball; intros; lra |]. intros x u act al out t0 b R H0.
+  pose proof (last_window integrator answers 20 4 5 _ x u act al out t0 b 0 R) as W0.
+  pose proof (last_window integrator answers 20 4 5 _ x u act al out t0 b 1 R) as W1. simpl in *.
+  destruct R as [_ La Bg _ U Cm Rd F]. destruct (La 0%nat) as [_ [[] L0]]. destruct (La 1%nat) as [_ [[] L1]].
+  split; intros t Ht Lt.
+  - pose proof (moves_by x u 0 b (al 0%nat) t F U ltac:(lra) ltac:(lra)). unfold ball in *. lra.
+  - destruct (Rd 0%nat) as (s & y & S0 & S1 & S2 & S3 & S4); [exists tt; lra |]. specialize (S2 tt).
+    destruct (F (al 0%nat) (al 0%nat + 16) (law y) (law y)) as [R1 R2]; [lra | lra | |].
+    { intros q Hq. rewrite (Cm 0%nat tt q), S4 by lra. lra. }
+    pose proof (moves_by x u 0 b s (al 0%nat) F U ltac:(lra) ltac:(lra)).
+    pose proof (moves_by x u 0 b (al 0%nat + 16) t F U ltac:(lra) ltac:(lra)). unfold ball in *. simpl in *.
+    unfold law in *. destruct (Rlt_dec 40 y); [| destruct (Rlt_dec y (-40))]; lra.
+Qed.
+
+Lemma at_rest : rest_pair integrator answers 20 4 5 (ball 80) (fun _ => ball 200) (ball 220).
+Proof. pose (none := fun i : Empty_set => match i return R with end).
+  apply (rules_rest integrator answers 20 4 5 ltac:(lra) ltac:(lra) (ball 80) _ (ball 220) Empty_set (fun i _ => none i)
+    (fun i _ => none i) none (ball 80) (ball 200) boxed); auto; [| intros []].
+  intros z Hz. split; [exact Hz | intros []].
 Qed.
 
 Lemma sc_comes_to_rest : forall (near : R -> Prop) a h m, (forall z, near z -> ball 165 z) -> 0 <= a -> h <= 31 ->
-  200 <= m -> good integrator answers 20 4 5 (ball 80) (fun _ => ball 80) near a h 9 (ball m).
+  200 <= m -> good integrator answers 20 4 5 (ball 80) (fun _ => ball 200) near a h 9 (ball m).
 Proof. intros near a h m Nr A Hh Hm x u act al out t0 b F. pose proof (fb_begins _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F) as Bg.
   assert (U0 : forall t, 0 <= t <= b -> t <= al 0%nat -> ball 200 (x t)).
   { intros t Ht L. pose proof (moves_by x u 0 b 0 t (fb_flow _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F)
@@ -278,7 +295,8 @@ Proof. intros near a h m Nr A Hh Hm x u act al out t0 b F. pose proof (fb_begins
     - split; auto. intros L. simpl. replace (Rmax 80 (200 - 14 * 0)) with 200 by (unfold Rmax; destruct Rle_dec; lra).
       apply U0; lra.
     - destruct (Rle_or_lt (al N) b) as [L | L]; [| split; [intros t Ht _; apply IH1; lra |]].
-      + pose proof (fall_back_suffix _ _ 20 4 5 ltac:(lra) ltac:(lra) _ _ _ _ _ _ _ _ _ _ N F A L) as Run.
+      + pose proof (fall_back_suffix integrator answers 20 4 5 ltac:(lra) ltac:(lra) (ball 220) _ _ _ _ _ _ _ _ _ _ N F A L
+          ltac:(intros t Ht; specialize (IH1 t ltac:(lra) ltac:(lra)); unfold ball in *; lra)) as Run.
         pose proof (Rmax_l 80 (200 - 14 * INR N)). pose proof (pos_INR N).
         destruct (one_period _ _ _ _ _ _ _ _ (Rmax 80 (200 - 14 * INR N)) Run) as [P1 P2]; auto;
           rewrite ?Nat.add_0_r, ?Nat.add_1_r in *; auto. split.
@@ -303,7 +321,7 @@ Lemma maps_show : forall m z, safe_with m z -> ball 220 z.
 Proof. intros [] z; unfold safe_with, ball; lra. Qed.
 Definition sc_seen m := 20 * INR m + 4. Definition dm_seen k := 20 * INR k - 1.
 Lemma T_alpha : alpha T 31 = 19. Proof. unfold alpha. rewrite T_window. times. Qed.
-Lemma rest_holds : rest_pair integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 80) (ball 220).
+Lemma rest_holds : rest_pair integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200) (ball 220).
 Proof. rewrite T_window, T_age. exact at_rest. Qed.
 Lemma sc_reads : forall m, counts flight m -> 0 <= sc_seen m /\
   sc_start flight m - sc_age T <= sc_seen m <= sc_start flight m /\
@@ -313,7 +331,7 @@ Proof. intros m _. unfold sc_seen. pose proof (pos_INR m). split; [lra | split; 
 Qed.
 Lemma verdicts_good : forall k, says_ac flight k -> 0 <= dm_seen k /\
   dm_start flight k - age T <= dm_seen k <= dm_start flight k /\ reads_as integrator (X (dm_seen k)) (seen k) /\
-  good integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 80)
+  good integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200)
     (fun z => reads_as integrator z (seen k)) (alpha T 31) 31 9 (safe_with (Nat.even k)).
 Proof. intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
   unfold dm_seen. rewrite T_alpha, T_window, T_age. split; [lra | split; [simpl; lra | split; [unfold seen; simpl; lra |]]].
@@ -324,8 +342,22 @@ Lemma reads_go_on : forall k m, says_ac flight k -> dm_start flight k <= sc_star
   counts flight m /\ dm_seen k <= sc_seen m.
 Proof. intros k m _ Q. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | lra]. Qed.
 
+(* SC may have a memory: this one remembers what it said last. *)
+Definition in_U (v : R) := -1 <= v <= 1.
+Definition law_step (y : estimate integrator) (_ : unit) (_ : R) : option ((component integrator -> value integrator) * R) :=
+  Some (fun _ => law y, law y).
+Theorem flight_remembers : forall y : nat -> R, forall m l,
+  remembers integrator R unit in_U law_step (fun _ _ l => Some l) y (fun _ => tt) m l ->
+  exists v l', law_step (y m) tt l = Some (v, l') /\ answers (y m) v.
+Proof. intros y m l Rm. destruct (memory_kept integrator R unit in_U (fun _ _ => True) law_step (fun _ _ l => Some l))
+    with (y := y) (o := fun _ : nat => tt) (m := m) (l := l) as [_ K]; auto.
+  - intros z o l0 _ Hl. split; [eauto |]. exists (fun _ => law z), (law z). repeat split; simpl; unfold in_U in *; cases.
+  - destruct (K l (or_introl eq_refl)) as (v & l' & E & _ & _). exists v, l'. split; auto. injection E. intros _ <-.
+    reflexivity.
+Qed.
+
 Theorem flight_decided : forall t, 0 <= t -> ball 220 (X t).
-Proof. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 80) (ball 220)
+Proof. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
     maps_show rest_holds 31 9) with dm_seen sc_seen seen Nat.even 0%nat 0 true.
   - rewrite T_H. lra.
   - exact sc_reads.
@@ -337,4 +369,16 @@ Proof. apply (implicit_safe integrator T answers flight T_holds bool safe_with (
     intros z <-. simpl. unfold ball. cases.
   - apply maps_show.
   - intros k _. apply maps_show.
+Qed.
+
+(* Under verdict 8 SC takes over; it is at rest when the DM looks for verdict 14. *)
+Theorem flight_decided_returns : exists k, (8 < k)%nat /\ ac k /\ 20 * INR k + 2 <= 159 + 31 + 184 + 2 + 20 + 1 + 1.
+Proof. destruct (decided_returns integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
+    maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) dm_seen sc_seen seen Nat.even sc_reads verdicts_good reads_go_on 8)
+    as (k & K1 & K2 & K3 & _).
+  - left. lia.
+  - intros k Hk. unfold at_rest_by, dm_seen in *. rewrite T_window in Hk. simpl in Hk. split; [simpl; lra |].
+    intros _ _ _. right. destruct (Nat.le_gt_cases 14 k) as [L | L]; auto. naturals. lra.
+  - exists k. split; [exact K1 | split; [exact K2 |]]. unfold at_rest_by, dm_seen in K3. rewrite T_window in K3.
+    simpl in *. lra.
 Qed.
