@@ -101,7 +101,8 @@ WRONG = (
     (
         "Implicit.v",
         "answered Y i (u t i)",
-        "exists z y o,\n  (Y z \\/ reaches Y z) /\\ reads_as P z y /\\ answers y o /\\ u t i = o i /\\ forall i', u t i' = o i'",
+        "exists z y o, (Y z \\/ reaches Y z) /\\ reads_as P z y /\\ answers y o /\\ u t i = o i /\\\n"
+        "forall i', u t i' = o i'",
     ),
     ("Implicit.v", "V i s <= by_ i)", "V i s <= 2 * by_ i)"),
     ("Implicit.v", "l1 = l \\/ on_takeover (y m) (o m) l = Some l1 ->\n", "True ->\n"),
