@@ -204,8 +204,10 @@ Hypothesis sc_reads : forall m, counts ex m -> 0 <= sc_seen m /\
 Hypothesis verdicts : forall k, says_ac ex k -> 0 <= dm_seen k /\
   dm_start ex k - age T <= dm_seen k <= dm_start ex k /\ reads_as P (x ex (dm_seen k)) (estimate_of k) /\
   good (fun z => reads_as P z (estimate_of k)) alpha H N_T (safe_with (map_of k)).
+(* The execution is one of the model until `ends`: a plant that cannot publish its state would end it. *)
+Variable ends : R.
 (* SC sees plants only by what the check reads, and who starts later reads no older state. *)
-Hypothesis reads_go_on : forall k m, says_ac ex k -> dm_start ex k <= sc_start ex m ->
+Hypothesis reads_go_on : forall k m, says_ac ex k -> dm_start ex k <= sc_start ex m -> sc_out ex m < ends ->
   counts ex m /\ dm_seen k <= sc_seen m.
 
 Lemma alpha_in : 0 <= Delta T - dm_late T + L_min T /\ 0 <= alpha <= H.
@@ -233,10 +235,11 @@ Proof. intros e m1 H1. pose proof (periods T TH). destruct (enough_steps e (delt
 Qed.
 
 (* An execution from s on is a fall-back run: nothing but U acts until b, or SC is complete at m, and alone from there. *)
+Definition alone_from s a h b := exists m, s + a <= complete ex m <= s + h /\ complete ex m <= b /\
+  (forall n, (m <= n)%nat -> sc_out ex n < b -> counts ex n /\ s <= sc_seen n) /\
+  forall t, sc_out ex m <= t < b -> ~ ac_mode ex t.
 Lemma is_fall_back : forall (near : state P -> Prop) s a h b, 0 <= s <= b -> near (x ex s) -> a <= h ->
-  b <= s + h \/ (exists m, s + a <= complete ex m <= s + h /\ complete ex m <= b /\
-    (forall n, (m <= n)%nat -> counts ex n /\ s <= sc_seen n) /\
-    forall t, sc_out ex m <= t < b -> ~ ac_mode ex t) ->
+  b <= s + h \/ alone_from s a h b ->
   exists act al out t0, fall_back P answers (delta T) (window T) (state_age T) near a h
     (fun t => x ex (t + s)) (fun t => u ex (t + s)) act al out t0 (b - s).
 Proof. intros near s a h b Sb Nr Ah Cases.
@@ -252,7 +255,7 @@ Proof. intros near s a h b Sb Nr Ah Cases.
     + intros k. split; [intros; lra |]. destruct (sc_complete ex 0%nat) as [_ [i _]]. exists i. reflexivity.
     + intros k i t [Ht _] Hb. pose proof (pos_INR k). nra.
     + intros k [i Hi]. pose proof (pos_INR k). nra.
-  - assert (Run := sc_run_begins P T answers ex TH (fun _ => True) m b (fun n Hn => proj1 (Cn n Hn)) Mb
+  - assert (Run := sc_run_begins P T answers ex TH (fun _ => True) m b (fun n Hn Hb => proj1 (Cn n Hn Hb)) Mb
       (fun _ _ => I) Alone). destruct Run as [W La Bg _ _ Cm _ _].
     exists (fun k i => acts ex (m + k)%nat i - s), (fun k => complete ex (m + k)%nat - s),
       (fun k => out ex (m + k)%nat), (sc_release T m + L_min T - s). constructor; auto.
@@ -261,19 +264,17 @@ Proof. intros near s a h b Sb Nr Ah Cases.
     + intros k i. specialize (W k i). lra.
     + intros k. destruct (La k) as [L1 [i L2]]. split; [intros i'; specialize (L1 i'); lra | exists i; lra].
     + intros k i t Ht Hb. apply (Cm k i (t + s)); lra.
-    + intros k _. destruct (Cn (m + k)%nat ltac:(lia)) as [Ct Ss].
-      destruct (sc_reads _ Ct) as (S0 & S1 & y & S2 & S3). exists (sc_seen (m + k)%nat - s), y.
+    + intros k [i0 Hi0]. pose proof (sc_acts ex (m + k)%nat i0). pose proof (not_negative T TH).
+      destruct (Cn (m + k)%nat ltac:(lia) ltac:(lra)) as [Ct Ss]. destruct (sc_reads _ Ct) as (S0 & S1 & y & S2 & S3). exists (sc_seen (m + k)%nat - s), y.
       pose proof (sc_window P T answers ex TH (m + k)%nat). pose proof (sc_publishes ex (m + k)%nat).
       unfold state_age. repeat split; auto; [lra | lra | |].
-      * intros i. pose proof (sc_acts ex (m + k)%nat i). pose proof (not_negative T TH). lra.
+      * intros i. pose proof (sc_acts ex (m + k)%nat i). lra.
       * replace (sc_seen (m + k)%nat - s + s) with (sc_seen (m + k)%nat) by lra. exact S2.
 Qed.
 
 (* So where it is good it stays safe, and comes to rest if it is given the time. *)
 Lemma decided : forall (near : state P -> Prop) s a h b m, 0 <= s <= b -> near (x ex s) -> 0 <= a <= h ->
-  b <= s + h \/ (exists m, s + a <= complete ex m <= s + h /\ complete ex m <= b /\
-    (forall n, (m <= n)%nat -> counts ex n /\ s <= sc_seen n) /\
-    forall t, sc_out ex m <= t < b -> ~ ac_mode ex t) ->
+  b <= s + h \/ alone_from s a h b ->
   good near a h N_T (safe_with m) -> (forall t, s <= t <= b -> safe_with m (x ex t)) /\
   (s + h + INR N_T * delta T + window T <= b -> exists t, s + a <= t <= s + h + INR N_T * delta T + window T /\
     Q (x ex t) /\ forall t', t <= t' <= b -> M (x ex t) (x ex t')).
@@ -293,10 +294,8 @@ Qed.
 
 (* The lemma: from a verdict "AC" until b, before which no other one is in force. *)
 Lemma takes_over : forall n b, says_ac ex n -> (forall k, (n < k)%nat -> dm_out ex k < b -> ~ says_ac ex k) ->
-  dm_seen n + H < b -> exists m, dm_seen n + alpha <= complete ex m <= dm_seen n + H /\ complete ex m <= b /\
-    (forall n', (m <= n')%nat -> counts ex n' /\ dm_seen n <= sc_seen n') /\
-    forall t, sc_out ex m <= t < b -> ~ ac_mode ex t.
-Proof. intros n b Ac No Hb. destruct (verdicts n Ac) as (S0 & S1 & _). pose proof (not_negative T TH) as NN.
+  dm_seen n + H < b <= ends -> alone_from (dm_seen n) alpha H b.
+Proof. intros n b Ac No [Hb Hends]. destruct (verdicts n Ac) as (S0 & S1 & _). pose proof (not_negative T TH) as NN.
   destruct (dm_window P T answers ex TH n) as (D1 & D2 & D3 & D4 & D5).
   destruct (dm_window P T answers ex TH (S n)) as (E1 & E2 & _).
   assert (Rel : dm_release T (S n) = dm_release T n + Delta T) by (unfold dm_release; rewrite S_INR; ring).
@@ -308,24 +307,24 @@ Proof. intros n b Ac No Hb. destruct (verdicts n Ac) as (S0 & S1 & _). pose proo
   pose proof (Started m (le_n m)). pose proof (sc_publishes ex m). pose proof (sc_window P T answers ex TH m).
   pose proof (dm_starts ex n). exists m. split; [| split; [lra | split]].
   - split; [| lra]. unfold alpha, Rmax. destruct Rle_dec; lra.
-  - intros n' Hn'. apply reads_go_on; auto. pose proof (Started n' Hn'). lra.
+  - intros n' Hn' Nb. apply reads_go_on; auto; [| lra]. pose proof (Started n' Hn'). lra.
   - intros t Ht (k & Hk & Ack & Last). assert (S n <= k)%nat by (apply Last; lra). apply (No k); [lia | lra | auto].
 Qed.
 
 (* (a) A verdict "AC" on a state of time s with map m: until the next one is in force, or for ever, the state is in C_m. *)
 Theorem verdict_safe : forall n b, says_ac ex n -> (forall k, (n < k)%nat -> dm_out ex k < b -> ~ says_ac ex k) ->
-  forall t, dm_seen n <= t <= b -> safe_with (map_of n) (x ex t).
-Proof. intros n b Ac No t Ht. destruct (verdicts n Ac) as (S0 & S1 & S2 & G). destruct alpha_in as [_ A].
+  b <= ends -> forall t, dm_seen n <= t <= b -> safe_with (map_of n) (x ex t).
+Proof. intros n b Ac No Hends t Ht. destruct (verdicts n Ac) as (S0 & S1 & S2 & G). destruct alpha_in as [_ A].
   refine (proj1 (decided _ (dm_seen n) alpha H b (map_of n) _ S2 A _ G) t Ht); [lra |].
   destruct (Rle_or_lt b (dm_seen n + H)); [left; auto | right; apply takes_over; auto].
 Qed.
 
 (* If no other verdict "AC" comes for so long, SC brings it to rest, and keeps it there. *)
 Definition at_rest_by n := dm_seen n + H + INR N_T * delta T + window T.
-Theorem verdict_rests : forall n b, says_ac ex n -> at_rest_by n <= b ->
+Theorem verdict_rests : forall n b, says_ac ex n -> at_rest_by n <= b <= ends ->
   (forall k, (n < k)%nat -> dm_out ex k < b -> ~ says_ac ex k) ->
   exists t, dm_seen n <= t <= at_rest_by n /\ Q (x ex t) /\ forall t', t <= t' <= b -> M (x ex t) (x ex t').
-Proof. unfold at_rest_by. intros n b Ac Hb No. destruct (verdicts n Ac) as (S0 & S1 & S2 & G).
+Proof. unfold at_rest_by. intros n b Ac [Hb Hends] No. destruct (verdicts n Ac) as (S0 & S1 & S2 & G).
   destruct alpha_in as [_ A]. pose proof (periods T TH). pose proof (window_pos T TH). pose proof (pos_INR N_T).
   assert (0 <= INR N_T * delta T) by (apply Rmult_le_pos; lra).
   destruct (decided (fun z => reads_as P z (estimate_of n)) (dm_seen n) alpha H b (map_of n) ltac:(lra) S2 A)
@@ -335,18 +334,19 @@ Qed.
 
 (* Control is back, if at rest the DM reads fresh and finds it good; so long after SC's first output acts. *)
 Theorem decided_returns : forall n, says_ac ex n ->
+  at_rest_by n + age T + Delta T + dm_late T + dm_response T <= ends ->
   (forall k, at_rest_by n <= dm_start ex k -> dm_start ex k - age T <= dm_seen k <= dm_start ex k /\
     forall z, Q z -> M z (x ex (dm_seen k)) -> says_ac ex k) ->
   exists k, (n < k)%nat /\ says_ac ex k /\
     dm_out ex k <= at_rest_by n + age T + Delta T + dm_late T + dm_response T /\
     forall m i, dm_out ex (S n) <= sc_out ex m -> dm_out ex k <= acts ex m i +
       (H - Delta T + dm_late T - L_min T) + (INR N_T * delta T + window T) + age T + Delta T + dm_late T + dm_response T.
-Proof. intros n Ac Fresh. pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
+Proof. intros n Ac Hends Fresh. pose proof (not_negative T TH) as NN. pose proof (periods T TH). pose proof (window_pos T TH).
   pose proof (pos_INR N_T). assert (0 <= INR N_T * delta T) by (apply Rmult_le_pos; lra).
   destruct (verdicts n Ac) as (S0 & S1 & _). destruct alpha_in as [_ A].
   set (b := at_rest_by n + age T + Delta T + dm_late T + dm_response T).
   assert (exists k, (n < k)%nat /\ says_ac ex k /\ dm_out ex k <= b) as (k & Nk & Ack & Kb).
-  { apply NNPP. intros No. destruct (verdict_rests n b Ac) as (t & Ht & Qt & Mt); [unfold b; lra | |].
+  { apply NNPP. intros No. destruct (verdict_rests n b Ac) as (t & Ht & Qt & Mt); [split; [unfold b; lra | exact Hends] | |].
     { intros k Nk Kb Ack. apply No. exists k. repeat split; auto; lra. }
     destruct (next_release (dm_phase T) (Delta T) (at_rest_by n + age T)) as [k Hk]; [lra | unfold at_rest_by; lra |].
     change (dm_phase T + INR k * Delta T) with (dm_release T k) in Hk.
@@ -364,14 +364,14 @@ Qed.
 
 (* The start: with no error, and until h_0 any command. SC's outputs from number m0 on count. *)
 Variable m0 : nat. Variable q : R. Variable map_0 : map.
-Hypothesis counts_from : forall m, (m0 <= m)%nat -> counts ex m.
+Hypothesis counts_from : forall m, (m0 <= m)%nat -> sc_out ex m < ends -> counts ex m.
 Hypothesis q_last : forall k, dm_release T k <= sc_release T m0 -> dm_release T k <= q.
 Notation h0 := (h_0 T (sc_release T m0) q).
 Definition alpha_0 := Rmax 0 (h0 - delta T - window T).
 Hypothesis start : good (eq (x ex 0)) alpha_0 h0 N_T (safe_with map_0).
-Theorem start_safe : forall b, (forall k, dm_out ex k < b -> ~ says_ac ex k) ->
+Theorem start_safe : forall b, (forall k, dm_out ex k < b -> ~ says_ac ex k) -> b <= ends ->
   forall t, 0 <= t <= b -> safe_with map_0 (x ex t).
-Proof. intros b No t Ht. pose proof (first_in_time P T answers ex TH m0 q q_last) as First.
+Proof. intros b No Hends t Ht. pose proof (first_in_time P T answers ex TH m0 q q_last) as First.
   pose proof (sc_window P T answers ex TH m0). pose proof (not_negative T TH). pose proof (periods T TH).
   pose proof (window_pos T TH). assert (A : 0 <= alpha_0 <= h0) by (unfold alpha_0, Rmax; destruct Rle_dec; lra).
   refine (proj1 (decided (eq (x ex 0)) 0 alpha_0 h0 b map_0 _ eq_refl A _ start) t Ht); [lra |].
@@ -379,8 +379,8 @@ Proof. intros b No t Ht. pose proof (first_in_time P T answers ex TH m0 q q_last
   destruct (last_complete h0 m0 First) as (m & Mm & Me). exists m. pose proof (sc_window P T answers ex TH m) as Wm.
   repeat split; try lra.
   - unfold alpha_0, Rmax. destruct Rle_dec; lra.
-  - apply counts_from. lia.
-  - apply sc_reads, counts_from. lia.
+  - apply counts_from; [lia | lra].
+  - apply sc_reads, counts_from; [lia | lra].
   - intros t' Ht' (k & Hk & Ack & _). apply (No k); auto. lra.
 Qed.
 
@@ -388,15 +388,15 @@ Qed.
 Variable C : state P -> Prop.
 Hypothesis map_0_true : forall z, safe_with map_0 z -> C z.
 Hypothesis maps_true : forall k, says_ac ex k -> forall z, safe_with (map_of k) z -> C z.
-Theorem implicit_safe : forall t, 0 <= t -> C (x ex t).
-Proof. intros t T0. destruct (verdicts_go_on P T answers ex TH t) as [n Hn].
+Theorem implicit_safe : forall t, 0 <= t <= ends -> C (x ex t).
+Proof. intros t [T0 Te]. destruct (verdicts_go_on P T answers ex TH t) as [n Hn].
   destruct (classic (exists k, (k < n)%nat /\ (dm_out ex k < t /\ says_ac ex k))) as [Some | None].
   - destruct (last_below (fun k => dm_out ex k < t /\ says_ac ex k) n Some) as (k & Kn & [Kt Ack] & Last).
-    apply (maps_true k Ack), (verdict_safe k t Ack).
+    apply (maps_true k Ack), (verdict_safe k t Ack); auto.
     + intros k' Hk' Ht Ac. apply (Last k'); auto. split; auto. destruct (Nat.le_gt_cases n k') as [L |]; auto.
       apply (dm_out_order P T answers ex TH) in L. lra.
     + destruct (verdicts k Ack) as (_ & S1 & _). pose proof (dm_answers ex k). lra.
-  - apply map_0_true, (start_safe t); [| lra]. intros k Kt Ack. apply None. exists k. split; auto.
+  - apply map_0_true, (start_safe t); [| exact Te | lra]. intros k Kt Ack. apply None. exists k. split; auto.
     destruct (Nat.le_gt_cases n k) as [L |]; auto. apply (dm_out_order P T answers ex TH) in L. lra.
 Qed.
 End Decided.

@@ -338,9 +338,9 @@ Proof. intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1
   apply sc_comes_to_rest; try lra; [| destruct (Nat.even k); lra].
   intros z Rd. pose proof (seen_room k Ac). unfold ball in *. simpl in Rd. lra.
 Qed.
-Lemma reads_go_on : forall k m, says_ac flight k -> dm_start flight k <= sc_start flight m ->
-  counts flight m /\ dm_seen k <= sc_seen m.
-Proof. intros k m _ Q. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | lra]. Qed.
+Lemma reads_go_on : forall ends k m, says_ac flight k -> dm_start flight k <= sc_start flight m ->
+  sc_out flight m < ends -> counts flight m /\ dm_seen k <= sc_seen m.
+Proof. intros ends k m _ Q _. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | lra]. Qed.
 
 (* SC may have a memory: this one remembers what it said last. *)
 Definition in_U (v : R) := -1 <= v <= 1.
@@ -357,26 +357,28 @@ Proof. intros y m l Rm. destruct (memory_kept integrator R unit in_U (fun _ _ =>
 Qed.
 
 Theorem flight_decided : forall t, 0 <= t -> ball 220 (X t).
-Proof. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
-    maps_show rest_holds 31 9) with dm_seen sc_seen seen Nat.even 0%nat 0 true.
+Proof. intros t T0. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
+    maps_show rest_holds 31 9) with dm_seen sc_seen seen Nat.even t 0%nat 0 true.
   - rewrite T_H. lra.
   - exact sc_reads.
   - exact verdicts_good.
-  - exact reads_go_on.
+  - apply reads_go_on.
   - intros; exact I.
   - exact first_dm.
   - rewrite T_window, T_age. unfold alpha_0. apply sc_comes_to_rest; [| apply Rmax_l | times | lra].
     intros z <-. simpl. unfold ball. cases.
   - apply maps_show.
   - intros k _. apply maps_show.
+  - lra.
 Qed.
 
 (* Under verdict 8 SC takes over; it is at rest when the DM looks for verdict 14. *)
 Theorem flight_decided_returns : exists k, (8 < k)%nat /\ ac k /\ 20 * INR k + 2 <= 159 + 31 + 184 + 2 + 20 + 1 + 1.
 Proof. destruct (decided_returns integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
-    maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) dm_seen sc_seen seen Nat.even sc_reads verdicts_good reads_go_on 8)
+    maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) dm_seen sc_seen seen Nat.even sc_reads verdicts_good 500 (reads_go_on 500) 8)
     as (k & K1 & K2 & K3 & _).
   - left. lia.
+  - unfold at_rest_by, dm_seen. rewrite T_window. simpl. lra.
   - intros k Hk. unfold at_rest_by, dm_seen in *. rewrite T_window in Hk. simpl in Hk. split; [simpl; lra |].
     intros _ _ _. right. destruct (Nat.le_gt_cases 14 k) as [L | L]; auto. naturals. lra.
   - exists k. split; [exact K1 | split; [exact K2 |]]. unfold at_rest_by, dm_seen in K3. rewrite T_window in K3.
