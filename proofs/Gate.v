@@ -113,7 +113,7 @@ Proof. induction n as [n IH] using (well_founded_induction lt_wf). intros t Ht.
   destruct (Rle_or_lt t (complete ex mx)) as [Q2 | Q2]; [apply K_in_C, KeepK; lra |].
   apply (invariant_C P T answers ex C K K_in_C P2a); [lra |]. right. exists mx. split; [apply KeepK; lra |].
   split; [lra |]. apply sc_run_begins; auto; [| lra | |].
-  - intros n' N'. apply (available j); auto. pose proof (sc_out_order P T answers ex TH _ _ N'). lra.
+  - intros n' N' _. apply (available j); auto. pose proof (sc_out_order P T answers ex TH _ _ N'). lra.
   - intros t' Ht'. destruct (Rle_or_lt t' (dm_out ex j)); [apply (IH j); auto | apply K_in_C, KeepK]; lra.
   - intros t' Ht'. apply (no_ac P T answers ex TH (S j) n); [intros k Kn; apply NoAc; lia | right |]; lra.
 Qed.

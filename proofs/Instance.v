@@ -1,9 +1,9 @@
 (* An integrator x' = u + w, |u| <= 1, |w| <= 1/10, of which every hypothesis of the theorems is proved, in an execution
    with a takeover and a return. All latenesses, responses, ages and errors are positive, and at their bounds.
-   Purpose: what is assumed in Module.v, Return.v and Gate.v can be met. Times in units of 50 ms.
+   Purpose: what is assumed in Module.v, Return.v, Gate.v and Implicit.v can be met. Times in units of 50 ms.
    Non-goals: anything about integrators. *)
 Require Import Reals Lra Lia Classical Arith.
-From Soter Require Import Releases Trajectories ScRuns Module Return Gate.
+From Soter Require Import Releases Trajectories ScRuns Module Return Gate Implicit.
 Open Scope R_scope.
 
 (* What every solution obeys; all that is said of the plant. *)
@@ -257,4 +257,130 @@ Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200)
       exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
       intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
       destruct (below k m); lra.
+Qed.
+
+(* Decisions by tubes, in the same flight: rest is |x| <= 80, and SC keeps |x| <= 200 from there, by the rule of boxes. *)
+Lemma boxed : keeps integrator answers 20 4 5 (ball 220) (ball 80) (ball 200).
+Proof. apply box_rests with 1%nat; [lra | lra | lia | unfold ball; intros; lra |]. intros x u act al out t0 b R H0.
+  pose proof (last_window integrator answers 20 4 5 _ x u act al out t0 b 0 R) as W0.
+  pose proof (last_window integrator answers 20 4 5 _ x u act al out t0 b 1 R) as W1. simpl in *.
+  destruct R as [_ La Bg _ U Cm Rd F]. destruct (La 0%nat) as [_ [[] L0]]. destruct (La 1%nat) as [_ [[] L1]].
+  split; intros t Ht Lt.
+  - pose proof (moves_by x u 0 b (al 0%nat) t F U ltac:(lra) ltac:(lra)). unfold ball in *. lra.
+  - destruct (Rd 0%nat) as (s & y & S0 & S1 & S2 & S3 & S4); [exists tt; lra |]. specialize (S2 tt).
+    destruct (F (al 0%nat) (al 0%nat + 16) (law y) (law y)) as [R1 R2]; [lra | lra | |].
+    { intros q Hq. rewrite (Cm 0%nat tt q), S4 by lra. lra. }
+    pose proof (moves_by x u 0 b s (al 0%nat) F U ltac:(lra) ltac:(lra)).
+    pose proof (moves_by x u 0 b (al 0%nat + 16) t F U ltac:(lra) ltac:(lra)). unfold ball in *. simpl in *.
+    unfold law in *. destruct (Rlt_dec 40 y); [| destruct (Rlt_dec y (-40))]; lra.
+Qed.
+
+Lemma at_rest : rest_pair integrator answers 20 4 5 (ball 80) (fun _ => ball 200) (ball 220).
+Proof. pose (none := fun i : Empty_set => match i return R with end).
+  apply (rules_rest integrator answers 20 4 5 ltac:(lra) ltac:(lra) (ball 80) _ (ball 220) Empty_set (fun i _ => none i)
+    (fun i _ => none i) none (ball 80) (ball 200) boxed); auto; [| intros []].
+  intros z Hz. split; [exact Hz | intros []].
+Qed.
+
+Lemma sc_comes_to_rest : forall (near : R -> Prop) a h m, (forall z, near z -> ball 165 z) -> 0 <= a -> h <= 31 ->
+  200 <= m -> good integrator answers 20 4 5 (ball 80) (fun _ => ball 200) near a h 9 (ball m).
+Proof. intros near a h m Nr A Hh Hm x u act al out t0 b F. pose proof (fb_begins _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F) as Bg.
+  assert (U0 : forall t, 0 <= t <= b -> t <= al 0%nat -> ball 200 (x t)).
+  { intros t Ht L. pose proof (moves_by x u 0 b 0 t (fb_flow _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F)
+      (fb_inputs _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F) ltac:(lra) ltac:(lra)) as Mv.
+    pose proof (Nr _ (fb_near _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F)). unfold ball in *. lra. }
+  assert (Q : forall N, (forall t, 0 <= t <= b -> t <= al N -> ball 200 (x t)) /\
+    (al N <= b -> ball (Rmax 80 (200 - 14 * INR N)) (x (al N)))).
+  { induction N as [| N [IH1 IH2]].
+    - split; auto. intros L. simpl. replace (Rmax 80 (200 - 14 * 0)) with 200 by (unfold Rmax; destruct Rle_dec; lra).
+      apply U0; lra.
+    - destruct (Rle_or_lt (al N) b) as [L | L]; [| split; [intros t Ht _; apply IH1; lra |]].
+      + pose proof (fall_back_suffix integrator answers 20 4 5 ltac:(lra) ltac:(lra) (ball 220) _ _ _ _ _ _ _ _ _ _ N F A L
+          ltac:(intros t Ht; specialize (IH1 t ltac:(lra) ltac:(lra)); unfold ball in *; lra)) as Run.
+        pose proof (Rmax_l 80 (200 - 14 * INR N)). pose proof (pos_INR N).
+        destruct (one_period _ _ _ _ _ _ _ _ (Rmax 80 (200 - 14 * INR N)) Run) as [P1 P2]; auto;
+          rewrite ?Nat.add_0_r, ?Nat.add_1_r in *; auto. split.
+        * intros t Ht Lt. destruct (Rle_or_lt t (al N)); [auto |]. specialize (P1 t).
+          unfold ball, Rmin, Rmax in *. repeat destruct Rle_dec; lra.
+        * intros L'. specialize (P2 L'). rewrite S_INR. unfold ball, Rmax in *. repeat destruct Rle_dec; lra.
+      + intros L'. pose proof (proj2 (fall_back_ordered _ _ 20 4 5 ltac:(lra) _ _ _ _ _ _ _ _ _ _ N F)). exfalso.
+        pose proof (proj1 (fall_back_ordered _ _ 20 4 5 ltac:(lra) _ _ _ _ _ _ _ _ _ _ N F)).
+        pose proof (proj1 (fall_back_ordered _ _ 20 4 5 ltac:(lra) _ _ _ _ _ _ _ _ _ _ (S N) F)).
+        rewrite S_INR in *. lra. }
+  split.
+  - intros N _ (Lb & _) _ t Ht. pose proof (proj1 (Q N) t ltac:(lra) ltac:(lra)). unfold ball in *. lra.
+  - intros No. assert (Late : b < al 9%nat).
+    { apply Rnot_le_lt. intros L. apply (No 9%nat); auto. pose proof (proj2 (Q 9%nat) L) as B. split; auto.
+      simpl in B. unfold ball, Rmax in *. destruct Rle_dec; split; intros; lra. }
+    split; auto. intros t Ht. pose proof (proj1 (Q 9%nat) t Ht ltac:(lra)). unfold ball in *. lra.
+Qed.
+
+(* Two maps: one shows an obstacle that the other does not. *)
+Definition safe_with (m : bool) := ball (if m then 210 else 220).
+Lemma maps_show : forall m z, safe_with m z -> ball 220 z.
+Proof. intros [] z; unfold safe_with, ball; lra. Qed.
+Definition sc_seen m := 20 * INR m + 4. Definition dm_seen k := 20 * INR k - 1.
+Lemma T_alpha : alpha T 31 = 19. Proof. unfold alpha. rewrite T_window. times. Qed.
+Lemma rest_holds : rest_pair integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200) (ball 220).
+Proof. rewrite T_window, T_age. exact at_rest. Qed.
+Lemma sc_reads : forall m, counts flight m -> 0 <= sc_seen m /\
+  sc_start flight m - sc_age T <= sc_seen m <= sc_start flight m /\
+  exists y, reads_as integrator (X (sc_seen m)) y /\ answers y (out flight m).
+Proof. intros m _. unfold sc_seen. pose proof (pos_INR m). split; [lra | split; [simpl; lra |]].
+  exists (X (20 * INR m + 4) + 2). simpl. split; [lra | reflexivity].
+Qed.
+Lemma verdicts_good : forall k, says_ac flight k -> 0 <= dm_seen k /\
+  dm_start flight k - age T <= dm_seen k <= dm_start flight k /\ reads_as integrator (X (dm_seen k)) (seen k) /\
+  good integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200)
+    (fun z => reads_as integrator z (seen k)) (alpha T 31) 31 9 (safe_with (Nat.even k)).
+Proof. intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
+  unfold dm_seen. rewrite T_alpha, T_window, T_age. split; [lra | split; [simpl; lra | split; [unfold seen; simpl; lra |]]].
+  apply sc_comes_to_rest; try lra; [| destruct (Nat.even k); lra].
+  intros z Rd. pose proof (seen_room k Ac). unfold ball in *. simpl in Rd. lra.
+Qed.
+Lemma reads_go_on : forall ends k m, says_ac flight k -> dm_start flight k <= sc_start flight m ->
+  sc_out flight m < ends -> counts flight m /\ dm_seen k <= sc_seen m.
+Proof. intros ends k m _ Q _. simpl in *. unfold dm_seen, sc_seen. destruct (below k m); [lra |]. split; [exact I | lra]. Qed.
+
+(* SC may have a memory: this one remembers what it said last. *)
+Definition in_U (v : R) := -1 <= v <= 1.
+Definition law_step (y : estimate integrator) (_ : unit) (_ : R) : option ((component integrator -> value integrator) * R) :=
+  Some (fun _ => law y, law y).
+Theorem flight_remembers : forall y : nat -> R, forall m l,
+  remembers integrator R unit in_U law_step (fun _ _ l => Some l) y (fun _ => tt) m l ->
+  exists v l', law_step (y m) tt l = Some (v, l') /\ answers (y m) v.
+Proof. intros y m l Rm. destruct (memory_kept integrator R unit in_U (fun _ _ => True) law_step (fun _ _ l => Some l))
+    with (y := y) (o := fun _ : nat => tt) (m := m) (l := l) as [_ K]; auto.
+  - intros z o l0 _ Hl. split; [eauto |]. exists (fun _ => law z), (law z). repeat split; simpl; unfold in_U in *; cases.
+  - destruct (K l (or_introl eq_refl)) as (v & l' & E & _ & _). exists v, l'. split; auto. injection E. intros _ <-.
+    reflexivity.
+Qed.
+
+Theorem flight_decided : forall t, 0 <= t -> ball 220 (X t).
+Proof. intros t T0. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
+    maps_show rest_holds 31 9) with dm_seen sc_seen seen Nat.even t 0%nat 0 true.
+  - rewrite T_H. lra.
+  - exact sc_reads.
+  - exact verdicts_good.
+  - apply reads_go_on.
+  - intros; exact I.
+  - exact first_dm.
+  - rewrite T_window, T_age. unfold alpha_0. apply sc_comes_to_rest; [| apply Rmax_l | times | lra].
+    intros z <-. simpl. unfold ball. cases.
+  - apply maps_show.
+  - intros k _. apply maps_show.
+  - lra.
+Qed.
+
+(* Under verdict 8 SC takes over; it is at rest when the DM looks for verdict 14. *)
+Theorem flight_decided_returns : exists k, (8 < k)%nat /\ ac k /\ 20 * INR k + 2 <= 159 + 31 + 184 + 2 + 20 + 1 + 1.
+Proof. destruct (decided_returns integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
+    maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) dm_seen sc_seen seen Nat.even sc_reads verdicts_good 500 (reads_go_on 500) 8)
+    as (k & K1 & K2 & K3 & _).
+  - left. lia.
+  - unfold at_rest_by, dm_seen. rewrite T_window. simpl. lra.
+  - intros k Hk. unfold at_rest_by, dm_seen in *. rewrite T_window in Hk. simpl in Hk. split; [simpl; lra |].
+    intros _ _ _. right. destruct (Nat.le_gt_cases 14 k) as [L | L]; auto. naturals. lra.
+  - exists k. split; [exact K1 | split; [exact K2 |]]. unfold at_rest_by, dm_seen in K3. rewrite T_window in K3.
+    simpl in *. lra.
 Qed.

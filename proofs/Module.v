@@ -128,7 +128,8 @@ Lemma moves_from : forall a b, 0 <= a <= b -> flow P x u a b.
 Proof. intros a b Q. apply flow_part with 0 b; try lra. apply moves. lra. Qed.
 
 (* From an output that counts on, while no "AC" verdict is in force, the execution is an SC-run. *)
-Lemma sc_run_begins : forall (C : state P -> Prop) m b, (forall n, (m <= n)%nat -> counts n) -> complete m <= b ->
+Lemma sc_run_begins : forall (C : state P -> Prop) m b,
+  (forall n, (m <= n)%nat -> sc_out n < b -> counts n) -> complete m <= b ->
   (forall t, 0 <= t <= complete m -> C (x t)) -> (forall t, sc_out m <= t < b -> ~ ac_mode t) -> run m b C.
 Proof. intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_negative T TH) as NN.
   assert (Rel : forall k, sc_release T (m + k) = sc_release T m + INR k * delta T)
@@ -149,7 +150,8 @@ Proof. intros C m b Hc Hb HC Hm. pose proof (sc_window m) as W. pose proof (not_
     + apply (sc_in_order n (m + k) i) in Q. lra.
     + assert (acts (m + S k)%nat i <= acts n i); [| lra]. destruct (Nat.eq_dec n (m + S k)) as [-> |]; [lra |].
       left. apply (sc_in_order (m + S k) n i). lia.
-  - intros k _. destruct (sc_answers ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; lia |].
+  - intros k [i0 Hi0]. pose proof (sc_acts ex (m + k)%nat i0).
+    destruct (sc_answers ex (m + k)%nat) as (s & y & S0 & S1 & S2 & S3); [apply Hc; [lia | lra] |].
     exists s, y. pose proof (sc_window (m + k)). pose proof (sc_publishes ex (m + k)).
     unfold state_age. repeat split; auto; [lra |]. intros i. pose proof (sc_acts ex (m + k) i). lra.
   - apply moves. lra.

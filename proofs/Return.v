@@ -27,7 +27,7 @@ Proof. intros P T answers ex C K Q safer T_Q m TH HK HQ Hc Hm HC Km Lead Fresh. 
   { intros t Ht (k & Hk & Ac & Last). destruct (Rle_or_lt (sc_out ex m) (dm_out ex k)).
     - apply No. exists k. split; auto. unfold b, tau in *. lra.
     - apply Hm. exists k. repeat split; auto; [lra |]. intros k' Hk'. apply Last. lra. }
-  assert (Run := sc_run_begins P T answers ex TH C m b Hc ltac:(unfold b, tau; lra) HC Sc).
+  assert (Run := sc_run_begins P T answers ex TH C m b (fun n Hn _ => Hc n Hn) ltac:(unfold b, tau; lra) HC Sc).
   destruct (next_release (dm_phase T) (Delta T) (tau + age T)) as [k Hk]; [lra | unfold tau; lra |].
   change (dm_phase T + INR k * Delta T) with (dm_release T k) in Hk.
   destruct (dm_window P T answers ex TH k) as (D1 & D2 & D3 & _).

@@ -23,11 +23,23 @@ MAIN = (
     "ScRuns.core_of_chains",
     "Composition.all_promises_hold",
     "Releases.r_and_G",
+    "Implicit.good_stays",
+    "Implicit.box_rests",
+    "Implicit.rules_rest",
+    "Implicit.memory_kept",
+    "Implicit.verdict_safe",
+    "Implicit.verdict_rests",
+    "Implicit.decided_returns",
+    "Implicit.start_safe",
+    "Implicit.implicit_safe",
     "Instance.flight_safe",
     "Instance.flight_gated",
     "Instance.flight_returns",
     "Instance.dm_goes_by_its_predicates",
     "Instance.gate_permits_more",
+    "Instance.flight_decided",
+    "Instance.flight_decided_returns",
+    "Instance.flight_remembers",
 )
 LIBRARY = {
     "ClassicalDedekindReals.sig_forall_dec",
@@ -37,7 +49,7 @@ LIBRARY = {
 }
 """What Coq's own library assumes: of reals, of functions, of classical logic."""
 UNPROVED = re.compile(r"\b(Admitted|admit|Axioms?|Parameters?|Conjecture|Unset|bypass_check)\b")
-MOST_LINES = 1000
+MOST_LINES = 1500
 WRONG = (
     ("Module.v", "Rmax (dm_late T + dm_response T) (G T + sc_late T)", "(G T + sc_late T)"),
     (
@@ -65,6 +77,37 @@ WRONG = (
     ),
     ("Gate.v", "(may_act s now) H (L T - L_min T) z", "(may_act s now) H 0 z"),
     ("Return.v", "complete ex m + T_Q + window T + age T", "complete ex m + T_Q + age T"),
+    ("Implicit.v", "Rmax (Delta T - dm_late T + L_min T)", "Rmax (Delta T + L_min T)"),
+    ("Implicit.v", "(H - delta T - window T)", "(H - delta T)"),
+    ("Implicit.v", "Rmax 0 (h0 - delta T - window T)", "Rmax 0 (h0 - delta T)"),
+    ("Implicit.v", "P1c : H_star T <= H", "P1c : H_star T - age T <= H"),
+    (
+        "Implicit.v",
+        "fb_flow : flow P x u 0 b }",
+        "fb_flow : flow P x u 0 b;\n  fb_held : forall t i, 0 <= t < al 0%nat -> u t i = u 0 i }",
+    ),
+    ("Implicit.v", "<= sc_seen m <= sc_start ex m", "- sc_age T <= sc_seen m <= sc_start ex m"),
+    (
+        "Implicit.v",
+        "counts ex m /\\ dm_seen k <= sc_seen m",
+        "counts ex m /\\ dm_seen k - age T <= sc_seen m",
+    ),
+    ("Implicit.v", "delta j d shown).", "delta j d Q)."),
+    ("Implicit.v", "forall z, M (x (al N)) z -> C z", "forall z, M (x (al N)) z -> shown z"),
+    ("Implicit.v", "/\\ b < al N_T)", "/\\ b <= b)"),
+    ("Implicit.v", "forall z, safe_with (map_of k) z", "forall z, safe_with (map_of 0%nat) z"),
+    ("Implicit.v", "INR N * delta - j <= t - al 0%nat <=", "INR N * delta <= t - al 0%nat <="),
+    ("Implicit.v", "(Y z \\/ reaches Y z)", "(Y z \\/ False)"),
+    (
+        "Implicit.v",
+        "answered Y i (u t i)",
+        "exists z y o, (Y z \\/ reaches Y z) /\\ reads_as P z y /\\ answers y o /\\ u t i = o i /\\\n"
+        "forall i', u t i' = o i'",
+    ),
+    ("Implicit.v", "V i s <= by_ i)", "V i s <= 2 * by_ i)"),
+    ("Implicit.v", "l1 = l \\/ on_takeover (y m) (o m) l = Some l1 ->\n", "True ->\n"),
+    ("Implicit.v", "s + h + INR N_T * delta T + window T <= b", "s + h + INR N_T * delta T <= b"),
+    ("Implicit.v", "at_rest_by n + age T + Delta T + dm_late", "at_rest_by n + Delta T + dm_late"),
     ("ScRuns.v", "Hypothesis j_small : j < delta", "Hypothesis j_small : j < 2 * delta"),
     ("Composition.v", "exists y, changed c y", "exists y, original c y"),
     ("Releases.v", "a <= d - g + r)", "a <= d - g)"),
@@ -73,6 +116,8 @@ WRONG = (
         "reads_as := fun z y => -2 <= y - z <= 2",
         "reads_as := fun z y => -10 <= y - z <= 10",
     ),
+    ("Instance.v", "0 <= a -> h <= 31", "0 <= a -> h <= 33"),
+    ("Instance.v", "near a h 9 (ball m)", "near a h 8 (ball m)"),
     ("Instance.v", "ttf y := ~ ball 160 y", "ttf y := ~ ball 170 y"),
 )
 """A file, what stands there, and what a wrong theorem would say in its place."""
