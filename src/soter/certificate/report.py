@@ -15,6 +15,8 @@ from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.certificate.flights.flight_report import FlightReport
+
     Said = Iterator[tuple[str, str]]
     """Key and text of one thing that is said after the other."""
 
@@ -123,6 +125,8 @@ class Report:
     seal: str = ""
     """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
+    flights: list[FlightReport] = field(default_factory=list)
+    """What was found of the logs of flights, where some were given."""
 
     @property
     def accepted(self) -> bool:
