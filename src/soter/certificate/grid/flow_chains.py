@@ -213,12 +213,28 @@ class FlowChain:
         way = self.layout.begun(start)
         if not self.depth:
             return way
-        n, q, flow = self.n, self.q, self.flow
         begin, end = self.times.taken if fresh else (-self.times.d, self.span)
         acting, others = (
             (self._any(start), []) if fresh else (self._old(start), self._others(start))
         )
+        n, q = self.n, self.q
         ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
+        return self._moved(start, (begin, end), acting, ranges, others)
+
+    def _moved(
+        self,
+        start: OpenedForm,
+        span: tuple[Fraction, Fraction],
+        acting: CommandRows,
+        ranges: Sequence[Interval],
+        others: Sequence[Any],
+    ) -> StateRows:
+        """The states at some instant of a span while `acting` acts, or others within `ranges`.
+
+        `others`: the integrals of what these differ from it.
+        """
+        n, flow, way = self.n, self.flow, self.layout.begun(start)
+        begin, end = span
         local = flow.around(way.box, ranges, begin, max(end, NOW))
         rate = product(beside(local.a, local.b), [*way.rows, *acting.rows])
         for row, c in zip(rate, local.constant, strict=True):

@@ -216,7 +216,9 @@ def read_by(facts: Facts) -> tuple[list[int], list[int]]:
     driven = driven_topics(facts)
     by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
     by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
-    if facts.computed:  # computed predicates read what carries the axes
+    if facts.symbol.rest is not None:  # what is computed of it reads what the module reads
+        by_dm = [*facts.module.scope.topics.values(), *by_sc]
+    elif facts.computed:  # computed predicates read what carries the axes
         by_dm = [topic for topic, _ in facts.leaves.values()] or list(driven)
     return [list(dict.fromkeys(i for i in of if i in driven)) for of in (by_dm, by_sc)]  # type: ignore[return-value]
 

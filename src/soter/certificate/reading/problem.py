@@ -91,6 +91,8 @@ def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
     sc = system.components[module.sc]
     wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
     wanted |= {module.scope.topics[t] for t in topic_reads(*module.symbol.predicates)}
+    if module.symbol.rest is not None:
+        wanted |= set(module.scope.topics.values())
     axes = [a for group in module.symbol.verify.groups for a in group.axes]
     for scope in (module.scope.topics, sc.scope.topics):
         wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}

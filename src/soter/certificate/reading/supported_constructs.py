@@ -70,6 +70,8 @@ DECLARATIONS: dict[type, str] = {
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
     "sc_span over contract failsafe wcet jitter latch shield toward_sc rest",
     t.Latch: "topic span",
+    t.RestSymbol: "condition moves within span",
+    t.RestMove: "topic path by way span",
     t.TypedVerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
     "enters span",
@@ -102,12 +104,12 @@ ELABORATED: dict[type, str] = {
 ROLES = ("plant", "dm", "sc", "ac", "node")
 
 
-def check_supported(facts: Facts) -> None:
-    """`NotRecheckedError` for the first thing that is not on the list."""
+def check_supported(facts: Facts, *, followed: bool = False) -> None:
+    """`NotRecheckedError` for the first thing that is not on the list; `followed`: as `rest` is."""
     for declared in (*CODE, *DECLARATIONS, *ELABORATED):
         _only_known_fields(declared)
     module = facts.flying_module
-    if facts.symbol.rest is not None:
+    if facts.symbol.rest is not None and not followed:
         raise NotRecheckedError(FOLLOWED)
     if module.forced is not None:
         raise NotRecheckedError(
@@ -120,7 +122,8 @@ def check_supported(facts: Facts) -> None:
     if facts.modes:
         only_modes_of_others(facts)
     _topics(facts)
-    for expr in facts.symbol.predicates:
+    rest = () if facts.symbol.rest is None else (facts.symbol.rest.condition,)
+    for expr in (*facts.symbol.predicates, *rest):
         read = facts.ttf if expr is facts.symbol.ttf else expr
         _code(read, "the predicates of the module")
     if facts.above is not None:

@@ -1,0 +1,1 @@
+"""Modules with `rest`: a tube in Arb for what their decision modules decide in flight."""

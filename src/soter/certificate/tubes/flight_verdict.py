@@ -1,0 +1,207 @@
+"""Whether an estimate is good, by a tube in Arb.
+
+Purpose: `Follower`: reads a module once; `good` follows SC from an estimate as "Decisions by tubes"
+(docs/proof.md) has it, and gives a reason where it is not certain that SC ends at rest within C.
+Non-goals: what is shown beforehand (`rest_claims.py`).
+
+The argument: let s be the instant of the estimate, x^. Any command acts until a_0 in [s + alpha,
+s + H]. That window is cut, and of each part all states at some instant of it are followed by
+themselves: every fall-back run is in one of these tubes. On all boxes that are met C is certain,
+until some a_N: all states in which output N begins to act are in Q, and what rest may move them to
+is in C. Parts where that does not come out are cut again, with shorter steps.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import inf
+from typing import TYPE_CHECKING
+
+import flint
+from flint import arb
+
+from soter.certificate.grid.flow_chains import NOW, Times
+from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF, exact
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.operations import CERTAIN, NotCertainError
+from soter.certificate.tubes.rest_problem import RestModel, constraint, read_rest
+from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.terms import Linear, Proposition, Terms
+    from soter.certificate.tubes.rest_problem import Range
+    from soter.certificate.tubes.tube_chains import Box
+    from soter.language.model.system import System
+
+NANOSECOND = Fraction(1, 10**9)
+CUTS = 4
+"""How often a part of the window is halved."""
+PIECES = (1, 1, 2, 4, 8)
+"""Into how many steps a hold is cut, by how often its part of the window was."""
+FREE_PIECES = 4
+BEYOND, FINE = arb(2) ** 1100, 1400
+"""More than any number that is published, and bits that tell it from its neighbours."""
+
+
+class Truths:
+    """Conditions on true states, over boxes of some of them."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        said: Callable[[Terms, list[Linear]], Proposition],
+    ) -> None:
+        terms, states = model.new_terms()
+        first = said(terms, states)
+        own = [atom_of(states[i]) for i in members]
+        boxes = boxes_of(model, states, members)
+        self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
+        self._ends = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
+
+    def certain(self, box: Box) -> bool:
+        """Whether it holds, and is defined, in all of a box."""
+        return self._within(box) and all(t == CERTAIN for t in self._of(box))
+
+    def nowhere(self, box: Box) -> bool:
+        """Whether it holds in none of it."""
+        return self._within(box) and self._of(box)[0] == 1
+
+    def _within(self, box: Box) -> bool:
+        pairs = zip(box, self._ends, strict=True)
+        return all(low >= a and high <= b and low <= high for (low, high), (a, b) in pairs)
+
+    def _of(self, box: Box) -> Sequence[int]:
+        found: Sequence[int] = self._truths(form_of_box(box, symbols=False))
+        return found
+
+
+class Follower:
+    """A module, read once.
+
+    `ways`: of states that its `moves` does not name where they are once it rests (Y, "ways" of its
+    certificate); without them it rests only where no condition reads these.
+    """
+
+    def __init__(self, flat: System, module: str, ways: Mapping[str, Range] | None = None) -> None:
+        """DiffersError where it has no `rest`, NotRecheckedError where it is not understood."""
+        self.problem = problem = read_rest(flat, module)
+        facts, members = problem.facts, problem.followed
+        self.model = model = RestModel(facts, (), facts.extents)
+        self.constraint = Truths(model, members, lambda t, x: constraint(model, t, x))
+        self.rest = Truths(
+            model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
+        )
+        names = [facts.states[s].name for s in members]
+        known = ways or {}
+        self.ways = {s: known[n] for s, n in zip(members, names, strict=True) if n in known}
+        times = problem.times
+        ns = (times.period, times.delay, times.jitter)
+        delta, delay, jitter = (t * NANOSECOND for t in ns)
+        holds = Times(delta, delay, jitter, jitter, (-delay, NOW))
+        self.chain = TubeChain(model, members, TubeFlow(model, members), holds)
+
+    @property
+    def reads(self) -> list[str]:
+        """What an estimate is made of, as `topic.field`, in the order of the states."""
+        return [self.problem.leaf(s) for s in self.problem.followed]
+
+    def good(self, estimate: Mapping[str, float]) -> str | None:
+        """None where the estimate is good, else why that is not certain."""
+        box = []
+        for s in self.problem.followed:
+            x, error = exact(estimate[self.problem.leaf(s)]), exact(self.problem.error(s))
+            if not x.is_finite():
+                return f"`{self.problem.leaf(s)}` is no number"
+            error += (abs(x) + error) * UNIT_ROUNDOFF * 2  # a sensor rounds the sum
+            box.append((x - error, x + error))
+        times = self.problem.times
+        return self.followed(box, times.alpha, times.horizon)
+
+    def starts(self) -> str | None:
+        """The same of every start: until h_0 anything acts."""
+        states, times = self.problem.facts.states, self.problem.times
+        box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
+        return self.followed(box, times.start_alpha, times.start)
+
+    # ------------------------------------------------------------ tubes
+
+    def followed(self, box: Box, earliest: int, latest: int) -> str | None:
+        """None where SC, acting first in [earliest, latest] ns, ends at rest from all of `box`."""
+        if not self.constraint.certain(box):
+            return "C is not certain of the estimate itself"
+        body, step = Body.of(box), earliest * NANOSECOND / FREE_PIECES
+        try:
+            for _ in range(FREE_PIECES if earliest else 0):
+                body, boxes = self.chain.anything(body, step)
+                if not all(map(self.constraint.certain, boxes)):
+                    return "any command may lead out of C before SC acts"
+        except NotCertainError:
+            return "where any command leads before SC acts is not known"
+        return self._window(body, (latest - earliest) * NANOSECOND, 0)
+
+    def _window(self, body: Body, span: Fraction, cut: int) -> str | None:
+        """From `body` on an output of SC begins to act within `span`."""
+        try:
+            inside = self.chain.window(body, span) if span else body
+            why = None
+            if not self.constraint.certain(inside.box):
+                why = "any command may lead out of C before SC acts"
+            why = why or self._settles(inside, PIECES[cut])
+            if why is None or cut == CUTS:
+                return why
+            if not span:
+                return self._window(body, span, cut + 1)
+            middle, _ = self.chain.anything(body, span / 2)
+            return self._window(body, span / 2, cut + 1) or self._window(middle, span / 2, cut + 1)
+        except NotCertainError:
+            return "a tube has no end"
+
+    def _settles(self, body: Body, pieces: int) -> str | None:
+        """From an output of SC on, that acts in `body`."""
+        if self.at_rest(body.box):
+            return None
+        late = bool(self.chain.span)
+        for n in range(self.problem.times.switches + 1):
+            if n and not late and self.at_rest(body.box):
+                return None
+            body, boxes = self.chain.hold(body, pieces)
+            for k, box in enumerate(boxes):
+                if not self.constraint.certain(box):
+                    return f"SC may lead out of C within {n + 1} of its steps"
+                if n and late and k == 0 and self.at_rest(box):
+                    return None
+        return "SC is not certainly at rest in time"
+
+    def at_rest(self, box: Box) -> bool:
+        """Whether all of a box is in Q, and what rest may move it to in C."""
+        if not self.rest.certain(box):
+            return False
+        moved, endless = [], False
+        for s, (low, high) in zip(self.problem.followed, box, strict=True):
+            drift, way = self.problem.drifts.get(s), self.ways.get(s)
+            if drift is not None:
+                below, above = drift
+                endless = endless or inf in drift
+                moved.append(
+                    (
+                        -BEYOND if below == inf else low - exact(below),
+                        BEYOND if above == inf else high + exact(above),
+                    )
+                )
+            elif way is not None:
+                moved.append((exact(way[0]), exact(way[1])))
+            else:
+                endless = True
+                moved.append((-BEYOND, BEYOND))
+        precision = flint.ctx.prec
+        try:
+            if endless:
+                flint.ctx.prec = FINE
+            return self.constraint.certain(moved)
+        finally:
+            flint.ctx.prec = precision

@@ -1,0 +1,293 @@
+"""What a module with `rest` is, as "Decisions by tubes" (docs/proof.md) has it.
+
+Purpose: `RestProblem`: which states are followed, in which leaf the DM sees each and how far that
+may be off, the sets of states, what `moves` says, and every time constant, from the program alone.
+Non-goals: tubes (`tube_chains.py`), what is claimed (`rest_claims.py`).
+
+The argument: a state is followed if an answer of SC, a condition or the rate of a followed state
+depends on it. All others are not in what is asked: they only have to have a solution for as long as
+is asked, which they do where their rates are affine in them (Gronwall).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from flint import arb
+
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.map_steps import atom_of
+from soter.certificate.reading.module_facts import (
+    DiffersError,
+    Facts,
+    bounded_topics,
+    driven_topics,
+    number_of,
+    read_by,
+)
+from soter.certificate.reading.problem import followed, read_facts
+from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.terms.arb_balls import greatest_below
+from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
+from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.language.model.types import leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.certificate.terms.terms import Linear, Proposition
+    from soter.language.model.system import System
+    from soter.language.model.typed import RestSymbol
+
+    Range = tuple[float, float]
+
+WIDE = 2.0**1000
+"""Ends for what nothing bounds; terms that depend on it say nothing."""
+FARTHEST = arb(2) ** 10**6
+"""Ends for followed states without a set."""
+
+
+@dataclass(frozen=True)
+class RestTimes:
+    """In ns. `alpha`: no output of SC is complete earlier after an estimate; `switches`: N_T."""
+
+    horizon: int
+    alpha: int
+    start: int
+    start_alpha: int
+    delay: int
+    jitter: int
+    period: int
+    switches: int
+
+
+@dataclass(eq=False)
+class RestProblem:
+    """Of one module. `leaves`: of each followed state the topic and leaf that its DM reads."""
+
+    facts: Facts
+    rest: RestSymbol
+    within_ns: int
+    followed: tuple[int, ...]
+    leaves: dict[int, tuple[int, int]]
+    sets: dict[int, Range]
+    """Of each state: where what shows it lies in its declared set."""
+    drifts: dict[int, Range]
+    """How far below and above what it was SC moves a state that `moves` names; inf: anywhere."""
+
+    @property
+    def own(self) -> tuple[int, ...]:
+        """Followed states that `moves` does not name."""
+        return tuple(s for s in self.followed if s not in self.drifts)
+
+    @property
+    def moving(self) -> tuple[int, ...]:
+        """Followed states that it names."""
+        return tuple(s for s in self.followed if s in self.drifts)
+
+    @property
+    def times(self) -> RestTimes:
+        """The constants of a tube, from the times that claims are held to."""
+        t, jitter, period = self.facts.times, self.facts.jitter_ns, self.facts.times["delta_ns"]
+        horizon, least = t["H_ns"], min(e.least for e in self.facts.setting.effects)
+        alpha = max(t["Delta_ns"] - t["J_dm_ns"] + least, horizon - period - jitter)
+        start = self.facts.start_ns
+        return RestTimes(
+            horizon,
+            min(alpha, horizon),
+            start,
+            max(0, start - period - jitter),
+            self.facts.delay_ns,
+            jitter,
+            period,
+            (self.within_ns - jitter) // period,
+        )
+
+    def leaf(self, state: int) -> str:
+        """What the DM reads of a followed state, as `topic.field`."""
+        topic, k = self.leaves[state]
+        declared = self.facts.system.topics[topic]
+        path = [p for p, _ in leaves(declared.type)][k]
+        return ".".join((declared.name, *path))
+
+    def error(self, state: int) -> float:
+        """E: how far whatever the module reads of a state may be off."""
+        shown = {at for at, s in shows(self.facts).items() if s == state}
+        return max((e.high for e in self.facts.errors if (e.owner, e.leaf) in shown), default=0.0)
+
+
+@dataclass(eq=False)
+class RestModel(CaseModel):
+    """Terms of a module with `rest`; `far`: over states that nothing bounds, too."""
+
+    far: bool = True
+
+    def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, and the states in them."""
+        return super().new_terms(FARTHEST if self.far else farthest)
+
+
+def read_rest(flat: System, name: str) -> RestProblem:
+    """The problem of the module called `name`.
+
+    DiffersError where it is none with `rest`, NotRecheckedError where it is not understood.
+    """
+    facts = read_facts(flat, name)
+    rest = facts.symbol.rest
+    if rest is None:
+        raise DiffersError(f"`{name}` has no `rest`")
+    check_supported(facts, followed=True)
+    _refuse(facts)
+    setting = facts.setting
+    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+        survives_the_start(facts)
+    sets = _sets(facts)
+    facts.extents = tuple((max(a, -WIDE), min(b, WIDE)) for a, b in sets.values())
+    states = _followed(facts, rest)
+    facts.unbounded = {s for s in states if -inf in sets[s] or inf in sets[s]}
+    at = _estimate(facts)
+    for s in states:
+        if s not in at:
+            raise NotRecheckedError(f"no topic that is read shows `{facts.states[s].name}`")
+    _sees_only(facts, {at[s][0] for s in states})
+    drifts = _drifts(facts, rest)
+    within = int(number_of(facts, rest.within))
+    leaves_of = {s: at[s] for s in states}
+    return RestProblem(facts, rest, within, states, leaves_of, sets, drifts)
+
+
+def _refuse(facts: Facts) -> None:
+    """What the theorem does not have (condition 8), or this room."""
+    symbol = facts.symbol
+    wrong = {
+        "plants that move in steps": facts.kind != "flow",
+        "parameters of the plants": bool(facts.parameters),
+        "a fail-safe law": bool(symbol.failsafe),
+        "an abstraction": bool(symbol.verify.abstracts),
+        "a tower": len(facts.tower) > 1,
+        "modes of other modules": facts.modes,
+        "a shield": symbol.shield is not None,
+        "a grid": bool(symbol.verify.groups),
+        "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
+        "variables of SC": bool(facts.sc.node is None or facts.sc.node.locals),
+    }
+    for what in (what for what, there in wrong.items() if there):
+        raise NotRecheckedError(f"`rest` beside {what}")
+
+
+# ---------------------------------------------------------------- states
+
+
+def shows(facts: Facts) -> dict[tuple[int, int], int]:
+    """(topic, leaf) -> the state that it plainly is, of all that plants drive."""
+    found = {}
+    for topic, (plant, expr) in driven_topics(facts).items():
+        for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
+            state = followed(facts, plant, expr, path)
+            if state is not None:
+                found[topic, k] = state
+    return found
+
+
+def _sets(facts: Facts) -> dict[int, Range]:
+    """Of each state; -inf and inf where nothing bounds it.
+
+    What is published is the state and an error, rounded, and lies in the declared set, or the plant
+    stops: then the state is in all that is left of every one of these sets.
+    """
+    ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
+    errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
+    for (topic, k), s in shows(facts).items():
+        bound = facts.system.topics[topic].bounds[k]
+        if bound is not None:
+            low, high = ranges[s]
+            most = greatest_below(float(bound.high), errors.get((topic, k), 0.0))
+            least = -greatest_below(-float(bound.low), errors.get((topic, k), 0.0))
+            ranges[s] = max(low, least), min(high, most)
+    return ranges
+
+
+def _followed(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
+    """States that what is asked depends on, by what SC, conditions and their rates read.
+
+    NotRecheckedError where another one might end before what is asked does.
+    """
+    model = RestModel(facts, (), facts.extents, far=False)
+    terms, states = model.new_terms()
+    asked: list[Linear | Proposition] = list(model.commands(terms, states))
+    conditions = constraint(model, terms, states)
+    asked += [conditions, model.predicate(terms, states, rest.condition, errors=False)]
+    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    asked += terms.obligations
+    atoms = {atom_of(x): i for i, x in enumerate(states)}
+
+    def read(roots: Iterable[Linear | Proposition]) -> set[int]:
+        return {atoms[a] for a in inputs_of(terms, list(roots)) if a in atoms}
+
+    found: set[int] = set()
+    new = read(asked)
+    while new - found:
+        found |= new
+        new = read(rates[s] for s in found)
+    left = {i: x for i, x in enumerate(states) if i not in found}
+    for i in left:
+        if not _affine(terms, rates[i], {atom_of(x) for x in left.values()}):
+            raise NotRecheckedError(f"`{facts.states[i].name}` is not followed, and may end")
+    return tuple(sorted(found))
+
+
+def _affine(terms: Terms, x: Linear, inputs: set[int]) -> bool:
+    """Whether a term is affine in these inputs, with factors that do not depend on them."""
+    for a in x.terms:
+        atom = terms.atoms[a]
+        within = [bool(inputs_of(terms, [y]) & inputs) for y in atom.arguments]
+        if a in inputs or not any(within):
+            continue
+        if atom.kind != "product" or all(within):
+            return False
+        if not all(_affine(terms, y, inputs) for y in atom.arguments):
+            return False
+    return True
+
+
+def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
+    """C: `safe`, and that what is published lies in its set; obligations are entered in `terms`."""
+    held = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+    for topic in bounded_topics(model.facts):
+        held = both(held, model.in_set(terms, states, topic))
+    return held
+
+
+def _estimate(facts: Facts) -> dict[int, tuple[int, int]]:
+    """In which topic and leaf the DM sees each state: one that SC reads too, where there is one."""
+    by_dm, by_sc = (set(of) for of in read_by(facts))
+    known = [(at, s) for at, s in shows(facts).items() if at[0] in by_dm]
+    return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
+
+
+def _sees_only(facts: Facts, estimate: set[int]) -> None:
+    """Condition 2: SC sees plants by topics that the check reads."""
+    _, by_sc = read_by(facts)
+    for topic in by_sc:
+        if topic not in estimate:
+            name = facts.system.topics[topic].name
+            raise NotRecheckedError(f"SC sees the plant by `{name}`, which its DM does not read")
+
+
+def _drifts(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
+    """What `moves` says, by state."""
+    found, known = {}, shows(facts)
+    for move in rest.moves:
+        topic = facts.module.scope.topics[move.topic]
+        paths = [p for p, _ in leaves(move.topic.type)]
+        state = known.get((topic, paths.index(move.path)))
+        if state is None:
+            raise NotRecheckedError(f"`{move.topic.name}` moves, and is no state")
+        by = float(number_of(facts, move.by) or 0.0)
+        if not 0.0 <= by < inf:
+            raise RejectedError(f"how far `{move.topic.name}` moves is no length")
+        found[state] = (inf if move.way == "up" else by, inf if move.way == "down" else by)
+    return found

@@ -1,0 +1,174 @@
+"""A tube: sets of states as generators, one step of a chain after the other.
+
+Purpose: `Body`, a set of states with the commands that still act; `TubeChain`: holds of SC, spans
+of any command, the states at any instant of a window, each from a body to a body.
+Non-goals: what a hold is (`grid/flow_chains.py`); which tubes (`flight_verdict.py`).
+
+The argument is that of `FlowChain`: a hold is rows over generators z, each of which is a number in
+[-1, 1], or 1. Here z has as many columns as there are unknowns; behind a hold what rows do not say
+(`rest`) is an unknown of its own for each state. Commands that may still act keep what they share
+with the states. Unknowns that matter least are put together, one for each row (Girard): whatever
+they were, their sum is within the sum of their sizes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
+from soter.certificate.grid.flow_chains import NOW, FlowChain
+from soter.certificate.grid.flow_enclosures import LocalFlow
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
+from soter.certificate.terms.rows import product
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from fractions import Fraction
+
+    from flint import arb
+
+    from soter.certificate.grid.chain_form_layout import CommandRows, StateRows
+    from soter.certificate.grid.flow_enclosures import Interval
+    from soter.certificate.terms.rows import Rows
+
+    Box = list[Interval]
+
+COLUMNS = 40
+"""Unknowns that are kept as they are."""
+
+
+class TubeFlow(LocalFlow):
+    """A flow that is cut as its tube says; where two commands may act is a step of its own."""
+
+    apart = True
+
+    def steps(self, span: Fraction) -> int:
+        """One."""
+        del span
+        return 1
+
+
+@dataclass(eq=False)
+class Body:
+    """States in `box` and in rows of a constant and factors of unknowns in [-1, 1].
+
+    `memory`: rows of the commands that may still act, the latest first, with their `ranges`; none
+    where any may have acted.
+    """
+
+    box: Box
+    rows: Rows
+    memory: Rows
+    ranges: Box
+
+    @classmethod
+    def of(cls, box: Box) -> Body:
+        """All of a box, whatever acted before."""
+        rows = []
+        for i, (low, high) in enumerate(box):
+            row = [(low + high) * HALF, *[ZERO] * len(box)]
+            row[1 + i] = (high - low) * HALF
+            rows.append(row)
+        return cls(box, rows, [], [])
+
+
+class TubeChain(FlowChain):
+    """Steps of one tube; `NotCertainError` where nothing is found."""
+
+    # ------------------------------------------------------------ steps
+
+    def hold(self, body: Body, pieces: int) -> tuple[Body, list[Box]]:
+        """SC's next command and where it leads, up to the earliest instant of the one after it.
+
+        The boxes on the way; where commands act late the first one has all states in which this
+        one begins to act.
+        """
+        fresh = not body.memory and self.depth > 0
+        start = self._opened(body)
+        new = self._answered(start, fresh=fresh)
+        way, tube = self._led(start, new, self.spans(pieces, fresh=fresh or not self.depth))
+        return self._closed(start, way, new), _boxes(tube, self.n)
+
+    def anything(self, body: Body, span: Fraction) -> tuple[Body, list[Box]]:
+        """Any commands for so long."""
+        start = self._opened(Body(body.box, body.rows, [], []))
+        way, tube = self._led(start, self._any(start), [(span, NOW)])
+        return self._closed(start, way, None), _boxes(tube, self.n)
+
+    def window(self, body: Body, span: Fraction) -> Body:
+        """The states at some instant of the next `span`, under any commands."""
+        start = self._opened(Body(body.box, body.rows, [], []))
+        way = self._moved(start, (NOW, span), self._any(start), self.flow.ranges, [])
+        return self._closed(start, way, None)
+
+    # ------------------------------------------------------------ bodies
+
+    def _opened(self, body: Body) -> OpenedForm:
+        """The unknowns z of a step: states, what acted, what SC answers beside its rows, 1."""
+        count, any_before = self.depth * self.q, not body.memory
+        known = len(body.rows[0])
+        pad = max(0, 1 + self.n - known)
+        extra = pad + (count if any_before else 0) + self.q
+        z = [[*row, *[ZERO] * extra] for row in (*body.rows, *body.memory)]
+        ranges = list(body.ranges)
+        if any_before:
+            ranges = list(self.flow.ranges) * self.depth
+            for k, (low, high) in enumerate(ranges):
+                row = [ZERO] * (known + extra)
+                row[0], row[known + pad + k] = (low + high) * HALF, (high - low) * HALF
+                z.append(row)
+        z += [[ZERO] * (known + extra) for _ in range(self.q)]
+        z.append([ONE, *[ZERO] * (known + extra - 1)])
+        return OpenedForm([*body.box, *ranges], z, [])
+
+    def _closed(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> Body:
+        """What came of it, over unknowns; `new`: what acts now, None: anything."""
+        rows = product(way.rows, start.z)
+        memory, ranges = [], []
+        if new is not None and self.depth:
+            n, old = self.n, (self.depth - 1) * self.q
+            memory = [*product(new.rows, start.z), *start.z[n : n + old]]
+            ranges = [*new.ranges, *start.ranges[n : n + old]]
+        rows = [self._with_own(row, i, way) for i, row in enumerate(rows)]
+        memory = [[*row, *[ZERO] * self.n] for row in memory]
+        rows, memory = _fewer(rows, memory)
+        return Body(list(way.box), rows, memory, ranges)
+
+    def _with_own(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
+        """A row with its rest; that of its range where this is much the smaller one."""
+        own = [ZERO] * self.n
+        own[i] = way.rest[i]
+        low, high = way.box[i]
+        half = (high - low) * HALF
+        if half < HALF * (spread_of(row[1:]) + way.rest[i]):
+            own[i] = half
+            return [(low + high) * HALF, *[ZERO] * (len(row) - 1), *own]
+        return [*row, *own]
+
+
+def _boxes(tube: Sequence[arb], n: int) -> list[Box]:
+    ends = list(zip(tube[::2], tube[1::2], strict=True))
+    return [ends[k : k + n] for k in range(0, len(ends), n)]
+
+
+def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
+    """The same with `COLUMNS` unknowns and one a row: those stay that a box loses most of."""
+    every = [*rows, *memory]
+    columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
+    sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
+    whole = [sum(of) or 1.0 for of in zip(*sizes, strict=True)] if columns else []
+    scores = []
+    for c in sizes:
+        shares = [x / w for x, w in zip(c, whole, strict=True)]
+        scores.append(sum(shares) - max(shares))
+    order = sorted(range(len(columns)), key=scores.__getitem__, reverse=True)
+    kept = [columns[k] for k in order[:COLUMNS]]
+    left = [columns[k] for k in order[COLUMNS:]]
+    made = []
+    for i, row in enumerate(every):
+        own = [ZERO] * (len(every) if left else 0)
+        if left:
+            own[i] = spread_of([c[i] for c in left])
+        made.append([row[0], *(c[i] for c in kept), *own])
+    return made[: len(rows)], made[len(rows) :]

@@ -1,0 +1,56 @@
+"""What a tube in Arb says of single estimates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.certificate.tubes.flight_verdict import Follower
+from soter.language.front_end import check_file, system_to_prove
+
+if TYPE_CHECKING:
+    from soter.language.model.system import System
+
+FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
+WAYS = {"r.v": (-0.31, 0.31)}
+
+
+def flat(text: str) -> System:
+    checked = check_file("module.soter", text)
+    assert checked.program is not None, checked.diagnostics.items
+    return system_to_prove(checked, next(iter(checked.systems)), {}, exact=False)
+
+
+def follower(text: str) -> Follower:
+    system = flat(text)
+    return Follower(system, system.modules[0].name, WAYS)
+
+
+def test_estimates_are_good_where_a_brake_is_early_enough() -> None:
+    """From 36 m/s a train needs 18 m, and what it comes to until it brakes; 19 m are too few."""
+    train = follower(FOLLOW.read_text(encoding="utf-8"))
+    assert train.reads == ["sight.gap", "sight.way", "sight.v"]
+    good = [(60.0, 0.0, 10.0), (23.2, 0.0, 36.0), (60.0, 376.0, 36.0), (9.0, 390.0, 0.0)]
+    bad = [(22.0, 0.0, 36.0), (60.0, 379.0, 36.0), (-0.1, 0.0, 0.0), (60.0, 0.0, 39.95)]
+    for estimates, expected in ((good, True), (bad, False)):
+        for e in estimates:
+            assert (train.good(dict(zip(train.reads, e, strict=True))) is None) == expected, e
+    assert train.good({"sight.gap": float("nan"), "sight.way": 0.0, "sight.v": 0.0}) is not None
+    assert train.starts() is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("gas: 0.0, brake: 1.0 }; }", "gas: 1.0, brake: 0.0 }; }"),
+        ("within 5s", "within 100ms"),
+        ("sight.gap by CREEP down", "sight.gap by 5.0 down"),
+    ],
+)
+def test_no_estimate_is_good_where_sc_does_not_end_at_rest(old: str, new: str) -> None:
+    text = FOLLOW.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    train = follower(text.replace(old, new))
+    assert train.good(dict(zip(train.reads, (4.0, 0.0, 5.0), strict=True))) is not None
