@@ -60,9 +60,10 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established (with 
             4 accepted in part: what is claimed holds, and it is not all of that,
             5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
-with --log: 0 the certificate is accepted and every verdict confirmed, 3 a log contradicts itself or
-            the program, 4 no log has a verdict, 5 a verdict is not confirmed, or the certificate is
-            not re-checked, 1 a log of another program, system or other parameters
+with --log: 0 every verdict is confirmed, and so is all that safety needs besides, 3 a log
+            contradicts itself or the program, 4 a log has no verdict, or the certificate claims
+            less than safety needs, 5 a verdict is not confirmed, or the certificate not re-checked,
+            1 a log of another program, system or other parameters
 """
 
 
@@ -121,8 +122,9 @@ def _exit(report: Report) -> int:
     said = {report.verdict, *(f.verdict for f in report.flights)}
     if said != {ACCEPTED}:
         return VIOLATED if REJECTED in said else NOT_RECHECKED
-    if report.flights:  # what each flight was decided by is confirmed, whatever else is claimed
-        return FINE if all(f.verdicts or f.others for f in report.flights) else UNDECIDED
+    if report.flights:
+        told = all(f.verdicts or f.others for f in report.flights) and not report.contradicted
+        return FINE if told and report.flown_safely else UNDECIDED
     complete = report.safe and report.returns and not report.contradicted
     return FINE if complete else UNDECIDED
 
@@ -190,10 +192,10 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
 
 def _of_flight(flight: FlightReport) -> Iterator[str]:
     """What is said of the verdicts of a flight: those that are not confirmed one by one."""
-    cpu = flight.seconds / max(flight.verdicts, 1)
+    each = f" ({flight.seconds / flight.verdicts:.2f} s of CPU each)" if flight.verdicts else ""
     yield (
-        f'{flight.confirmed:,} of {flight.verdicts:,} verdicts "AC" confirmed, up to '
-        f"{flight.to_ns / 1e9:.9g} s ({cpu:.2f} s of CPU each); {flight.others:,} said SC"
+        f'{flight.confirmed:,} of {flight.verdicts:,} verdicts "AC" confirmed{each}, up to '
+        f"{flight.to_ns / 1e9:.9g} s; {flight.others:,} said SC"
     )
     if flight.cut:
         yield visible(f"read up to there, and no further: {flight.cut}")
@@ -295,7 +297,7 @@ DOCUMENT = JsonObject(
     not_covered=ASSUMPTION,
     flights=JsonObject(
         "soter.certificate.flights.flight_report.FlightReport",
-        "log system verdict verdicts confirmed others to_ns cut seconds doubts",
+        "log system modules verdict verdicts confirmed said_sc=others to_ns cut seconds doubts",
         verdict=one_of(*VERDICTS),
         doubts=JsonObject(
             "soter.certificate.flights.flight_report.Doubt",

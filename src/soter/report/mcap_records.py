@@ -80,7 +80,7 @@ class McapRecords:
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
         """Channel, its schema (None where it has none) and message.
 
-        Raises DamagedMcapError, mcap's InvalidMagic where it is no MCAP at all, and what the
+        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic where it is no MCAP at all, and what the
         package raises of a record that it cannot read.
         """
         magic = self.file.read(len(MAGIC))

@@ -55,9 +55,12 @@ def _records(path: Path) -> Iterator[McapRecords]:
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006.
+
+    It stands at the beginning: the end of the file may be missing.
+    """
     with _records(path) as records:
-        for _ in records.messages():
+        for _ in _up_to_cut(records, lambda _: None):
             if METADATA_NAME in records.metadata:
                 break
         return records.metadata.get(METADATA_NAME, {})

@@ -30,7 +30,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.front_end import system_to_prove
 from soter.report.parameter_text import changed
 from soter.report.printable_text import visible
-from soter.report.run_log import metadata, require_log_package
+from soter.report.run_log import metadata, require_log_package, unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -121,7 +121,7 @@ class Flights:
             phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
             doubts = self._asked(system, read, progress, workers or os.cpu_count() or 1)
             doubted = {(d.time_ns, d.module) for d in doubts}
-            report = FlightReport(log, system, len(read.verdicts), others=read.others)
+            report = FlightReport(log, system, names, len(read.verdicts), others=read.others)
             report.confirmed = sum((v.time_ns, v.module) not in doubted for v in read.verdicts)
             report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, doubts
             report.seconds = _spent() - began
@@ -177,6 +177,8 @@ class Flights:
     def _system_of(self, log: str) -> str:
         """The system that flew in a log; SoterError D023 where the certificate is of another."""
         said = metadata(Path(log))
+        if not said:
+            raise unreadable(Path(log), "it does not say what flew")
         system, own = said.get("system", ""), self._sha256
         if said.get("program_sha256") != own:
             other = said.get("program_sha256", "none")

@@ -36,12 +36,13 @@ class Doubt:
 class FlightReport:
     """Of one log: how many verdicts said "AC", and of how many of these that was confirmed.
 
-    `others` said "SC", which needs no confirmation. `to_ns`: up to where the log was read; `cut`:
-    why not to its end, "" where it was. `seconds` of processor time.
+    `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
+    the log was read; `cut`: why not to its end, "" where it was. `seconds` of processor time.
     """
 
     log: str
     system: str
+    modules: list[str] = field(default_factory=list)
     verdicts: int = 0
     confirmed: int = 0
     others: int = 0
