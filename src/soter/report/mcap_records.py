@@ -80,8 +80,8 @@ class McapRecords:
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
         """Channel, its schema (None where it has none) and message.
 
-        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic where it is no MCAP at all, and what the
-        package raises of a record that it cannot read.
+        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic
+        where it is no MCAP at all, and what the package raises of a record that it cannot read.
         """
         magic = self.file.read(len(MAGIC))
         if magic != MAGIC:

@@ -93,6 +93,17 @@ def faster(flight: Flight) -> None:
     flight.read(300 * MS)["value"] = fast
 
 
+def negative(flight: Flight) -> None:
+    flight.sights[200 * MS] = sight_at(200 * MS) | {"v": 0.0}
+    flight.read(200 * MS)["value"] = sight_at(200 * MS) | {"v": -0.0}
+
+
+def old(flight: Flight) -> None:
+    flight.read(200 * MS).update(value=sight_at(170 * MS), age_ns=30 * MS)
+    for time_ms in (180, 190, 200):
+        del flight.sights[time_ms * MS]
+
+
 def second(flight: Flight) -> None:
     flight.steps[330 * MS] = flight.step(330 * MS, "AC", "AC")
 
@@ -166,19 +177,13 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
     ),
     "the sign of a zero": (
         "AAAAAA",
-        lambda f: (
-            read(f, 200, value=sight_at(200 * MS) | {"v": -0.0}),
-            f.sights.update({200 * MS: sight_at(200 * MS) | {"v": 0.0}}),
-        ),
+        negative,
         200,
         "it read sight of 200000000 ns, and the log has another value of then",
     ),
     "it was too old": (
         "AAAAAA",
-        lambda f: (
-            read(f, 200, value=sight_at(170 * MS), age_ns=30 * MS),
-            [f.sights.pop(t * MS) for t in (180, 190, 200)],
-        ),
+        old,
         200,
         "it read sight, 30000000 ns old, and max_age is 20000000 ns",
     ),
