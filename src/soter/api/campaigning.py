@@ -28,7 +28,7 @@ from soter.campaign.release_lateness import kept
 from soter.campaign.result import Result, result_of
 from soter.campaign.store import CampaignIdentity, CampaignStore
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
-from soter.simulate.parameter_text import changed
+from soter.report.parameter_text import changed
 from soter.simulate.run_settings import seed_value
 
 if TYPE_CHECKING:

@@ -51,7 +51,7 @@ def format_text(name: str, text: str) -> str:
 def require_writers(log: str | Path | None, report: str | Path | None) -> None:
     """Say before a run, not after it, that its log cannot be written."""
     if log is not None:
-        from soter.simulate.outputs.to_log import require_log_package  # noqa: PLC0415 - an extra
+        from soter.report.run_log import require_log_package  # noqa: PLC0415 - an extra
 
         require_log_package()
     if report is not None:

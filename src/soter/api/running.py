@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
+from soter.report.parameter_text import changed
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import (
     assumptions,
@@ -30,7 +31,6 @@ from soter.simulate.interrupt import (
     stoppable,
     stopped_by,
 )
-from soter.simulate.parameter_text import changed
 from soter.simulate.run import run_interpreted
 from soter.simulate.wall_clock_pacing import Pacer
 from soter.verify.proof_cache import stored_verdicts

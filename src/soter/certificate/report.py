@@ -15,11 +15,15 @@ from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.certificate.flights.flight_report import FlightReport
+
     Said = Iterator[tuple[str, str]]
     """Key and text of one thing that is said after the other."""
 
 SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 """Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
+IN_FLIGHT = {"P3", "ttf", "safer"}
+"""What each verdict "AC" of a module with `rest` says of itself, and no certificate."""
 
 
 def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
@@ -123,6 +127,8 @@ class Report:
     seal: str = ""
     """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
+    flights: list[FlightReport] = field(default_factory=list)
+    """What was found of the logs of flights, where some were given."""
 
     @property
     def accepted(self) -> bool:
@@ -143,6 +149,18 @@ class Report:
     def safe(self) -> bool:
         """Whether safety is established, for every module."""
         return self.accepted and all(not m.missing for m in self.modules)
+
+    @property
+    def flown_safely(self) -> bool:
+        """Whether all that safety needs is established, of what these flights were decided by.
+
+        Of the modules that flew the verdicts stand for what they say of themselves.
+        """
+        flown = {(f.system, name) for f in self.flights for name in f.modules}
+        lacks = [(m, set(m.missing)) for m in self.modules]
+        left = [x - IN_FLIGHT if (m.system, m.name) in flown else x for m, x in lacks]
+        confirmed = all(f.verdict == ACCEPTED for f in self.flights)
+        return self.accepted and bool(self.flights) and confirmed and not any(left)
 
     @property
     def vacuous(self) -> dict[str, str]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.api import recheck
 from soter.api.files import write_sections
+from soter.certificate.flights.flight_report import CONTRADICTED, UNCONFIRMED
 from soter.certificate.format import errors
 from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
 from soter.cli.terminal.command_outcome import (
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
+    from soter.certificate.flights.flight_report import FlightReport
     from soter.certificate.report import RecheckedModule, Report
     from soter.cli.terminal.console import Console
 
@@ -42,22 +44,32 @@ EXAMPLES = f"""\
   soter recheck proof/
   soter recheck proof/ --json | jq .accepted
   soter recheck proof/ --report recheck.html       a page to file
+  soter run train.soter --log flight.mcap
+  soter recheck proof/ --log flight.mcap           every verdict of that flight once more
 
 {CERTIFICATE_FOLDER}
 Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
 is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
 Times and assumptions are derived from the program, never read from the certificate. What is not
 understood of a program is not re-checked: then nothing is known to be false, and nothing is shown.
+With --log every verdict "AC" of a module with `rest` is done again, from the estimate that the log
+says it read; those that are not confirmed are named, and so is each one that is missing.
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
             safety), 3 rejected: something in it is false,
             4 accepted in part: what is claimed holds, and it is not all of that,
             5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
+with --log: 0 every verdict is confirmed, and so is all that safety needs besides, 3 a log
+            contradicts itself or the program, 4 a log has no verdict, or the certificate claims
+            less than safety needs, 5 a verdict is not confirmed, or the certificate not re-checked,
+            1 a log of another program, system or other parameters
 """
 
 
 ENDING = "-recheck.html"
+SHOWN = 20
+"""Lines about a flight; the document has all."""
 NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
@@ -65,6 +77,14 @@ def parser() -> CommandParser:
     """The command line."""
     made = CommandParser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
+    made.add_argument(
+        "--log",
+        action="append",
+        default=[],
+        metavar="LOG",
+        dest="logs",
+        help="a flight of its program, of `soter run --log`: confirm its verdicts (also several)",
+    )
     add_report(made, "what was confirmed", ENDING)
     return made
 
@@ -80,12 +100,13 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             return CommandOutcome(exit_of((problem,)), (problem,), {"certificate": args.folder})
     try:
         with ProgressBar(console) as progress:
-            report = recheck(args.folder, progress)
+            report = recheck(args.folder, progress, args.logs)
     except SoterError as error:
         return CommandOutcome(
             exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
         )
     _say(report, args.folder, console)
+    _say_flights(report, console)
     fields = {"certificate": args.folder, **DOCUMENT.of(report)}
     if report_file is not None:
         colour, headline = _verdict(report, args.folder)
@@ -98,8 +119,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _exit(report: Report) -> int:
-    if not report.accepted:
-        return VIOLATED if report.verdict == REJECTED else NOT_RECHECKED
+    said = {report.verdict, *(f.verdict for f in report.flights)}
+    if said != {ACCEPTED}:
+        return VIOLATED if REJECTED in said else NOT_RECHECKED
+    if report.flights:
+        told = all(f.verdicts or f.others for f in report.flights) and not report.contradicted
+        return FINE if told and report.flown_safely else UNDECIDED
     complete = report.safe and report.returns and not report.contradicted
     return FINE if complete else UNDECIDED
 
@@ -139,6 +164,8 @@ def _sections(report: Report) -> Iterator[PageSection]:
     own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
     own += [visible(report.reason)] if report.reason else []
     yield PageSection("What was checked", tuple(own))
+    for flight in report.flights:
+        yield PageSection(visible(f"Flight {flight.log}"), tuple(_of_flight(flight)))
     texts = tuple(map(visible, report.assumptions))
     yield PageSection("Under these assumptions, derived from the program", texts)
     uncovered = tuple(visible(said.text) for said in report.not_covered)
@@ -161,6 +188,35 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     says += [f"Not looked at: whether AC ever has control ({m.unseen})."] if m.unseen else []
     says += [f"Confirmed: {said.text}" for said in m.shown]
     return PageSection(title, tuple(map(visible, says)))
+
+
+def _of_flight(flight: FlightReport) -> Iterator[str]:
+    """What is said of the verdicts of a flight: those that are not confirmed one by one."""
+    each = f" ({flight.seconds / flight.verdicts:.2f} s of CPU each)" if flight.verdicts else ""
+    yield (
+        f'{flight.confirmed:,} of {flight.verdicts:,} verdicts "AC" confirmed{each}, up to '
+        f"{flight.to_ns / 1e9:.9g} s; {flight.others:,} said SC"
+    )
+    if flight.cut:
+        yield visible(f"read up to there, and no further: {flight.cut}")
+    for d in flight.doubts:
+        of = ", ".join(f"{name} = {value!r}" for name, value in d.estimate.items())
+        text = f"{d.time_ns / 1e9:.9g} s  {d.module}  {d.kind}: {d.reason}"
+        yield visible(f"{text}  ({of})" if of else text)
+
+
+def _say_flights(report: Report, console: Console) -> None:
+    """A line a flight, and below it what is not confirmed, the first of them."""
+    for flight in report.flights:
+        first, *others = _of_flight(flight)
+        colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
+        word = {ACCEPTED: "CONFIRMED", REJECTED: "CONTRADICTED"}.get(flight.verdict)
+        said = console.paint(colour, word or "NOT CONFIRMED")
+        console.say(f"\n{said}  {visible(flight.log)}: {first}")
+        for line in others[:SHOWN]:
+            console.say(f"  {line}")
+        if len(others) > SHOWN:
+            console.say(f"  and {len(others) - SHOWN:,} more (--json has all)")
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
@@ -227,7 +283,7 @@ ASSUMPTION = JsonObject("soter.certificate.report.RecheckAssumption", "key text"
 DOCUMENT = JsonObject(
     "soter.certificate.report.Report",
     "accepted verdict safe returns reason program_sha256 seconds program modules assumptions "
-    "assumption_keys=said.key not_covered",
+    "assumption_keys=said.key not_covered flights",
     {"modules": _modules},
     beside={"certificate": str, "report?": str},
     verdict=one_of(*VERDICTS),
@@ -239,4 +295,14 @@ DOCUMENT = JsonObject(
         verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),
     ),
     not_covered=ASSUMPTION,
+    flights=JsonObject(
+        "soter.certificate.flights.flight_report.FlightReport",
+        "log system modules verdict verdicts confirmed said_sc=others to_ns cut seconds doubts",
+        verdict=one_of(*VERDICTS),
+        doubts=JsonObject(
+            "soter.certificate.flights.flight_report.Doubt",
+            "time_ns module kind reason estimate",
+            kind=one_of(CONTRADICTED, UNCONFIRMED),
+        ),
+    ),
 )

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -89,7 +89,7 @@ def object_schema(fields: Mapping[str, JsonSchema], title: str = "") -> JsonSche
 MODES_SCHEMA = object_schema(
     {"module": STRING, "mode": enum_schema(["SC", "AC"])}, "who is in control of a module"
 )
-DECISIONS_SCHEMA = object_schema(
+_DECISION = object_schema(
     {
         "module": STRING,
         "mode_before": enum_schema(["SC", "AC"]),
@@ -106,6 +106,15 @@ DECISIONS_SCHEMA = object_schema(
     },
     "a step of a decision module",
 )
+DECISIONS_SCHEMA = {
+    **_DECISION,
+    "properties": {
+        **cast("JsonSchema", _DECISION["properties"]),
+        # Of modules with `rest`: topic to value and age, null where nothing was ever published.
+        "reads": {"type": "object", "properties": {}},
+    },
+}
+"""`reads` is left out where there is nothing to say."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +145,8 @@ class DecisionStep:
     """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal.
 
     `why`: on which values, one phrase each, where this was another one than the step before;
-    `margin_s`: for how long AC surely keeps control.
+    `margin_s`: for how long AC surely keeps control. `reads`: of a module with `rest` what the step
+    read, topic to `value` and `age_ns` (None: nothing was ever published).
     """
 
     time_ns: int
@@ -147,6 +157,7 @@ class DecisionStep:
     predicates: Mapping[str, bool | float] = field(default_factory=dict)
     why: Sequence[str] = ()
     margin_s: float = 0.0
+    reads: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -386,6 +397,7 @@ def decision_message(step: DecisionStep) -> Message:
         "why": list(step.why),
         "margin_s": step.margin_s,
         "predicates": step.predicates,
+        **({"reads": step.reads} if step.reads else {}),
     }
 
 

@@ -48,6 +48,10 @@ class DamagedMcapError(ValueError):
         self.remedy = remedy
 
 
+class CutMcapError(DamagedMcapError):
+    """A file whose end is missing: all messages before that were given."""
+
+
 class McapRecords:
     """The records of one file, which is read once.
 
@@ -76,8 +80,8 @@ class McapRecords:
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
         """Channel, its schema (None where it has none) and message.
 
-        Raises DamagedMcapError, mcap's InvalidMagic where it is no MCAP at all, and what the
-        package raises of a record that it cannot read.
+        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic
+        where it is no MCAP at all, and what the package raises of a record that it cannot read.
         """
         magic = self.file.read(len(MAGIC))
         if magic != MAGIC:
@@ -88,13 +92,13 @@ class McapRecords:
         summary_at, first = None, True
         while True:
             at = self.file.tell()
-            head = self._exactly(RECORD.size, ENDS)
+            head = self._exactly(RECORD.size)
             kind, length = RECORD.unpack(head)
             if length > self.size - at:
-                raise DamagedMcapError(f"the record at byte {at} is longer than the file: {ENDS}")
+                raise CutMcapError(f"the record at byte {at} is longer than the file: {ENDS}")
             if length > RECORD_MAX:
                 raise DamagedMcapError(f"the record at byte {at} is longer than any is")
-            body = self._exactly(length, ENDS)
+            body = self._exactly(length)
             if first != (kind == HEADER):
                 raise DamagedMcapError("its header does not stand at its beginning, or not once")
             first = False
@@ -121,10 +125,10 @@ class McapRecords:
         elif kind not in known and kind != HEADER:
             raise DamagedMcapError(f"a record of kind {kind} stands at byte {at}, where none may")
 
-    def _exactly(self, length: int, lost: str) -> bytes:
+    def _exactly(self, length: int) -> bytes:
         data = self.file.read(length)
         if len(data) < length:
-            raise DamagedMcapError(lost)
+            raise CutMcapError(ENDS)
         return data
 
     # ------------------------------------------------------------ the data section
@@ -285,8 +289,8 @@ class McapRecords:
         footer = _read("Footer", body, at)
         if summary_at is None:
             raise DamagedMcapError("the end of its data section is missing")
-        if self._exactly(len(MAGIC), ENDS) != MAGIC:
-            raise DamagedMcapError(ENDS)
+        if self._exactly(len(MAGIC)) != MAGIC:
+            raise CutMcapError(ENDS)
         if self.file.read(1):
             told = f"more bytes stand behind its end, from byte {self.file.tell() - 1} on"
             raise DamagedMcapError(f"{told}: are two logs in it?", MERGED)

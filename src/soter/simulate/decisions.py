@@ -14,7 +14,7 @@ import numpy as np
 
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
-from soter.simulate.explain_decision import DecisionReason, Explainer
+from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -66,6 +66,8 @@ class DecisionStepRecord:
     """margin(M) right after it."""
     why: DecisionReason | None = None
     """On which values; None where nothing changed, and where the states are not kept."""
+    reads: tuple[TopicRead, ...] = ()
+    """What the step read, of a module with `rest`: the estimate from which SC was followed."""
 
     @property
     def words(self) -> list[str]:
@@ -113,7 +115,8 @@ def steps(
     """Every DM step of states that follow each other, (n,), in order of time, ties by module.
 
     `earlier`: the state before the first, None at the start of a run. With an `explainer` those
-    that saw or did something else than the one before tell on which values.
+    that saw or did something else than the one before tell on which values, and those of modules
+    with `rest` what they read.
     """
     due = decided_at(system, states)
     modules = states["modules"]
@@ -125,10 +128,13 @@ def steps(
                 seen = None if before is None else before["modules"]
                 waits = _waits_for(module, states[row])
                 decision = _step(modules[row], seen, module, int(times_ns[row]), waits)
+                raw = None if before is None else before.tobytes()
                 if explainer is not None and _is_new(modules[row], seen, module.index):
-                    raw = None if before is None else before.tobytes()
                     why = explainer.of(module.index, raw, states[row].tobytes())
                     decision = replace(decision, why=why)
+                if explainer is not None and module.symbol.rest is not None:
+                    read = explainer.reads(module.index, raw, states[row].tobytes())
+                    decision = replace(decision, reads=read)
                 yield decision
 
 

@@ -127,6 +127,15 @@ class DecisionReason:
         return phrases + ([f"AC owes {self.owed} clean outputs"] if self.owed else [])
 
 
+class TopicRead(NamedTuple):
+    """What a step read of a topic; `age_ns` is None where nothing was ever published."""
+
+    topic: str
+    type: Type
+    value: Value
+    age_ns: int | None
+
+
 class Explainer:
     """Explains DM steps of runs of one system; compiles each predicate when it is asked for."""
 
@@ -140,11 +149,18 @@ class Explainer:
 
         `before`: the state at the end of the instant before, None at the first one.
         """
+        return self._reader(module).explain(before, at)
+
+    def reads(self, module: int, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
+        """What the same step read; nothing where steps are in any order, so that nobody knows."""
+        return () if self.system.shuffled else self._reader(module).reads(before, at)
+
+    def _reader(self, module: int) -> _PredicateReader:
         if module not in self._readers:
             self._readers[module] = _PredicateReader(
                 self.system, self.layout, self.system.modules[module]
             )
-        return self._readers[module].explain(before, at)
+        return self._readers[module]
 
     def safe(self, module: int) -> Callable[[bytes], bool] | None:
         """Whether a module's `safe` holds on what topics hold in a state; a fault in it: no.
@@ -206,6 +222,17 @@ class _PredicateReader:
         return judge
 
     # ------------------------------------------------------------ what the step read
+
+    def reads(self, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
+        """As `Explainer.reads` says."""
+        env, topics = self._environment(before, at), self.system.topics
+        ages = {
+            i: env.time_ns - env.stamps[i] for i in self.module.inputs if env.stamps[i] != NEVER
+        }
+        return tuple(
+            TopicRead(topics[i].name, topics[i].type, env.topics[i], ages.get(i))
+            for i in self.module.inputs
+        )
 
     def _environment(self, before: bytes | None, at: bytes) -> Environment:
         ct = HEADER.unpack_from(at, 0)["ct"]

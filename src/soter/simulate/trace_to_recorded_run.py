@@ -6,24 +6,16 @@ Non-goals: modes and decisions; logs that `soter run --log` did not write.
 
 from __future__ import annotations
 
-import json
-from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import decode_from
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
-from soter.language.load.bounded_read import opened
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import RecordType
-from soter.report.mcap_log import METADATA_NAME
-from soter.report.mcap_records import DamagedMcapError, McapRecords
 from soter.report.recorded_values import RecordedRun
+from soter.report.run_log import messages, require_log_package, unreadable
 from soter.simulate.outputs.run_fields import truth_value
-from soter.simulate.outputs.to_log import require_log_package
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.language.model.system import Component, System
@@ -117,64 +109,3 @@ def _keep(
         record.published.append(since)
         record.topics.append(dict(topics))
         record.truths.append(dict(states))
-
-
-@contextmanager
-def _records(path: Path) -> Iterator[McapRecords]:
-    """The records of a log; what cannot be opened or read, or is damaged, is SoterError D006."""
-    try:
-        with opened(path) as file:
-            yield McapRecords(file)
-    except OSError as error:
-        raise unreadable(path, reason(error)) from error
-    except SoterError:
-        raise
-    except DamagedMcapError as error:
-        text = f"cannot read the log `{path}`: {error}"
-        raise SoterError((Diagnostic("D006", text, helps=(error.remedy,)),)) from error
-    except Exception as error:
-        raise unreadable(path, damaged(error)) from error
-
-
-def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
-    with _records(path) as records:
-        for _ in records.messages():
-            if METADATA_NAME in records.metadata:
-                break
-        return records.metadata.get(METADATA_NAME, {})
-
-
-def messages(path: Path) -> Iterator[tuple[int, str, Any]]:
-    """Time (ns), channel and message of all that is in a log, in order; SoterError D006.
-
-    What its checksums and counts say is compared with what stands there.
-    """
-    last_ns = 0
-    with _records(path) as records:
-        for channel, _, message in records.messages():
-            if message.log_time < last_ns:
-                told = (
-                    f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
-                )
-                raise unreadable(path, f"{told} at a message of `{channel.topic}`")
-            last_ns = message.log_time
-            yield message.log_time, channel.topic, json.loads(message.data)
-
-
-def damaged(error: Exception) -> str:
-    """What is wrong with a log that the package `mcap` could not read, in words.
-
-    It unpacks what stands there without a look at it: a damaged file makes it raise anything.
-    """
-    from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
-
-    told = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
-    said = str(error)[:200] if told else ""
-    return said or "it is no MCAP file, or damaged"
-
-
-def unreadable(path: Path, why: str) -> SoterError:
-    """Of a log that cannot be read as one of `soter run --log`."""
-    helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
-    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

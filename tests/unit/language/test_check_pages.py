@@ -45,6 +45,7 @@ NOT_STATIC = {
     "D020": "a certificate of something else",
     "D021": "a file of hazards and requirements",
     "D022": "a model monitor of another model",
+    "D023": "a log that a certificate is not about",
     "I001": "a defect of soter",
     "U001": "a value on the command line",
     "U002": "the name of a system on the command line",

@@ -284,7 +284,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 ) -> None:
     """The program's hash is the same; statistics of a zip and what C includes are of the kind."""
     from soter import load
-    from soter.simulate.trace_to_recorded_run import metadata
+    from soter.report.run_log import metadata
 
     pytest.importorskip("mcap", reason="the extra is absent: soter[log]")
     monkeypatch.chdir(tmp_path)

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.cli.terminal.real_time_report import timing_lines
+from soter.report.parameter_text import changed
 from soter.report.printable_text import visible
 from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline
 from soter.semantics.random.faults import begins
 from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_fields import component_faults
-from soter.simulate.parameter_text import changed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

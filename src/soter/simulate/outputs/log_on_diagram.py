@@ -22,9 +22,8 @@ from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
 from soter.report.run.live_diagram import Live
 from soter.report.run.record import Picture
+from soter.report.run_log import messages, metadata, require_log_package, unreadable
 from soter.simulate.outputs.run_on_diagram import SAW, HeldValues, control_of, steps_of, values_of
-from soter.simulate.outputs.to_log import require_log_package
-from soter.simulate.trace_to_recorded_run import messages, metadata, unreadable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

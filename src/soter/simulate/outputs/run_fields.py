@@ -15,9 +15,9 @@ from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.python_values import to_json
 from soter.language.model.types import FLOAT
+from soter.report.parameter_text import as_json
 from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
 from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart, Stale
-from soter.simulate.parameter_text import as_json
 
 if TYPE_CHECKING:
     from soter.core.layout import StateLayout

@@ -8,7 +8,6 @@ Non-goals: reading logs; locals of nodes, which are nobody's interface.
 from __future__ import annotations
 
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,10 +46,11 @@ from soter.report.mcap_log import (
     mode_message,
     object_schema,
 )
+from soter.report.parameter_text import changed
+from soter.report.run_log import require_log_package
 from soter.simulate import decisions
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.outputs.run_fields import truth_value
-from soter.simulate.parameter_text import changed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -63,20 +63,6 @@ if TYPE_CHECKING:
     from soter.report.mcap_log import JsonSchema, Message
     from soter.simulate.result import Run
     from soter.simulate.run_observer import ModeChange as ChangeSeen
-
-
-def require_log_package() -> None:
-    """SoterError D007 where the package that writes logs is not installed."""
-    if find_spec("mcap") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "logs are written with the package `mcap`, which is not installed",
-                    helps=("install it: pip install 'soter[log]'",),
-                ),
-            )
-        )
 
 
 def write_log(run: Run, path: str | Path, version: str) -> Path:
@@ -236,6 +222,7 @@ def _decision(d: decisions.DecisionStepRecord) -> DecisionStep:
         predicates=d.saw.predicates(),
         why=d.words,
         margin_s=d.margin_s,
+        reads={r.topic: {"value": to_json(r.type, r.value), "age_ns": r.age_ns} for r in d.reads},
     )
 
 

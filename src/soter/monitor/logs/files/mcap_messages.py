@@ -28,8 +28,7 @@ from soter.monitor.logs.files.several_writers import Writers
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_records import DamagedMcapError, McapRecords
-from soter.simulate.outputs.to_log import require_log_package
-from soter.simulate.trace_to_recorded_run import damaged
+from soter.report.run_log import damaged, require_log_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -1,0 +1,125 @@
+"""Flights of examples/evidence/follow.soter as somebody may have logged them, and a certificate."""
+
+from __future__ import annotations
+
+import struct
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.language.front_end import check_file
+from soter.report.mcap_log import (
+    NUMBER,
+    DecisionStep,
+    LogChannel,
+    LogHeader,
+    ModeRecord,
+    object_schema,
+    write_mcap,
+)
+from unit.certificate import small_proofs
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
+TEXT = FOLLOW.read_text(encoding="utf-8")
+MS = 1_000_000
+SIGHT = object_schema({"gap": NUMBER, "way": NUMBER, "v": NUMBER})
+CLAIMS = dict.fromkeys(("P1a", "P1b", "P2a", "start"), "proved") | {"P1c": "assumed"}
+WAYS = {"r.v": [(-0.361).hex(), (0.354).hex()]}
+
+
+def certificate(folder: Path, text: str = TEXT, rest: str = "rest", system: str = "Line") -> Path:
+    """A sealed certificate of the module of a program; `rest`: what stands for how it decides."""
+    entry = {
+        "system": system,
+        "module": "Follow",
+        "claims": CLAIMS,
+        "recover_ns": None,
+        rest: {"within_ns": 5_000 * MS, "box": {}, "ways": WAYS},
+    }
+    small_proofs.write(folder, {"follow.soter": text}, "follow.soter", [entry], {})
+    return folder
+
+
+def sight_at(time_ns: int) -> dict[str, float]:
+    """A train at 10 m/s far behind another one."""
+    return {"gap": 200.0 - 1e-9 * time_ns, "way": 1e-8 * time_ns + 0.1, "v": 10.0}
+
+
+@cache
+def sha256() -> str:
+    """Of the program."""
+    checked = check_file(str(FOLLOW))
+    assert checked.program is not None
+    return checked.program.sha256
+
+
+class Flight:
+    """What a log holds, to be changed before it is written.
+
+    `modes`: of each verdict, every 100 ms from 0 on; a period of the plant is 10 ms.
+    """
+
+    def __init__(self, modes: str = "AAAAAAAA", last_ns: int | None = None) -> None:
+        last_ns = (len(modes) - 1) * 100 * MS if last_ns is None else last_ns
+        times = range(0, last_ns + 1, 10 * MS)
+        self.sights: dict[int, dict[str, float]] = {t: sight_at(t) for t in times}
+        self.steps: dict[int, dict[str, Any]] = {}
+        self.modes = [(0, "SC")]
+        before = "SC"
+        for k, letter in enumerate(modes):
+            after = "AC" if letter == "A" else "SC"
+            if after != before:
+                self.modes.append((100 * MS * k, after))
+            self.steps[100 * MS * k] = self.step(100 * MS * k, before, after)
+            before = after
+        self.header = {"program_sha256": sha256(), "system": "Line"}
+        self.more: dict[str, str] = {}
+
+    def step(self, time_ns: int, before: str, after: str) -> dict[str, Any]:
+        good = after == "AC"
+        predicates = {"ttf": not good, "safer": good, "stale": False, "gate_fault": False}
+        return {
+            "mode_before": before,
+            "mode_after": after,
+            "predicates": predicates,
+            "reads": {"sight": {"value": dict(sight_at(time_ns)), "age_ns": 0}},
+        }
+
+    def read(self, time_ns: int) -> dict[str, Any]:
+        """What the verdict of a time read of `sight`, to be changed."""
+        read: dict[str, Any] = self.steps[time_ns]["reads"]["sight"]
+        return read
+
+    def write(self, path: Path, *, messages: bool = True, module: str = "Follow") -> Path:
+        steps = [DecisionStep(t, module, **s) for t, s in sorted(self.steps.items())]
+        modes = [ModeRecord(t, module, m) for t, m in self.modes]  # type: ignore[arg-type]
+        channels = [LogChannel("sight", SIGHT, sorted(self.sights.items()))] if messages else []
+        header = LogHeader(**self.header, seed=1, tool_version="1", more=self.more)
+        return write_mcap(path, channels, modes=modes, decisions=steps, header=header)
+
+
+class Standstill:
+    """What stands for the tube: good is whatever is slower than 30 m/s."""
+
+    reads = ("sight.gap", "sight.way", "sight.v")
+
+    def good(self, estimate: Mapping[str, float]) -> str | None:
+        return None if estimate["sight.v"] < 30.0 else "it is too fast"
+
+
+def next_float(x: float) -> float:
+    """The next number up of a positive one."""
+    (bits,) = struct.unpack("<q", struct.pack("<d", x))
+    (up,) = struct.unpack("<d", struct.pack("<q", bits + 1))
+    return float(up)
+
+
+def changed(flight: Flight, change: Callable[[Flight], object]) -> Flight:
+    """A copy that somebody tampered with."""
+    other = deepcopy(flight)
+    change(other)
+    return other

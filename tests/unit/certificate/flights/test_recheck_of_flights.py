@@ -1,0 +1,195 @@
+"""`soter recheck DIR --log LOG`: exits, documents, words; and the whole way from a run to it."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from json_documents import problems_of
+from soter.api import Program
+from soter.certificate import proof_methods
+from soter.certificate.flights import flight_check
+from soter.certificate.proof_methods import ModuleMethod
+from soter.certificate.report import RecheckedModule
+from soter.cli.main import main
+from unit.certificate.flights.logged_flights import (
+    CLAIMS,
+    FOLLOW,
+    MS,
+    Flight,
+    Standstill,
+    certificate,
+    changed,
+    sight_at,
+)
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.language.model.system import System
+
+
+@pytest.fixture
+def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A certificate whose claims are taken for shown, and a tube that asks for little."""
+
+    def shown(flat: System, _: object) -> tuple[Any, RecheckedModule]:
+        (module,) = flat.modules
+        covered = SimpleNamespace(
+            flying=flat, flying_module=module, sc=flat.components[module.sc], symbol=module.symbol
+        )
+        confirmed = [name for name, verdict in CLAIMS.items() if verdict == "proved"]
+        return covered, RecheckedModule("Follow", CLAIMS, confirmed=confirmed, system="Line")
+
+    monkeypatch.setitem(proof_methods.MODULES, "rest", ModuleMethod(shown, shown))
+    monkeypatch.setattr(flight_check, "follower", lambda *_: Standstill())
+    return certificate(tmp_path / "cert")
+
+
+def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    made: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert not problems_of(made)
+    return made
+
+
+def rechecked(train: Path, *logs: Path) -> list[str]:
+    return ["recheck", str(train), *(x for log in logs for x in ("--log", str(log)))]
+
+
+def too_fast(flight: Flight) -> None:
+    fast = sight_at(300 * MS) | {"v": 35.0}
+    flight.sights[300 * MS] = fast
+    flight.read(300 * MS)["value"] = fast
+
+
+def test_all_confirmed_is_0(
+    train: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [Flight(m).write(tmp_path / f"{m}.mcap") for m in ("AAAA", "SSAA", "SSSS")]
+    assert main([*rechecked(train, *logs), "--json"]) == 0
+    flights = document(capsys)["flights"]
+    assert [f["verdict"] for f in flights] == ["accepted"] * 3
+    assert [(f["verdicts"], f["confirmed"], f["said_sc"]) for f in flights] == [
+        (4, 4, 0),
+        (2, 2, 2),
+        (0, 0, 4),
+    ]
+    assert main(rechecked(train, logs[1])) == 0
+    said = capsys.readouterr().out
+    assert f'CONFIRMED  {logs[1]}: 2 of 2 verdicts "AC" confirmed (' in said
+
+
+def test_one_that_is_not_confirmed_is_5(
+    train: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logs = [
+        Flight().write(tmp_path / "good.mcap"),
+        changed(Flight(), too_fast).write(tmp_path / "bad.mcap"),
+    ]
+    assert main([*rechecked(train, *logs), "--json"]) == 5
+    good, bad = document(capsys)["flights"]
+    assert (good["verdict"], good["doubts"]) == ("accepted", [])
+    assert (bad["verdict"], bad["verdicts"], bad["confirmed"]) == ("not re-checked", 8, 7)
+    (doubt,) = bad["doubts"]
+    assert doubt == {
+        "time_ns": 300 * MS,
+        "module": "Follow",
+        "kind": "not confirmed",
+        "reason": "it is too fast",
+        "estimate": {f"sight.{n}": x for n, x in (sight_at(300 * MS) | {"v": 35.0}).items()},
+    }
+    assert main(rechecked(train, *logs)) == 5
+    said = capsys.readouterr().out
+    assert "NOT CONFIRMED" in said
+    assert "0.3 s  Follow  not confirmed: it is too fast  (sight.gap = 199.7" in said
+
+
+def test_what_is_contradicted_is_3(
+    train: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gone = changed(Flight(), lambda f: f.steps.pop(300 * MS)).write(tmp_path / "gone.mcap")
+    assert main(rechecked(train, gone)) == 3
+    said = capsys.readouterr().out
+    assert "CONTRADICTED" in said
+    assert "0.3 s  Follow  contradicted: the verdict is missing while AC had control" in said
+
+
+def test_many_doubts_are_all_in_the_document_and_on_the_page(
+    train: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def forgets(flight: Flight) -> None:
+        for step in flight.steps.values():
+            step["reads"] = {}
+
+    log = changed(Flight("A" * 30), forgets).write(tmp_path / "flight.mcap")
+    page = tmp_path / "page.html"
+    assert main([*rechecked(train, log), "--report", str(page)]) == 5
+    said = capsys.readouterr().out
+    assert said.count("not confirmed: the log does not say") == 20
+    assert "and 10 more" in said
+    assert page.read_text(encoding="utf-8").count("not confirmed: the log does not say") == 30
+    assert main([*rechecked(train, log), "--json"]) == 5
+    assert len(document(capsys)["flights"][0]["doubts"]) == 30
+
+
+def test_a_log_without_a_verdict_is_4(train: Path, tmp_path: Path) -> None:
+    log = tmp_path / "flight.mcap"
+    data = Flight("A" * 3).write(log).read_bytes()
+    log.write_bytes(data[: len(data) // 4])
+    assert main(rechecked(train, log)) == 4
+
+
+def test_a_rest_that_is_not_claimed_is_4(
+    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Verdicts rest on it; what they say of themselves is claimed by nobody."""
+    log = Flight().write(tmp_path / "flight.mcap")
+    assert main(rechecked(train, log)) == 0
+    assert main(rechecked(train)) == 4
+    for name in ("P1a", "P2a", "start"):
+        monkeypatch.setitem(CLAIMS, name, "undecided")
+        assert main(rechecked(train, log)) == 4
+        monkeypatch.setitem(CLAIMS, name, "proved")
+
+
+def test_another_flight_is_1(
+    train: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is checked, and of all logs at once none."""
+    log = Flight().write(tmp_path / "flight.mcap")
+    other = changed(Flight(), lambda f: f.header.update(system="Other")).write(tmp_path / "o.mcap")
+    assert main([*rechecked(train, log, other), "--json"]) == 1
+    made = document(capsys)
+    assert [d["code"] for d in made["diagnostics"]] == ["D023"]
+    assert main([*rechecked(train, tmp_path / "nothing.mcap"), "--json"]) == 1
+    assert [d["code"] for d in document(capsys)["diagnostics"]] == ["D006"]
+
+
+def test_what_rests_on_a_certificate_that_is_not_accepted_is_not_0(
+    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Flight().write(tmp_path / "flight.mcap")
+    (train / "program" / "more").write_text("")
+    assert main([*rechecked(train, log), "--json"]) == 3
+    assert document(capsys)["flights"] == []
+    (train / "program" / "more").unlink()
+
+    def beyond(*_: object) -> Any:
+        raise proof_methods.NotRecheckedError("beyond")
+
+    monkeypatch.setitem(proof_methods.MODULES, "rest", ModuleMethod(beyond, beyond))
+    assert main([*rechecked(train, log), "--json"]) == 5
+    made = document(capsys)
+    assert (made["verdict"], made["flights"][0]["verdict"]) == ("not re-checked", "accepted")
+
+
+def test_from_a_run_to_its_confirmation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing stands for anything: the engine decides, and the tube in Arb confirms it."""
+    log = tmp_path / "flight.mcap"
+    Program(str(FOLLOW)).simulate(until="600ms", log=log)
+    main([*rechecked(certificate(tmp_path / "cert"), log), "--json"])
+    (flight,) = document(capsys)["flights"]
+    assert (flight["verdict"], flight["verdicts"], flight["confirmed"]) == ("accepted", 7, 7)
