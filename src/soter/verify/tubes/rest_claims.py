@@ -77,7 +77,7 @@ def shown(check: TubeCheck) -> RestClaims:
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims)
     if not claims.kept:
-        at = {s: claims.ways.get(s, check.problem.states[s]) for s in check.states}
+        at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
         unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
         claims.moves = undrifted(check, caller, at, claims.box)
@@ -118,12 +118,12 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
     moving = [s for s in check.states if s in problem.drifts]
-    if name := _without_set(check, problem.states, own):
+    if name := _without_set(check, check.rooms, own):
         return f"nothing bounds {name} (a set of its topic would)"
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, problem.states, [s for s in moving if s in read]):
+    if name := _without_set(check, check.rooms, [s for s in moving if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    sets = {s: problem.states[s] for s in check.states if s in read or s not in problem.drifts}
+    sets = {s: check.rooms[s] for s in check.states if s in read or s not in problem.drifts}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
@@ -139,7 +139,7 @@ def _ways(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], own: Sequence[int]
 ) -> dict[int, Interval] | None:
     """Y of each state: as little more than the box as is shown, side by side; None: nothing is."""
-    sets = check.problem.states
+    sets = check.rooms
     moving = dict.fromkeys([s for s in check.states if s not in own], Interval(-inf, inf))
     end = {**{s: box[s] for s in own}, **moving}
 

@@ -1,8 +1,8 @@
 """How far SC moves what `moves` names, once `rest` holds.
 
 Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V = c |x| for one state x: where
-z' = x p and x' = x q, z moves by at most V as long as |p| + c q <= 0; V is 0 where x is, and
-exactly so, as x is taken out as a factor and only p and q are enclosed.
+z' <= x p and x' = x q, z moves by at most V as long as |p| + c q <= 0; V is 0 where x is, and
+exactly so, as x is taken out as a factor and only p, q and what else is in z' are enclosed.
 Non-goals: other potentials: what is not of this form is not shown.
 """
 
@@ -68,15 +68,30 @@ def _bounded(
     make, x = check.make, check.make.input("x", state)
     e = _at_worst(make, e, ranges)
     e, own = _decided(check, [e, check.rates[state]], ranges)
-    p, q = _factor(make, e, x), _factor(make, own, x)
+    p, rest = _split(make, e, x)
+    q = make.factor(own, x)
     size = max(abs(Fraction(rests.low)), abs(Fraction(rests.high)))
-    if p is None or q is None or not size:
+    if q is None or not size:
         return False
-    of_p, of_q = _enclosed([p, q], ranges)
-    if not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
+    of_p, of_q, more = _enclosed([p, q, rest], ranges)
+    if more.high > 0.0 or not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
         return False
     c = Fraction(by) / size
     return max(Fraction(of_p.high), -Fraction(of_p.low)) + c * Fraction(of_q.high) <= 0
+
+
+def _split(make: Expressions, e: Node, x: Node) -> tuple[Node, Node]:
+    """The p and the rest of e = x p + rest, term by term."""
+    if (p := make.factor(e, x)) is not None:
+        return p, make.number(0.0)
+    if e.op in ("add", "sub"):
+        a, b = (_split(make, y, x) for y in e.of)
+        join = getattr(make, e.op)
+        return join(a[0], b[0]), join(a[1], b[1])
+    if e.op == "neg":
+        p, rest = _split(make, e.of[0], x)
+        return make.neg(p), make.neg(rest)
+    return make.number(0.0), e
 
 
 def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
@@ -123,30 +138,3 @@ def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     if found is None:
         return [Interval(-inf, inf)] * len(nodes)
     return [Interval(f[2], f[3]) for f in found]
-
-
-def _factor(make: Expressions, e: Node, x: Node) -> Node | None:
-    """The p of e = x p, for all values; None where it is not seen."""
-    if e is x:
-        return make.number(1.0)
-    if e is make.number(0.0):
-        return e
-    if e.op == "neg":
-        p = _factor(make, e.of[0], x)
-        return None if p is None else make.neg(p)
-    if e.op in ("add", "sub"):
-        a, b = (_factor(make, y, x) for y in e.of)
-        return None if a is None or b is None else getattr(make, e.op)(a, b)
-    if e.op == "square":
-        return e.of[0] if e.of[0] is x else None
-    if e.op == "mul":
-        a, b = e.of
-        p = _factor(make, a, x)
-        if p is not None:
-            return make.mul(p, b)
-        p = _factor(make, b, x)
-        return None if p is None else make.mul(a, p)
-    if e.op == "over":
-        p = _factor(make, e.of[0], x)
-        return None if p is None else make.div(p, e.of[1])
-    return None
