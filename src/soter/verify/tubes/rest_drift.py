@@ -1,8 +1,9 @@
 """How far SC moves what `moves` names, once `rest` holds.
 
-Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V = c |x| for one state x: where
-z' <= x p and x' = x q, z moves by at most V as long as |p| + c q <= 0; V is 0 where x is, and
-exactly so, as x is taken out as a factor and only p, q and what else is in z' are enclosed.
+Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V the sum of c_i |x_i| over some states:
+where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i| + c_i q_i <= 0;
+V is 0 where they are, and exactly so, as each is taken out as a factor and only p_i, q_i and what
+else is in z' are enclosed.
 Non-goals: other potentials: what is not of this form is not shown.
 """
 
@@ -54,30 +55,34 @@ def undrifted(
             return f"SC may move {name} without end, and the set of its topic has one"
         ways = ((rate, drift.above), (check.make.neg(rate), drift.below))
         for e, by in ways:
-            if not any(_bounded(check, e, by, x, ranges, r) for x, r in box.items()):
+            if not _bounded(check, e, by, ranges, box):
                 return f"how far SC moves {name} is not shown"
     return ""
 
 
 def _bounded(
-    check: TubeCheck, e: Node, by: float, state: int, ranges: Ranges, rests: Interval
+    check: TubeCheck, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> bool:
-    """Whether what grows at e grows by at most `by`, by V of one state."""
+    """Whether what grows at e grows by at most `by`, by V of the states of `box`."""
     if not isfinite(by):
         return True
-    make, x = check.make, check.make.input("x", state)
-    e = _at_worst(make, e, ranges)
-    e, own = _decided(check, [e, check.rates[state]], ranges)
-    p, rest = _split(make, e, x)
-    q = make.factor(own, x)
-    size = max(abs(Fraction(rests.low)), abs(Fraction(rests.high)))
-    if q is None or not size:
-        return False
-    of_p, of_q, more = _enclosed([p, q, rest], ranges)
-    if more.high > 0.0 or not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
-        return False
-    c = Fraction(by) / size
-    return max(Fraction(of_p.high), -Fraction(of_p.low)) + c * Fraction(of_q.high) <= 0
+    make, most = check.make, Fraction(0)
+    (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
+    for state, where in box.items():
+        x = make.input("x", state)
+        p, rest = _split(make, e, x)
+        (own,) = _decided(check, [check.rates[state]], ranges)
+        q = make.factor(own, x)
+        if q is None or p is make.number(0.0):
+            continue
+        of_p, of_q = _enclosed([p, q], ranges)
+        if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
+            size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
+            factor = max(Fraction(of_p.high), -Fraction(of_p.low))
+            most += size * factor / -Fraction(of_q.high)
+            e = rest
+    (more,) = _enclosed([e], ranges)
+    return more.high <= 0.0 and most <= Fraction(by)
 
 
 def _split(make: Expressions, e: Node, x: Node) -> tuple[Node, Node]:
