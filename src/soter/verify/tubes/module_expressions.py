@@ -108,12 +108,6 @@ class ModuleExpressions:
         known: dict[Node, Node] = {}
         return [make.along(e, direction, known) for e in rates]
 
-    def bent(self, rate: Node, state: int) -> bool:
-        """Whether a rate hangs on its own state, and not as a linear one does."""
-        make = self.make
-        along = make.along(rate, {make.input("x", state): make.number(1.0)}, {})
-        return below(along, "x")
-
     # ------------------------------------------------------------ the law, predicates
 
     def law(self) -> list[Node]:

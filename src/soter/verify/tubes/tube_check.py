@@ -126,7 +126,7 @@ class TubeCheck:
         zero = self.make.number(0.0)
         self._effects = [(k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero]
         self._bends = module.bends(self._still)
-        self._faced = [k for k, s in enumerate(self.states) if module.bent(self._still[k], s)]
+        self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
 
     def _left_out(self) -> None:
         """States that are not followed have rates, and do not grow without end in finite time.
