@@ -311,6 +311,7 @@ class TubeCheck:
             f"const ANY: Wide = {_list(wide + half)};",
             f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
             f"const NO_REGION: Region = {{ lo: {_list([0.0] * n)}, hi: {_list([0.0] * n)} }};",
+            f"const NO_SPAN: Region = {{ lo: {_list([inf] * n)}, hi: {_list([-inf] * n)} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
         return "\n".join(lines) + "\n"
