@@ -132,7 +132,37 @@ class Expressions:
             if _is_power_of_two(b.of[0]):
                 return self.mul(a, self.number(1.0 / b.of[0]))
             return self._node("over", a, b)
+        if b.op == "add" and b.of[0].op == "abs" and b.of[1].op == "number" and b.of[1].of[0] > 0.0:
+            x, k = b.of[0].of[0], b.of[1]
+            if (p := self.factor(a, x)) is not None:
+                return self.mul(p, self._node("friction", x, k))
         return self.mul(a, self._node("inverse", b))
+
+    def factor(self, e: Node, x: Node) -> Node | None:
+        """The p of e = x p, for all values; None where it is not seen."""
+        if e is x:
+            return self.number(1.0)
+        if e is self.number(0.0):
+            return e
+        if e.op == "friction" and e.of[0] is x:
+            return self._node("inverse", self.add(self.function("abs", x), e.of[1]))
+        if e.op == "square":
+            return x if e.of[0] is x else None
+        if e.op in ("add", "sub"):
+            a, b = (self.factor(y, x) for y in e.of)
+            return None if a is None or b is None else getattr(self, e.op)(a, b)
+        if e.op in ("neg", "over"):
+            p = self.factor(e.of[0], x)
+            if p is None:
+                return None
+            return self.neg(p) if e.op == "neg" else self.div(p, e.of[1])
+        if e.op == "mul":
+            a, b = e.of
+            if (p := self.factor(a, x)) is not None:
+                return self.mul(p, b)
+            p = self.factor(b, x)
+            return None if p is None else self.mul(a, p)
+        return None
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
         """`min` or `max`; of one and a number that the other bounds a clamp."""
@@ -266,6 +296,10 @@ class Expressions:
             return self.sub(self.mul(two, self._node("share", a)), one)
         if e.op == "inverse":
             return self.neg(self.mul(e, e))
+        if e.op == "friction":
+            k = e.of[1]
+            size = self.add(self.function("abs", a), k)
+            return self.mul(self._node("square", self._node("inverse", size)), k)
         if e.op == "sin":
             return self.function("cos", a)
         if e.op == "cos":

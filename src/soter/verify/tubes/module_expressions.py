@@ -13,6 +13,7 @@ from soter.core.steps import lower_predicate
 from soter.language.model.types import ArrayType, FloatType, RecordType, Type, leaves
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_inputs import key, names, types_of
+from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import (
     LARGEST,
     ExpressionReading,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     from soter.core import core
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
-    from soter.verify.problem.problem import Interval, Problem
+    from soter.verify.problem.problem import Problem
     from soter.verify.tubes.expressions import Node, Value
 
 Path = tuple[str, ...]
@@ -48,6 +49,8 @@ class ModuleExpressions:
         """State that SC sees -> the topic and the leaf in which it does."""
         self._guards: list[Node] = []
         """What has to hold so that no plant faults."""
+        self.rooms = dict(enumerate(problem.states))
+        """Where each state is within C, as topics that equal it have sets."""
 
     # ------------------------------------------------------------ flows
 
@@ -77,19 +80,21 @@ class ModuleExpressions:
         known = {make.input("w", k): make.number(middle(d)) for k, d in every}
         return [make.replaced(e, known) for e in rates]
 
-    def effects(self, rates: list[Node]) -> list[list[Node]]:
+    def effects(self, rates: list[Node], still: list[Node]) -> list[list[Node]]:
         """For each disturbance and then each control its factor in every rate.
 
-        NoExpressionError where a rate is not affine in them.
+        That of a disturbance may hang on commands, as of a brake that grips more or less; that of a
+        command is the one beside disturbances in the middle. NoExpressionError where a rate is not
+        affine in disturbances, or not in commands.
         """
         q, make, all_effects = self.problem.quantities, self.make, []
-        moved = [("w", i) for i in range(len(q.disturbances))]
-        moved += [("u", i) for i in range(len(q.controls))]
-        for kind, i in moved:
+        moved = [("w", i, rates) for i in range(len(q.disturbances))]
+        moved += [("u", i, still) for i in range(len(q.controls))]
+        for kind, i, of in moved:
             direction = {make.input(kind, i): make.number(1.0)}
             known: dict[Node, Node] = {}
-            row = [make.along(e, direction, known) for e in rates]
-            if any(below(e, "w") or below(e, "u") for e in row):
+            row = [make.along(e, direction, known) for e in of]
+            if any(below(e, "w") or (kind == "u" and below(e, "u")) for e in row):
                 msg = "a rate is not affine in commands and disturbances"
                 raise NoExpressionError(msg)
             all_effects.append(row)
@@ -175,6 +180,9 @@ class ModuleExpressions:
                         raise NoExpressionError(f"`{topic.name}` has a set, and is no float")
                     low, high = room_of(bound, errors.get(k, 0.0))
                     held = make.join("and", held, make.inside(v, low, high))
+                    if v.op == "input" and v.of[0] == "x":
+                        room = self.rooms[v.of[1]]
+                        self.rooms[v.of[1]] = Interval(max(low, room.low), min(high, room.high))
             self._guards += body.guards
         for guard in self._guards:
             if below(guard, "u") or below(guard, "w"):

@@ -29,6 +29,8 @@ OPERATIONS = {
     "share": "f_share",
     "select": "f_select",
 }
+WITH_NUMBER = ("add", "sub", "mul", "over", "friction")
+"""What takes a number as it is, where its second operand is one."""
 
 
 def function(name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str) -> str:
@@ -86,7 +88,7 @@ def _operands(e: Node) -> list[Node]:
     if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
         return [e.of[0].of[0]]
     last = e.of[-1]
-    if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul", "over"):
+    if isinstance(last, Node) and last.op == "number" and e.op in WITH_NUMBER:
         return [e.of[0]]
     return [x for x in e.of if isinstance(x, Node)]
 
@@ -94,10 +96,8 @@ def _operands(e: Node) -> list[Node]:
 def _operation(e: Node, names: Mapping[Node, str]) -> str:
     if e.op == "number":
         return f"f_number({number(e.of[0])})"
-    if e.op == "neg":
-        return f"f_times({names[e.of[0]]}, -1.0)"
-    if e.op == "over":
-        return f"f_over({names[e.of[0]]}, {number(e.of[1].of[0])})"
+    if e.op in ("over", "friction"):
+        return f"f_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
     last = e.of[-1]
     if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul"):
         value = last.of[0] if e.op != "sub" else -last.of[0]

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     Ends = tuple[list[float], list[float]]
     """Of a region: low and high, in the order of `TubeCheck.states`."""
 
-WIDER = (0.25, 1.0, 4.0)
-"""How far beyond the box SC may lead on the way back, in sizes of the box: tried in turn."""
-HALVINGS, NARROWINGS = 12, 5
+HALVINGS = 12
+SPLITS = 8
+"""How often the box is halved at most, where SC does not lead back from all of it at once."""
 
 
 @dataclass
@@ -77,7 +77,7 @@ def shown(check: TubeCheck) -> RestClaims:
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims)
     if not claims.kept:
-        at = {s: claims.ways.get(s, check.problem.states[s]) for s in check.states}
+        at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
         unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
         claims.moves = undrifted(check, caller, at, claims.box)
@@ -118,12 +118,12 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
     moving = [s for s in check.states if s in problem.drifts]
-    if name := _without_set(check, problem.states, own):
+    if name := _without_set(check, check.rooms, own):
         return f"nothing bounds {name} (a set of its topic would)"
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, problem.states, [s for s in moving if s in read]):
+    if name := _without_set(check, check.rooms, [s for s in moving if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    sets = {s: problem.states[s] for s in check.states if s in read or s not in problem.drifts}
+    sets = {s: check.rooms[s] for s in check.states if s in read or s not in problem.drifts}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
@@ -138,27 +138,35 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
 def _ways(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], own: Sequence[int]
 ) -> dict[int, Interval] | None:
-    """Y of each state: as little more than the box as is shown, side by side; None: nothing is."""
-    sets = check.problem.states
+    """Y of each state, all that SC leads through from parts of the box; None: nothing is shown."""
     moving = dict.fromkeys([s for s in check.states if s not in own], Interval(-inf, inf))
-    end = {**{s: box[s] for s in own}, **moving}
+    way = _ends(check, {**{s: check.rooms[s] for s in own}, **moving})
+    end = _ends(check, {**{s: box[s] for s in own}, **moving})
+    ways = {s: box[s] for s in own}
+    todo = [(box, 0)]
+    while todo:
+        part, depth = todo.pop()
+        led = caller.value("keeps", _ends(check, part), way, end)
+        if led is not None and led[0]:
+            for s, low, high in zip(check.states, *led[1], strict=True):
+                if s in own:
+                    ways[s] = Interval(min(ways[s].low, low), max(ways[s].high, high))
+        elif depth == SPLITS or not own:
+            return None
+        else:
+            todo += [(half, depth + 1) for half in _halves(part, box, own)]
+    return ways
 
-    def keeps(wider: Mapping[int, float]) -> bool:
-        ways = {s: _widened(box[s], wider[s], sets[s]) for s in own}
-        return caller.holds("keeps", *[_ends(check, r) for r in (box, {**ways, **moving}, end)])
 
-    wider = next((w for w in (dict.fromkeys(own, x) for x in WIDER) if keeps(w)), None)
-    if wider is None:
-        return None
-    for s in own:
-        least = 0.0
-        for _ in range(NARROWINGS):
-            middle = 0.5 * (least + wider[s])
-            if keeps({**wider, s: middle}):
-                wider[s] = middle
-            else:
-                least = middle
-    return {s: _widened(box[s], wider[s], sets[s]) for s in own}
+def _halves(
+    part: dict[int, Interval], box: Mapping[int, Interval], own: Sequence[int]
+) -> list[dict[int, Interval]]:
+    """A part, halved where it is the longest part of the box's side."""
+    sides = {s: box[s].high - box[s].low for s in own}
+    longest = max(own, key=lambda s: (part[s].high - part[s].low) / sides[s] if sides[s] else 0.0)
+    low, high = part[longest].low, part[longest].high
+    middle = 0.5 * low + 0.5 * high
+    return [{**part, longest: Interval(*ends)} for ends in ((low, middle), (middle, high))]
 
 
 def _around_rest(
@@ -188,11 +196,6 @@ def _shaved(
         else:
             inner = middle
     return Interval(low, outer) if upper else Interval(outer, high)
-
-
-def _widened(side: Interval, wider: float, within: Interval) -> Interval:
-    more = wider * (side.high - side.low)
-    return Interval(max(within.low, side.low - more), min(within.high, side.high + more))
 
 
 def _told(check: TubeCheck, box: Mapping[int, Interval]) -> str:

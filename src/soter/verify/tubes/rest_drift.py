@@ -1,8 +1,9 @@
 """How far SC moves what `moves` names, once `rest` holds.
 
-Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V = c |x| for one state x: where
-z' = x p and x' = x q, z moves by at most V as long as |p| + c q <= 0; V is 0 where x is, and
-exactly so, as x is taken out as a factor and only p and q are enclosed.
+Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V the sum of c_i |x_i| over some states:
+where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i| + c_i q_i <= 0;
+V is 0 where they are, and exactly so, as each is taken out as a factor and only p_i, q_i and what
+else is in z' are enclosed.
 Non-goals: other potentials: what is not of this form is not shown.
 """
 
@@ -54,29 +55,48 @@ def undrifted(
             return f"SC may move {name} without end, and the set of its topic has one"
         ways = ((rate, drift.above), (check.make.neg(rate), drift.below))
         for e, by in ways:
-            if not any(_bounded(check, e, by, x, ranges, r) for x, r in box.items()):
+            if not _bounded(check, e, by, ranges, box):
                 return f"how far SC moves {name} is not shown"
     return ""
 
 
 def _bounded(
-    check: TubeCheck, e: Node, by: float, state: int, ranges: Ranges, rests: Interval
+    check: TubeCheck, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> bool:
-    """Whether what grows at e grows by at most `by`, by V of one state."""
+    """Whether what grows at e grows by at most `by`, by V of the states of `box`."""
     if not isfinite(by):
         return True
-    make, x = check.make, check.make.input("x", state)
-    e = _at_worst(make, e, ranges)
-    e, own = _decided(check, [e, check.rates[state]], ranges)
-    p, q = _factor(make, e, x), _factor(make, own, x)
-    size = max(abs(Fraction(rests.low)), abs(Fraction(rests.high)))
-    if p is None or q is None or not size:
-        return False
-    of_p, of_q = _enclosed([p, q], ranges)
-    if not all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
-        return False
-    c = Fraction(by) / size
-    return max(Fraction(of_p.high), -Fraction(of_p.low)) + c * Fraction(of_q.high) <= 0
+    make, most = check.make, Fraction(0)
+    (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
+    for state, where in box.items():
+        x = make.input("x", state)
+        p, rest = _split(make, e, x)
+        (own,) = _decided(check, [check.rates[state]], ranges)
+        q = make.factor(own, x)
+        if q is None or p is make.number(0.0):
+            continue
+        of_p, of_q = _enclosed([p, q], ranges)
+        if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
+            size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
+            factor = max(Fraction(of_p.high), -Fraction(of_p.low))
+            most += size * factor / -Fraction(of_q.high)
+            e = rest
+    (more,) = _enclosed([e], ranges)
+    return more.high <= 0.0 and most <= Fraction(by)
+
+
+def _split(make: Expressions, e: Node, x: Node) -> tuple[Node, Node]:
+    """The p and the rest of e = x p + rest, term by term."""
+    if (p := make.factor(e, x)) is not None:
+        return p, make.number(0.0)
+    if e.op in ("add", "sub"):
+        a, b = (_split(make, y, x) for y in e.of)
+        join = getattr(make, e.op)
+        return join(a[0], b[0]), join(a[1], b[1])
+    if e.op == "neg":
+        p, rest = _split(make, e.of[0], x)
+        return make.neg(p), make.neg(rest)
+    return make.number(0.0), e
 
 
 def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
@@ -123,30 +143,3 @@ def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     if found is None:
         return [Interval(-inf, inf)] * len(nodes)
     return [Interval(f[2], f[3]) for f in found]
-
-
-def _factor(make: Expressions, e: Node, x: Node) -> Node | None:
-    """The p of e = x p, for all values; None where it is not seen."""
-    if e is x:
-        return make.number(1.0)
-    if e is make.number(0.0):
-        return e
-    if e.op == "neg":
-        p = _factor(make, e.of[0], x)
-        return None if p is None else make.neg(p)
-    if e.op in ("add", "sub"):
-        a, b = (_factor(make, y, x) for y in e.of)
-        return None if a is None or b is None else getattr(make, e.op)(a, b)
-    if e.op == "square":
-        return e.of[0] if e.of[0] is x else None
-    if e.op == "mul":
-        a, b = e.of
-        p = _factor(make, a, x)
-        if p is not None:
-            return make.mul(p, b)
-        p = _factor(make, b, x)
-        return None if p is None else make.mul(a, p)
-    if e.op == "over":
-        p = _factor(make, e.of[0], x)
-        return None if p is None else make.div(p, e.of[1])
-    return None

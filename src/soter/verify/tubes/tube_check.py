@@ -34,9 +34,14 @@ PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
-ATTEMPTS = 8
+ATTEMPTS = 5
 FREE, STEPS, KEEP = 2, 1, 6
 """How finely a tube is cut: steps until SC acts, steps a hold; columns that are kept."""
+SAME_ANSWER = """
+fun answered(x: Forms, last: Controls, rates_of: Forms[DEPTH], n: int): Answer {
+  return { u: law(x), rate: rates_of[0], found: true };
+}
+"""
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,8 @@ class TubeCheck:
     """Of one problem; `SoterError` R007 where something is no expression of reals.
 
     `states`: those that what is asked hangs on, in the order of estimates; all others are left out
-    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state.
+    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state; `rooms`:
+    where states are within C, by the sets of what plants publish.
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -97,6 +103,7 @@ class TubeCheck:
         self._law = module.law()
         self._defined = module.law_defined(self._law)
         self._safe = module.constraint()
+        self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
         asked = [*self._law, self._defined, self._safe, self._rest]
         self.states = _behind(asked, every)
@@ -115,8 +122,11 @@ class TubeCheck:
         }
         rates = [every[s] for s in self.states]
         self._still = module.still(rates)
-        self._effects = [e for row in module.effects(rates) for e in row]
+        every_effect = enumerate(module.effects(rates, self._still))
+        zero = self.make.number(0.0)
+        self._effects = [(k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero]
         self._bends = module.bends(self._still)
+        self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
 
     def _left_out(self) -> None:
         """States that are not followed have rates, and do not grow without end in finite time.
@@ -156,7 +166,7 @@ class TubeCheck:
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """`ways`: Y of each state that `moves` does not name and a condition reads."""
-        return "\n".join([*self._parts(ways), part("check.soter")])
+        return "\n".join([*self._parts(ways), self._check()])
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The same with what is asked beforehand."""
@@ -165,7 +175,7 @@ class TubeCheck:
         return "\n".join(
             [
                 *parts,
-                part("check.soter"),
+                self._check(),
                 certain("law_defined", "y: Forms", self._defined, over),
                 certain("surely_not_at_rest", "x: Forms", self._rest, over, truth=False),
                 part("rest.soter"),
@@ -173,6 +183,11 @@ class TubeCheck:
         )
 
     # ------------------------------------------------------------ parts
+
+    def _check(self) -> str:
+        """Where SC leads; of one that reads nothing its answer is always the same."""
+        answer = part("answer.soter") if self.read_by_law else SAME_ANSWER
+        return "\n".join([part("check.soter"), answer])
 
     def _over(self) -> Inputs:
         """What stands for each input: states by their place among those that are followed."""
@@ -188,13 +203,34 @@ class TubeCheck:
             part("forms.soter"),
             part("tube.soter"),
             function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
-            function("effects", "x: Forms, u: Controls", self._effects, over, "Effects"),
+            function("effects", "x: Forms, u: Controls", [e for *_, e in self._effects], over, "Effects"),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
+            self._faces(over),
             function("law", "y: Forms", self._law, over, "Controls"),
             certain("safe", "x: Forms", self._safe, over),
             certain("rests", "x: Forms", self._rest, over),
             self._at_rest(ways),
         ]
+
+    def _faces(self, over: Inputs) -> str:
+        """The rates of single states, for `slopes`."""
+        lines, calls = [], "  return ANYTHING;"
+        for k in self._faced:
+            of = [(m, e) for i, m, e in self._effects if i == k]
+            given = "x: Forms, u: Controls"
+            lines.append(function(f"rate_{k}", given, [self._still[k]], over, "Form[1]"))
+            moved = [f"magnitude(b[{p}]) * wide[{m}]" for p, (m, _) in enumerate(of)]
+            if moved:
+                effects = [e for _, e in of]
+                lines.append(function(f"effects_{k}", given, effects, over, f"Form[{len(of)}]"))
+                moved = [f"    let b = effects_{k}(x, a);", f"    let d = {' + '.join(moved)};"]
+            else:
+                moved = ["    let d = 0.0;"]
+            moved.append(f"    return widened(rate_{k}(x, u)[0], d * GROW + TINY);")
+            body = "\n".join(moved)
+            calls = f"  if i == {k} {{\n{body}\n  }} else {{\n{calls}\n  }}"
+        head = "fun faced(i: int, x: Forms, u: Controls, a: Controls, wide: Wide): Form"
+        return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
         """`rest` holds, and all that SC then moves to is safe."""
@@ -232,16 +268,17 @@ class TubeCheck:
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
         read = 2 * n + KEEP
-        opened, closed, moves = read + n, read + n + moved, read + n + 2 * moved
+        closed, moves = read + n, read + n + moved
         symbols = moves + moved * STEPS
         if symbols > SYMBOLS_MAX:
             msg = f"{symbols} symbols of a form: more than {SYMBOLS_MAX}"
             raise refused(self.problem, msg)
         whole = {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
-            "EFFECTS": n * moved, "KEEP": KEEP, "READS": read, "OPEN": opened, "CLOSED": closed,
+            "EFFECTS": len(self._effects), "KEEP": KEEP, "READS": read, "CLOSED": closed,
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
-            "HOLDS": times.switches + 1, "DEPTH": times.depth,
+            "HOLDS": times.switches + 1, "DEPTH": times.depth, "FACES": len(self._faced),
+            "NARROWED": min(1, len(self._faced)),
         }  # fmt: skip
         begin = max(0, times.start - times.period - times.jitter)
         seconds = {
@@ -258,7 +295,8 @@ class TubeCheck:
         lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]
-        zero = form(0.0)
+        zero, faced = form(0.0), [str(k) for k in self._faced]
+        effects = [f"{{ state: {k}, mover: {mover} }}" for k, mover, _ in self._effects]
         middles = [form(middle(c)) for c in self.problem.controls]
         lines += [
             f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
@@ -266,10 +304,14 @@ class TubeCheck:
             f"const ERRORS: float[STATES] = {_list(self.errors())};",
             f"const NOWHERE: Forms = {_array([zero] * n)};",
             f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
+            "type Effect = { state: int, mover: int };",
+            f"const EFFECT: Effect[EFFECTS] = {_array(effects)};",
+            f"const FACED: int[{max(1, len(self._faced))}] = {_array(faced or ['0'])};",
             f"const ANY_COMMAND: Controls = {_array(middles)};",
             f"const ANY: Wide = {_list(wide + half)};",
             f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
             f"const NO_REGION: Region = {{ lo: {_list([0.0] * n)}, hi: {_list([0.0] * n)} }};",
+            f"const NO_SPAN: Region = {{ lo: {_list([inf] * n)}, hi: {_list([-inf] * n)} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
         return "\n".join(lines) + "\n"

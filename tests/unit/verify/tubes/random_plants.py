@@ -66,6 +66,11 @@ def real(rng: random.Random, names: Sequence[str], depth: int = 3) -> Real:
             lambda x, f: a.value(x, f) / (f.number(1.5) + b.value(x, f) * b.value(x, f)), kinks,
         ),
         Real(
+            f"({a.text} / (abs({a.text}) + 0.2))",
+            lambda x, f: a.value(x, f)
+            / (f.max(a.value(x, f), -a.value(x, f)) + f.number(0.2)), a.kinked,
+        ),
+        Real(
             f"exp(-({a.text} * {a.text}))",
             lambda x, f: f.exp(-(a.value(x, f) * a.value(x, f))), a.kinked,
         ),
@@ -92,12 +97,14 @@ class DrawnModule:
     drift: list[Real]
     by_control: list[list[Real]]
     by_disturbance: list[Real]
+    grips: list[Real]
+    """Of the disturbance times the first command."""
     law: list[Real]
     disturbed: float
 
     @property
     def kinked(self) -> bool:
-        rows = [*self.by_control, self.drift, self.by_disturbance]
+        rows = [*self.by_control, self.drift, self.by_disturbance, self.grips]
         return any(e.kinked for row in rows for e in row)
 
     def rate(self, x: Sequence[float], u: Sequence[float], w: float) -> list[float]:
@@ -106,6 +113,7 @@ class DrawnModule:
             self.drift[i].value(x, Floats)
             + sum(self.by_control[i][k].value(x, Floats) * u[k] for k in range(self.controls))
             + self.by_disturbance[i].value(x, Floats) * w
+            + self.grips[i].value(x, Floats) * u[0] * w
             for i in range(self.states)
         ]
 
@@ -117,6 +125,7 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     drift = [real(rng, own) for _ in range(n)]
     by_control = [[real(rng, own, 1) for _ in range(m)] for _ in range(n)]
     by_disturbance = [real(rng, own, 1) for _ in range(n)]
+    grips = [real(rng, own, 1) for _ in range(n)]
     law = [real(rng, own, 2) for _ in range(m)]
     wide = rng.choice((0.01, 0.3))
     lines = [
@@ -134,7 +143,8 @@ def drawn_module(rng: random.Random) -> DrawnModule:
     ]
     for i in range(n):
         by = "".join(f" + {by_control[i][k].text} * order.u{k}" for k in range(m))
-        lines.append(f"  der s{i} = {drift[i].text}{by} + {by_disturbance[i].text} * w;")
+        by += f" + {by_disturbance[i].text} * w + {grips[i].text} * order.u0 * w"
+        lines.append(f"  der s{i} = {drift[i].text}{by};")
     measured = ", ".join(f"pose.s{i} within 0.01" for i in range(n))
     laws = [_renamed(law[k].text, own, seen) for k in range(m)]
     answer = ", ".join(f"u{k}: clamp({laws[k]}, -2.0, 2.0)" for k in range(m))
@@ -149,7 +159,9 @@ def drawn_module(rng: random.Random) -> DrawnModule:
         "system S default { b: Body; module M; until 1s; }",
     ]
     held = [_held(e) for e in law]
-    return DrawnModule("\n".join(lines), n, m, drift, by_control, by_disturbance, held, wide)
+    return DrawnModule(
+        "\n".join(lines), n, m, drift, by_control, by_disturbance, grips, held, wide
+    )
 
 
 def _held(e: Real) -> Real:

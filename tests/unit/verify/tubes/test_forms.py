@@ -41,7 +41,7 @@ CALLS = {
     "clamp": "f_clamp(a[0], k[0], k[1])", "limit": "f_limit(a[0], a[1], a[2])",
     "widened": "widened(a[0], k[0])", "range": "f_range(k[0], k[1])",
     "select": "f_select(a[2].lo > 0.0, a[2].hi <= 0.0, a[0], a[1])",
-    "share": "f_share(a[0])",
+    "share": "f_share(a[0])", "neg": "f_neg(a[0])", "friction": "f_friction(a[0], k[0])",
 }  # fmt: skip
 NUMBERS = {name: i for i, name in enumerate(CALLS)}
 
@@ -78,6 +78,7 @@ def exact(name: str, x: list[Fraction], k: list[float]) -> tuple[Fraction, Fract
             "limit": lambda: a[0].max(a[1]).min(a[2]),
             "wrap_angle": lambda: a[0] - 2 * arb.pi() * (a[0] / (2 * arb.pi()) + 0.5).floor(),
             "select": lambda: a[0] if x[2] > 0 else a[1],
+            "neg": lambda: -a[0], "friction": lambda: a[0] / (abs(a[0]) + n[0]),
         }  # fmt: skip
         v = values[name]()
         low, high = v.lower(), v.upper()
@@ -101,6 +102,9 @@ def rounded(name: str, low: Fraction, high: Fraction) -> tuple[Fraction, Fractio
     """What a program may compute in place of a value: the next double, or as far as is promised."""
     if name in ROUNDED:
         return Fraction(float(low)), Fraction(float(high))
+    if name == "friction":  # a sum and a quotient
+        off = Fraction(1.5 * 2.0**-52) * max(abs(low), abs(high)) + Fraction(5e-324)
+        return low - off, high + off
     if name in ULPS:
         off = Fraction(ULPS[name]) * Fraction(math.ulp(float(high)))
         least, most = BOUNDS[name].values
@@ -133,6 +137,8 @@ def test_an_operation_holds_the_value_and_what_a_program_rounds_it_to(
         k = [rng.uniform(-size, size), 0.0]
         if name == "over" and rng.random() < 0.5:
             k[0] = rng.uniform(-3, 3)
+        if name == "friction":
+            k[0] = max(abs(k[0]) * rng.choice((1.0, 1e-3)), 1e-30)
         if name == "clamp":
             k[1] = k[0] + rng.choice((0.0, rng.uniform(0, size)))
             if rng.random() < 0.6:  # a value at one of its kinks, where it is furthest from a line
@@ -178,6 +184,8 @@ def test_wild_numbers_are_held_or_nothing_is_said(library: Library, name: str) -
             x.append(Fraction(rng.choice(ends or [1.7e308 if hi > 0 else -1.7e308])))
         k = [rng.choice((-1, 1)) * rng.choice(WILD[:-2]), 0.0]
         k[1] = max(k[0], rng.choice(WILD[:-2]))
+        if name == "friction" and not 0.0 < k[0] < 1e300:
+            continue
         if name == "limit" and not x[1] <= x[2]:
             continue
         if (name == "over" and k[0] == 0.0) or (name == "inverse" and not x[0]):

@@ -61,7 +61,8 @@ fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
     let w = bends(x, u, v);
     for i in 0..STATES { b[i] = y[i]; b[10 + i] = w[i]; }
     let e = effects(x, u);
-    for i in 0..EFFECTS { b[20 + i] = e[i]; }
+    for i in 0..STATES * MOVED { b[20 + i] = f_number(0.0); }
+    for i in 0..EFFECTS { b[20 + STATES * EFFECT[i].mover + EFFECT[i].state] = e[i]; }
   }
   if op == 6 { let y = law(x); for i in 0..CONTROLS { b[i] = y[i]; } }
   if op == 7 {
@@ -276,7 +277,7 @@ def _printed(
         assert off_by(got[10 + i], eps, bend, bend) <= Fraction(1, 10**30)
         parts = [module.by_disturbance[i], *module.by_control[i]]
         for k, e in enumerate(parts):
-            effect = _exact(e.value(x, Mp))
+            effect = _exact(e.value(x, Mp) + (module.grips[i].value(x, Mp) * u[0] if k == 0 else 0))
             assert off_by(got[20 + n * k + i], eps, effect, effect) <= SAFE
 
 
