@@ -23,7 +23,7 @@ from soter.certificate.format.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.groups import GroupCheck
-from soter.certificate.reading import case_model, problem
+from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
@@ -375,6 +375,47 @@ def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str)
     why = "elsewhere" if state == "p.p" else "other axes"
     with pytest.raises(RejectedError, match=why):
         GridGroup.compare(check, certificate, facts, [check], {"axes": [axis], "levels": None})
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+    name: str
+
+
+@pytest.mark.parametrize("who", ["plant", "node", "input", "nobody"])
+def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
+    index = {"u": 0, "x": 1}
+    drives = [(Named("u" if who == "plant" else "x"), None)]
+    plant = SimpleNamespace(drives=drives)
+    node = SimpleNamespace(publishes=[Named("u" if who == "node" else "x")])
+
+    def component(**of: Any) -> Any:
+        topics = {t: index[t.name] for t in (drives[0][0], *node.publishes)}
+        parts = {"plant": None, "node": None, **of}
+        return SimpleNamespace(scope=SimpleNamespace(topics=topics), **parts)
+
+    sc = component(node=node)
+    beside = [component(plant=plant), component(node=node), component()]
+    inputs = [SimpleNamespace(topic=0 if who == "input" else 1)]
+    topics = [SimpleNamespace(name=n, queue_of=None) for n in index]
+    facts: Any = SimpleNamespace(
+        flying=SimpleNamespace(components=[sc, *beside], inputs=inputs, topics=topics),
+        flying_module=SimpleNamespace(outputs=(0,), sc=0),
+        commanding=[sc],
+    )
+    if who == "nobody":
+        supported_constructs._topics(facts)
+    else:
+        with pytest.raises(NotRecheckedError, match=r"alone|input"):
+            supported_constructs._topics(facts)
+
+
+def test_an_axis_goes_as_far_as_it_is_open(tmp_path: Path) -> None:
+    for more, high in (("", 3.0), (" open to 4.5", 4.5)):
+        facts = facts_of(tmp_path, ("/ 100;", f"/ 100{more};"))
+        (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
+        assert facts.axes[index] == (-3.0, high)
+        assert facts.open_ends == ({index} if more else set())
 
 
 RECORDS = """type In = { a: float, b: float };
