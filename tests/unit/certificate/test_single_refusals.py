@@ -389,13 +389,13 @@ def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
     plant = SimpleNamespace(drives=drives)
     node = SimpleNamespace(publishes=[Named("u" if who == "node" else "x")])
 
-    def component(**of: Any) -> Any:
+    def component(name: str, **of: Any) -> Any:
         topics = {t: index[t.name] for t in (drives[0][0], *node.publishes)}
         parts = {"plant": None, "node": None, **of}
-        return SimpleNamespace(scope=SimpleNamespace(topics=topics), **parts)
+        return SimpleNamespace(name=name, scope=SimpleNamespace(topics=topics), **parts)
 
-    sc = component(node=node)
-    beside = [component(plant=plant), component(node=node), component()]
+    sc = component("sc", node=node)
+    beside = [component("p", plant=plant), component("n", node=node), component("m")]
     inputs = [SimpleNamespace(topic=0 if who == "input" else 1)]
     topics = [SimpleNamespace(name=n, queue_of=None) for n in index]
     facts: Any = SimpleNamespace(
