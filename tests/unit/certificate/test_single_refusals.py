@@ -438,13 +438,21 @@ def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
 
 def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     assert not facts_of(tmp_path).others
+    sets = {"wish": (-0.5, 0.5), "more": (2.0, 3.0)}
+    lines = [f"input topic {n}: float in [{a}, {b}] max_age 9s;\n" for n, (a, b) in sets.items()]
     facts = facts_of(
         tmp_path,
-        ("topic u:", "input topic wish: float in [-0.5, 0.5] max_age 9s;\ntopic u:"),
-        ("subscribes x, y;", "subscribes x, y, wish;"),
-        ("clamp(-x,", "clamp(wish - x,"),
-    )  # fmt: skip
-    assert [(i.low, i.high) for i in facts.others] == [(-0.5, 0.5)]
+        ("topic u:", f"{''.join(lines)}topic u:"),
+        ("subscribes x, y;", "subscribes x, y, wish, more;"),
+        ("clamp(-x,", "clamp(wish - more - x,"),
+    )
+    assert [(i.low, i.high) for i in facts.others] == list(sets.values())
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    terms, states = model.new_terms()
+    values = model.topics(terms, states, errors=False)
+    for i in facts.others:
+        value = values[i.owner]
+        assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]
 
 
 # ---------------------------------------------------------------- what is said
