@@ -439,7 +439,9 @@ def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
 def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     assert not facts_of(tmp_path).others
     sets = {"wish": (-0.5, 0.5), "more": (2.0, 3.0)}
-    lines = [f"input topic {n}: float in [{a}, {b}] max_age 9s;\n" for n, (a, b) in sets.items()]
+    lines = [
+        f"input topic {n}: float in [{a}, {b}] = {b} max_age 9s;\n" for n, (a, b) in sets.items()
+    ]
     facts = facts_of(
         tmp_path,
         ("topic u:", f"{''.join(lines)}topic u:"),
