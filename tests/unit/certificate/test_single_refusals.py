@@ -133,6 +133,31 @@ def claimed(
     static_claims(facts, {"P1c": p1c, **more})
 
 
+def controllers(
+    ac: str = "u", sc: str = "u", outputs: str = "u", periods: tuple[int, int] = (1, 1)
+) -> tuple[Any, Any]:
+    """A system and a module of period 5 in it: what its controllers publish, and how often."""
+    scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
+    components = [
+        SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=period)
+        for names, period in zip((ac, sc), periods, strict=True)
+    ]
+    symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]
+    module = SimpleNamespace(ac=0, sc=1, over=None, period_ns=5, outputs=topics, symbol=symbol)
+    return SimpleNamespace(components=components), module
+
+
+@pytest.mark.parametrize("periods", [(1, 1), (5, 1), (1, 5), (6, 1), (1, 6)])
+def test_no_controller_is_slower_than_its_dm(periods: tuple[int, int]) -> None:
+    system, module = controllers(periods=periods)
+    of_the_module(system, module, {"P1a": "assumed"})
+    if max(periods) <= 5:
+        of_the_module(system, module, {"P1a": "proved"})
+    else:
+        with pytest.raises(RejectedError, match="P1a"):
+            of_the_module(system, module, {"P1a": "proved"})
+
+
 @pytest.mark.parametrize(
     ("ac", "sc", "outputs", "fine"),
     [
@@ -146,15 +171,7 @@ def claimed(
 def test_both_controllers_publish_all_outputs_and_no_others(
     ac: str, sc: str, outputs: str, fine: bool
 ) -> None:
-    def publishes(names: str) -> Any:
-        scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
-        return SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=1)
-
-    system: Any = SimpleNamespace(components=[publishes(ac), publishes(sc)])
-    symbol = SimpleNamespace(latch=None)
-    module: Any = SimpleNamespace(
-        ac=0, sc=1, over=None, period_ns=1, outputs=[ord(n) for n in outputs], symbol=symbol
-    )
+    system, module = controllers(ac, sc, outputs)
     of_the_module(system, module, {"P1b": "assumed"})
     if fine:
         of_the_module(system, module, {"P1b": "proved"})
