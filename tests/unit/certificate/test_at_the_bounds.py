@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -243,6 +243,27 @@ def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
     for part in ChainCheck._parts(check, tuple(form)):
         assert part[10] == 5
         assert part[11] == exact(0.6) / 2
+
+
+@pytest.mark.parametrize("extra", [0.0, 0.25])
+def test_what_a_function_may_be_off_is_in_its_image(extra: float) -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    value = terms.function("exp", x)
+    atom = terms.atoms[-1]
+    atom.extra, atom.low, atom.high = exact(extra), atom.low - 1, atom.high + 1
+    form, (low, high) = image(terms, value, [(1.0, 1.1), (0.0, 1.0)])
+    assert abs(low - (math.exp(1.0) - extra)) < 0.05
+    assert abs(high - (math.exp(1.1) + extra)) < 0.05
+    assert extra <= form[5] < extra + 0.05
+
+
+def test_of_what_is_not_negative_a_function_is_taken_from_zero_on() -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    for nonnegative, least in ((True, 1.0), (False, math.exp(-6.0))):
+        value = terms.function("exp", replace(x, nonnegative=nonnegative))
+        assert abs(value.low - least) < 1e-5
 
 
 def test_what_is_never_so_is_not_certain() -> None:

@@ -23,7 +23,7 @@ from soter.certificate.format.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.groups import GroupCheck
-from soter.certificate.reading import case_model, problem
+from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
@@ -133,6 +133,31 @@ def claimed(
     static_claims(facts, {"P1c": p1c, **more})
 
 
+def controllers(
+    ac: str = "u", sc: str = "u", outputs: str = "u", periods: tuple[int, int] = (1, 1)
+) -> tuple[Any, Any]:
+    """A system and a module of period 5 in it: what its controllers publish, and how often."""
+    scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
+    components = [
+        SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=period)
+        for names, period in zip((ac, sc), periods, strict=True)
+    ]
+    symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]
+    module = SimpleNamespace(ac=0, sc=1, over=None, period_ns=5, outputs=topics, symbol=symbol)
+    return SimpleNamespace(components=components), module
+
+
+@pytest.mark.parametrize("periods", [(1, 1), (5, 1), (1, 5), (6, 1), (1, 6)])
+def test_no_controller_is_slower_than_its_dm(periods: tuple[int, int]) -> None:
+    system, module = controllers(periods=periods)
+    of_the_module(system, module, {"P1a": "assumed"})
+    if max(periods) <= 5:
+        of_the_module(system, module, {"P1a": "proved"})
+    else:
+        with pytest.raises(RejectedError, match="P1a"):
+            of_the_module(system, module, {"P1a": "proved"})
+
+
 @pytest.mark.parametrize(
     ("ac", "sc", "outputs", "fine"),
     [
@@ -146,15 +171,7 @@ def claimed(
 def test_both_controllers_publish_all_outputs_and_no_others(
     ac: str, sc: str, outputs: str, fine: bool
 ) -> None:
-    def publishes(names: str) -> Any:
-        scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
-        return SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=1)
-
-    system: Any = SimpleNamespace(components=[publishes(ac), publishes(sc)])
-    symbol = SimpleNamespace(latch=None)
-    module: Any = SimpleNamespace(
-        ac=0, sc=1, over=None, period_ns=1, outputs=[ord(n) for n in outputs], symbol=symbol
-    )
+    system, module = controllers(ac, sc, outputs)
     of_the_module(system, module, {"P1b": "assumed"})
     if fine:
         of_the_module(system, module, {"P1b": "proved"})
@@ -377,6 +394,47 @@ def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str)
         GridGroup.compare(check, certificate, facts, [check], {"axes": [axis], "levels": None})
 
 
+@dataclasses.dataclass(frozen=True)
+class Named:
+    name: str
+
+
+@pytest.mark.parametrize("who", ["plant", "node", "input", "nobody"])
+def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
+    index = {"u": 0, "x": 1}
+    drives = [(Named("u" if who == "plant" else "x"), None)]
+    plant = SimpleNamespace(drives=drives)
+    node = SimpleNamespace(publishes=[Named("u" if who == "node" else "x")])
+
+    def component(name: str, **of: Any) -> Any:
+        topics = {t: index[t.name] for t in (drives[0][0], *node.publishes)}
+        parts = {"plant": None, "node": None, **of}
+        return SimpleNamespace(name=name, scope=SimpleNamespace(topics=topics), **parts)
+
+    sc = component("sc", node=node)
+    beside = [component("p", plant=plant), component("n", node=node), component("m")]
+    inputs = [SimpleNamespace(topic=0 if who == "input" else 1)]
+    topics = [SimpleNamespace(name=n, queue_of=None) for n in index]
+    facts: Any = SimpleNamespace(
+        flying=SimpleNamespace(components=[sc, *beside], inputs=inputs, topics=topics),
+        flying_module=SimpleNamespace(outputs=(0,), sc=0),
+        commanding=[sc],
+    )
+    if who == "nobody":
+        supported_constructs._topics(facts)
+    else:
+        with pytest.raises(NotRecheckedError, match=r"alone|input"):
+            supported_constructs._topics(facts)
+
+
+def test_an_axis_goes_as_far_as_it_is_open(tmp_path: Path) -> None:
+    for more, high in (("", 3.0), (" open to 4.5", 4.5)):
+        facts = facts_of(tmp_path, ("/ 100;", f"/ 100{more};"))
+        (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
+        assert facts.axes[index] == (-3.0, high)
+        assert facts.open_ends == ({index} if more else set())
+
+
 RECORDS = """type In = { a: float, b: float };
 type Out = { one: In, two: In };
 topic whole: Out;
@@ -397,13 +455,23 @@ def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
 
 def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     assert not facts_of(tmp_path).others
+    sets = {"wish": (-0.5, 0.5), "more": (2.0, 3.0)}
+    lines = [
+        f"input topic {n}: float in [{a}, {b}] = {b} max_age 9s;\n" for n, (a, b) in sets.items()
+    ]
     facts = facts_of(
         tmp_path,
-        ("topic u:", "input topic wish: float in [-0.5, 0.5] max_age 9s;\ntopic u:"),
-        ("subscribes x, y;", "subscribes x, y, wish;"),
-        ("clamp(-x,", "clamp(wish - x,"),
-    )  # fmt: skip
-    assert [(i.low, i.high) for i in facts.others] == [(-0.5, 0.5)]
+        ("topic u:", f"{''.join(lines)}topic u:"),
+        ("subscribes x, y;", "subscribes x, y, wish, more;"),
+        ("clamp(-x,", "clamp(wish - more - x,"),
+    )
+    assert [(i.low, i.high) for i in facts.others] == list(sets.values())
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    terms, states = model.new_terms()
+    values = model.topics(terms, states, errors=False)
+    for i in facts.others:
+        value = values[i.owner]
+        assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]
 
 
 # ---------------------------------------------------------------- what is said

@@ -203,7 +203,7 @@ def skips(setting: TimingSetting, dice: random.Random) -> bool:
     at_once = {k for at, k in published if at == due[k]}
     every = [k for _, k in published]
     for node in setting.effects[0].clocks:
-        shown = []
+        shown: list[tuple[int, int]] = []
         for t in range(node.phase, 250, node.period):
             start = t + run.some(node.late)
             tie = dice.random() < 0.5
