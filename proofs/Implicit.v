@@ -51,6 +51,10 @@ Definition held (Vi : component P -> value P -> Prop) (w : R) u al (b : R) := ex
 Definition gated_good near Vi w (H : R) (N_T : nat) C := forall x u act al out t0 b,
   fall_back near 0 H x u act al out t0 b -> held Vi w u al b -> settles C x al b N_T.
 
+(* What is good for the DM, the judge permits, whatever the command. *)
+Lemma good_gated : forall near Vi w H N_T C, good near 0 H N_T C -> gated_good near Vi w H N_T C.
+Proof. intros near Vi w H N_T C G x u act al out t0 b F _. apply (G _ _ _ _ _ _ _ F). Qed.
+
 Lemma fall_back_ordered : forall near alpha H x u act al out t0 b N, fall_back near alpha H x u act al out t0 b ->
   t0 + INR N * delta <= al N <= t0 + INR N * delta + j /\ al 0%nat <= al N.
 Proof. intros near alpha H x u act al out t0 b N F. destruct (fb_last _ _ _ _ _ _ _ _ _ _ F N) as [_ [i Ei]].
