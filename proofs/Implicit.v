@@ -2,7 +2,7 @@
    Purpose: "Decisions by tubes" of docs/proof.md: what is good, its lemma, its theorem, the first rule of rest.
    Non-goals: how tubes are computed; a DM that looks at AC's command; maps that move. *)
 Require Import Reals Lra Lia Classical.
-From Soter Require Import Releases Trajectories ScRuns Module.
+From Soter Require Import Releases Trajectories ScRuns Module Gate.
 Open Scope R_scope.
 Section Tubes.
 Variable P : plant.
@@ -37,12 +37,23 @@ Definition rest_pair := forall x u act al out t0 b, rest_run x u act al out t0 b
 (* At a_N the run is at rest, and where SC keeps it from there is in C. *)
 Definition rests C x al b N := al N <= b /\ Q (x (al N)) /\ forall z, M (x (al N)) z -> C z.
 
-(* What the DM asks. C is the set of states that are safe with the map that it has read. *)
-Definition good near (alpha H : R) (N_T : nat) C := forall x u act al out t0 b,
-  fall_back near alpha H x u act al out t0 b ->
+(* What is asked of each: in C until it is at rest, by the output N_T. C is what is safe with the map that was read. *)
+Definition settles C x al b N_T :=
   (forall N, (N <= N_T)%nat -> rests C x al b N -> (forall k, (k < N)%nat -> ~ rests C x al b k) ->
     forall t, 0 <= t <= al N -> C (x t)) /\
   ((forall N, (N <= N_T)%nat -> ~ rests C x al b N) -> (forall t, 0 <= t <= b -> C (x t)) /\ b < al N_T).
+Definition good near (alpha H : R) (N_T : nat) C := forall x u act al out t0 b,
+  fall_back near alpha H x u act al out t0 b -> settles C x al b N_T.
+
+(* A judgement of commands asks less: until t1 only those of V act, and SC is complete w after t1. *)
+Definition held (Vi : component P -> value P -> Prop) (w : R) u al (b : R) := exists t1, 0 <= t1 <= al 0%nat /\
+  al 0%nat <= t1 + w /\ forall t i, 0 <= t < t1 -> t < b -> Vi i (u t i).
+Definition gated_good near Vi w (H : R) (N_T : nat) C := forall x u act al out t0 b,
+  fall_back near 0 H x u act al out t0 b -> held Vi w u al b -> settles C x al b N_T.
+
+(* What is good for the DM, the judge permits, whatever the command. *)
+Lemma good_gated : forall near Vi w H N_T C, good near 0 H N_T C -> gated_good near Vi w H N_T C.
+Proof. intros near Vi w H N_T C G x u act al out t0 b F _. apply (G _ _ _ _ _ _ _ F). Qed.
 
 Lemma fall_back_ordered : forall near alpha H x u act al out t0 b N, fall_back near alpha H x u act al out t0 b ->
   t0 + INR N * delta <= al N <= t0 + INR N * delta + j /\ al 0%nat <= al N.
@@ -65,10 +76,10 @@ Qed.
 
 (* The implicit core: a run whose estimate is good is in C as long as it lasts. *)
 Theorem good_stays : forall near alpha H N_T C, 0 <= alpha -> (forall z, C z -> shown z) -> rest_pair ->
-  good near alpha H N_T C -> forall x u act al out t0 b, fall_back near alpha H x u act al out t0 b ->
+  forall x u act al out t0 b, fall_back near alpha H x u act al out t0 b -> settles C x al b N_T ->
   (forall t, 0 <= t <= b -> C (x t)) /\ (al N_T <= b -> exists N, (N <= N_T)%nat /\ al N <= b /\ Q (x (al N)) /\
     forall t, al N <= t <= b -> M (x (al N)) (x t)).
-Proof. intros near alpha H N_T C A CS RP G x u act al out t0 b F. destruct (G _ _ _ _ _ _ _ F) as [Some None].
+Proof. intros near alpha H N_T C A CS RP x u act al out t0 b F [Some None].
   destruct (classic (exists N, (N <= N_T)%nat /\ rests C x al b N)) as [(N' & HN' & R') | No].
   - destruct (least (rests C x al b) N' R') as (N & R & Least).
     assert (HN : (N <= N_T)%nat) by (pose proof (Least _ R'); lia).
@@ -282,7 +293,7 @@ Proof. intros near s a h b m Sb Nr Ah Cases G.
   destruct (is_fall_back near s a h b Sb Nr ltac:(lra) Cases) as (act & al & o & t0 & F).
   pose proof (window_pos T TH) as Wp.
   destruct (good_stays P answers (delta T) (window T) (state_age T) ltac:(lra) ltac:(lra) Q M shown near a h N_T
-    (safe_with m) ltac:(lra) (safe_shown m) rest G _ _ _ _ _ _ _ F) as [In Rest]. split.
+    (safe_with m) ltac:(lra) (safe_shown m) rest _ _ _ _ _ _ _ F (G _ _ _ _ _ _ _ F)) as [In Rest]. split.
   - intros t Ht. replace t with (t - s + s) by lra. apply (In (t - s)). lra.
   - intros L. assert (Or : forall N, t0 + INR N * delta T <= al N <= t0 + INR N * delta T + window T /\ al 0%nat <= al N)
       by (intros N; eapply fall_back_ordered; [lra | exact F]).
@@ -398,5 +409,70 @@ Proof. intros t [T0 Te]. destruct (verdicts_go_on P T answers ex TH t) as [n Hn]
     + destruct (verdicts k Ack) as (_ & S1 & _). pose proof (dm_answers ex k). lra.
   - apply map_0_true, (start_safe t); [| exact Te | lra]. intros k Kt Ack. apply None. exists k. split; auto.
     destruct (Nat.le_gt_cases n k) as [L |]; auto. apply (dm_out_order P T answers ex TH) in L. lra.
+Qed.
+
+(* The same where commands are judged when they are published: V, as in Gate.v, in the place of U until SC's first output
+   acts. Each judgement has read a map and a state, and what starts later reads no older state. *)
+Variable judgement : R -> R -> Prop.
+Definition takeover_time := H_star T - age T - Delta T - L_min T.
+Hypothesis judged_good : forall s now, judgement s now -> 0 <= s <= now /\ exists y m, reads_as P (x ex s) y /\
+  (forall z, safe_with m z -> C z) /\
+  gated_good P answers (delta T) (window T) (state_age T) Q M (fun z => reads_as P z y) (may_act P T answers ex s now)
+    takeover_time H N_T (safe_with m).
+Hypothesis silence : forall k, says_ac ex k -> exists s now, judgement s now /\ dm_release T k - age T <= s /\
+  dm_start ex k <= now <= dm_out ex k /\
+  forall i e a v, emitted ex i e a v -> now < e <= dm_out ex k -> ac_mode ex e.
+Hypothesis judged : forall i e a v, emitted ex i e a v -> 0 <= e -> ac_mode ex e ->
+  exists s, judgement s e /\ forall k, dm_start ex k <= e -> dm_release T k - age T <= s.
+Hypothesis finitely_many : forall t, (exists i e a v, emitted ex i e a v /\ e < t) ->
+  exists i e a v, emitted ex i e a v /\ e < t /\ forall i' e' a' v', emitted ex i' e' a' v' -> e' < t -> e' <= e.
+Hypothesis judges_read_first : forall s now m, judgement s now -> now <= sc_start ex m -> sc_out ex m < ends ->
+  counts ex m /\ s <= sc_seen m.
+Theorem gated_safe : forall t, 0 <= t <= ends -> C (x ex t).
+Proof. intros t [T0 Te]. destruct (verdicts_go_on P T answers ex TH t) as [n' Hn'].
+  destruct (least (fun n => t <= dm_out ex n) n' Hn') as (n & Hn & Least).
+  assert (Before : forall k, dm_out ex k < t -> (k < n)%nat).
+  { intros k Hk. destruct (Nat.le_gt_cases n k) as [L | L]; auto. apply (dm_out_order P T answers ex TH) in L. lra. }
+  destruct (classic (exists k, (k < n)%nat /\ says_ac ex k)) as [Some | None].
+  2: { apply map_0_true, (start_safe t); [| exact Te | lra]. intros k Kt Ack. apply None. exists k. auto. }
+  destruct (last_below (says_ac ex) n Some) as (j & Jn & Acj & NoAc).
+  assert (Jt : dm_out ex j < t) by (apply Rnot_le_lt; intros L; apply Least in L; lia).
+  destruct (dm_window P T answers ex TH j) as (D1 & D2 & D3 & D4 & D5). pose proof (not_negative T TH) as NN.
+  destruct (dm_window P T answers ex TH (S j)) as (F1 & F2 & _ & _ & F5).
+  assert (Rel : dm_release T (S j) = dm_release T j + Delta T) by (unfold dm_release; rewrite S_INR; ring).
+  destruct (first_to_pass P T answers ex TH j n NoAc) as (mx & m1 & Mle & Mx1 & M1 & M2 & M3 & No & ScOnly).
+  pose proof (sc_window P T answers ex TH mx) as Wx. pose proof (sc_window P T answers ex TH m1) as W1.
+  pose proof (sc_out_order P T answers ex TH mx m1 Mle) as Ox.
+  set (b := Rmin t (sc_out ex mx)). assert (B : b <= t /\ b <= sc_out ex mx /\ (t <= b \/ sc_out ex mx <= b))
+    by (unfold b, Rmin; destruct Rle_dec; lra). clearbody b. destruct B as (B1 & B2 & B3).
+  destruct (last_judgement P T answers ex TH judgement (fun s now G => proj1 (judged_good s now G)) silence judged
+    finitely_many j b Acj ltac:(destruct B3; lra)) as (s & now & G & Sb & Nb & Em).
+  { intros i e a v E He. destruct (Rlt_or_le e (dm_out ex (S j))) as [Q' | Q'];
+      [apply (ac_mode_until P T answers ex TH j); auto; lra |].
+    destruct (ScOnly _ _ _ _ E ltac:(lra)). lra. }
+  destruct (judged_good s now G) as (S0 & y & m & Ry & True_m & Gd). apply True_m.
+  assert (Now : now <= dm_out ex (S j)).
+  { destruct Nb as [Nb | [Nb1 Nb2]]; [lra |]. apply Rnot_lt_le. intros L. apply (No now); auto; lra. }
+  set (h := complete ex m1 - s). assert (Hh : 0 <= h <= H) by (unfold h; lra).
+  destruct (is_fall_back (fun z => reads_as P z y) s h h t ltac:(lra) Ry ltac:(lra)) as (act & al & o & t0 & F).
+  { destruct (Rle_or_lt t (complete ex m1)) as [L | L]; [left; unfold h; lra | right]. exists m1.
+    split; [unfold h; lra | split; [lra | split]].
+    - intros k Hk Kt. apply (judges_read_first s now); auto; [| lra]. pose proof (periods T TH) as Pd.
+      assert (dm_out ex (S j) <= sc_start ex k); [| lra]. apply (sc_waits ex). apply le_INR in Hk.
+      unfold sc_release in *. nra.
+    - intros t' Ht'. apply No. lra. }
+  pose proof (fb_begins _ _ _ _ _ _ _ _ _ _ _ _ _ _ _ F) as Bg.
+  assert (F' : fall_back P answers (delta T) (window T) (state_age T) (fun z => reads_as P z y) 0 H
+    (fun t => x ex (t + s)) (fun t => u ex (t + s)) act al o t0 (t - s)) by (destruct F; constructor; auto; lra).
+  pose proof (window_pos T TH) as Wp.
+  replace t with (t - s + s) by lra.
+  refine (proj1 (good_stays P answers (delta T) (window T) (state_age T) ltac:(lra) ltac:(lra) Q M shown _ 0 H N_T
+    (safe_with m) ltac:(lra) (safe_shown m) rest _ _ _ _ _ _ _ F' (Gd _ _ _ _ _ _ _ F' _)) (t - s) _); [| lra].
+  exists (sc_out ex mx + L_min T - s). split; [unfold h in *; lra | split; [unfold takeover_time, h in *; lra |]].
+  intros r i Hr Hr'. apply (V_acts P T answers ex s now b (Rmin t (sc_out ex mx + L_min T))); auto; [lra | |].
+  - intros i' e a v E He Ha. destruct (emitted_in_U ex _ _ _ _ E) as [Ea _]. unfold Rmin in Ha.
+    destruct (Rlt_or_le e (dm_out ex n)) as [Q' | Q']; [destruct B3 as [B3 | B3] |]; destruct Rle_dec; try lra;
+      destruct (ScOnly _ _ _ _ E); lra.
+  - unfold Rmin. destruct Rle_dec; lra.
 Qed.
 End Decided.

@@ -232,31 +232,42 @@ Proof. assert (Home : ball (80 + INR 7 * 14) (X (20 * INR 9 + 9))) by (unfold ba
 Qed.
 
 (* The gate, in the same flight: each judgement is about R(H), which is less than R_V(H) would be. *)
+Definition judgement s now := 0 <= s <= now - 2 /\ ball 163 (X s + 2).
+Lemma past : forall s now, judgement s now -> 0 <= s <= now. Proof. intros s now [S _]. lra. Qed.
+Lemma silent : forall k, says_ac flight k -> exists s now, judgement s now /\ dm_release T k - age T <= s /\
+  dm_start flight k <= now <= dm_out flight k /\
+  forall i e a v, emitted flight i e a v -> now < e <= dm_out flight k -> ac_mode flight e.
+Proof. intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
+  exists (20 * INR k - 1), (20 * INR k + 1). split; [| times; split; [lra | split; [lra |]]].
+  - split; [lra | apply (seen_room k Ac)].
+  - intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
+Qed.
+Lemma published_judged : forall i e a v, emitted flight i e a v -> 0 <= e -> ac_mode flight e ->
+  exists s, judgement s e /\ forall k, dm_start flight k <= e -> dm_release T k - age T <= s.
+Proof. intros i e a v [(-> & -> & ->) | (m & -> & -> & ->)] E0 (k & Hk & Ac & Last); [lra |]. simpl in *.
+  exists (20 * INR m + 3). pose proof (pos_INR m). split; [split; [lra |] |].
+  - assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply below; lra).
+    replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *.
+    destruct Ac as [[Q Q'] | Q]; naturals; cases.
+  - intros k' Hk'. times. destruct (below k' m); lra.
+Qed.
+Lemma in_turn : forall t, (exists i e a v, emitted flight i e a v /\ e < t) ->
+  exists i e a v, emitted flight i e a v /\ e < t /\ forall i' e' a' v', emitted flight i' e' a' v' -> e' < t -> e' <= e.
+Proof. intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
+  - exists tt, (-1), (-1), 0. split; [left; auto |].
+    destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
+    split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
+  - destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
+    exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
+    intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
+    destruct (below k m); lra.
+Qed.
 Theorem flight_gated : forall t, 0 <= t -> ball 220 (X t).
-Proof. apply (gate_safe integrator T answers flight T_holds 0 0) with (ball 200) 31;
-    [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core | exact begins | rewrite T_H; lra | | | |
-     intros; exact I].
-  - intros k Ac. change (ac k) in Ac. assert (1 <= INR k) by (apply (le_INR 1); unfold ac in Ac; lia).
-    exists (20 * INR k - 1), (20 * INR k + 1). split; [| times; split; [lra | split; [lra |]]].
-    + split; [simpl; lra |]. exists (seen k). split; [unfold seen; simpl; lra |]. intros z Rd.
-      apply gate_refuses_no_more, room with (seen k); auto. apply seen_room; auto.
-    + intros i e a v [(-> & _) | (m & -> & _)] He; [lra |]. destruct (nat_apart k m) as [[Q _] | [Q _]]; lra.
-  - intros i e a v [(-> & _) | (m & -> & -> & ->)] E0 (k & Hk & Ac & Last); [lra |]. simpl in *.
-    exists (20 * INR m + 3). pose proof (pos_INR m). split; [split; [lra |] |].
-    + exists (X (20 * INR m + 3) + 2). split; [simpl; lra |]. intros z Rd.
-      apply gate_refuses_no_more, room with (X (20 * INR m + 3) + 2); auto.
-      assert (m <= k)%nat by (apply Last; lra). assert (k <= m)%nat by (apply below; lra).
-      replace k with m in Ac by lia. change (ac m) in Ac. unfold ac, ball in *.
-      destruct Ac as [[Q Q'] | Q]; naturals; cases.
-    + intros k' Hk'. times. destruct (below k' m); lra.
-  - intros b (i & e & a & v & E & Hb). destruct (Rle_or_lt b 7) as [Q | Q].
-    + exists tt, (-1), (-1), 0. split; [left; auto |].
-      destruct E as [(-> & _) | (m & -> & _)]; [| pose proof (pos_INR m); lra].
-      split; auto. intros _ e a' v' [(-> & _) | (m & -> & _)] Hb'; [lra | pose proof (pos_INR m); lra].
-    + destruct (next_release 7 20 b) as [[| m] Hm]; [lra | lra | simpl in Hm; lra |]. rewrite S_INR in Hm.
-      exists tt, (20 * INR m + 7), (20 * INR m + 9), (command m). split; [right; exists m; auto | split; [lra |]].
-      intros _ e' a' v' [(-> & _) | (k & -> & _)] Hb'; [pose proof (pos_INR m); lra |].
-      destruct (below k m); lra.
+Proof. apply (gate_safe integrator T answers flight T_holds judgement past silent published_judged
+    in_turn 0 0) with (ball 200) 31; [intros; exact I | exact first_dm | unfold ball; intros; lra | exact K_core |
+    exact begins | rewrite T_H; lra | | intros; exact I].
+  intros s now [S B]. split; [lra |]. exists (X s + 2). split; [simpl; lra |].
+  intros z Rd. apply gate_refuses_no_more, room with (X s + 2); auto.
 Qed.
 
 (* Decisions by tubes, in the same flight: rest is |x| <= 80, and SC keeps |x| <= 200 from there, by the rule of boxes. *)
@@ -356,6 +367,12 @@ Proof. intros y m l Rm. destruct (memory_kept integrator R unit in_U (fun _ _ =>
     reflexivity.
 Qed.
 
+Lemma starts_well : good integrator answers (delta T) (window T) (state_age T) (ball 80) (fun _ => ball 200) (eq (X 0))
+  (alpha_0 T 0 0) (h_0 T (sc_release T 0) 0) 9 (safe_with true).
+Proof. rewrite T_window, T_age. unfold alpha_0. apply sc_comes_to_rest; [| apply Rmax_l | times | lra].
+  intros z <-. unfold ball. cases.
+Qed.
+
 Theorem flight_decided : forall t, 0 <= t -> ball 220 (X t).
 Proof. intros t T0. apply (implicit_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
     maps_show rest_holds 31 9) with dm_seen sc_seen seen Nat.even t 0%nat 0 true.
@@ -365,8 +382,7 @@ Proof. intros t T0. apply (implicit_safe integrator T answers flight T_holds boo
   - apply reads_go_on.
   - intros; exact I.
   - exact first_dm.
-  - rewrite T_window, T_age. unfold alpha_0. apply sc_comes_to_rest; [| apply Rmax_l | times | lra].
-    intros z <-. simpl. unfold ball. cases.
+  - exact starts_well.
   - apply maps_show.
   - intros k _. apply maps_show.
   - lra.
@@ -383,4 +399,16 @@ Proof. destruct (decided_returns integrator T answers flight T_holds bool safe_w
     intros _ _ _. right. destruct (Nat.le_gt_cases 14 k) as [L | L]; auto. naturals. lra.
   - exists k. split; [exact K1 | split; [exact K2 |]]. unfold at_rest_by, dm_seen in K3. rewrite T_window in K3.
     simpl in *. lra.
+Qed.
+
+(* Each command judged when it is published, by tubes. *)
+Theorem flight_judged : forall t, 0 <= t -> ball 220 (X t).
+Proof. intros t T0. apply (gated_safe integrator T answers flight T_holds bool safe_with (ball 80) (fun _ => ball 200) (ball 220)
+    maps_show rest_holds 31 9 ltac:(rewrite T_H; lra) sc_seen sc_reads t 0 0 true) with judgement; try lra;
+    [intros; exact I | exact first_dm | exact starts_well | apply maps_show | | exact silent | exact published_judged |
+     exact in_turn |].
+  - intros s now [S B]. split; [lra |]. exists (X s + 2), true. split; [simpl; lra | split; [apply maps_show |]].
+    apply good_gated. rewrite T_window, T_age. apply sc_comes_to_rest; try lra.
+    intros z Rd. unfold ball in *. simpl in Rd. lra.
+  - intros s now m [S B] Hm _. split; [exact I |]. simpl in *. unfold sc_seen. lra.
 Qed.

@@ -32,6 +32,7 @@ MAIN = (
     "Implicit.decided_returns",
     "Implicit.start_safe",
     "Implicit.implicit_safe",
+    "Implicit.gated_safe",
     "Instance.flight_safe",
     "Instance.flight_gated",
     "Instance.flight_returns",
@@ -39,6 +40,7 @@ MAIN = (
     "Instance.gate_permits_more",
     "Instance.flight_decided",
     "Instance.flight_decided_returns",
+    "Instance.flight_judged",
     "Instance.flight_remembers",
 )
 LIBRARY = {
@@ -92,6 +94,8 @@ WRONG = (
         "counts ex m /\\ dm_seen k <= sc_seen m",
         "counts ex m /\\ dm_seen k - age T <= sc_seen m",
     ),
+    ("Implicit.v", "H_star T - age T - Delta T - L_min T", "L T - L_min T"),
+    ("Implicit.v", "counts ex m /\\ s <= sc_seen m", "counts ex m /\\ s - age T <= sc_seen m"),
     ("Implicit.v", "delta j d shown).", "delta j d Q)."),
     ("Implicit.v", "forall z, M (x (al N)) z -> C z", "forall z, M (x (al N)) z -> shown z"),
     ("Implicit.v", "/\\ b < al N_T)", "/\\ b <= b)"),
