@@ -49,7 +49,7 @@ static void drawn_times(following *f, double *y) {
 }
 
 static void found(following *f, double off, int64_t t, int where) {
-  f->o->off = fmax(f->o->off, off);
+  f->o->off = where == 14 ? f->o->off : fmax(f->o->off, off);
   if (off > TOLERANCE && f->o->outside++ == 0) {
     f->o->seed = f->p->shown;
     f->o->at = t;
@@ -90,7 +90,7 @@ static void compared(following *f, int64_t t, const double *all) {
       if (since == n * d + j) found(f, outside(trace.closed[n].end, x, f->eps, NS), t, 7);
       int64_t soonest = INT64_MAX;
       for (int i = 0; i < M; i++) soonest = f->act[n][i] < soonest ? f->act[n][i] : soonest;
-      if (t <= soonest) found(f, outside(trace.open[n].way, x, f->eps, NS), t, 8);
+      if (t <= soonest && trace.opens) found(f, outside(trace.open[n].way, x, f->eps, NS), t, 8);
     }
     int64_t from = n * d + (n > 0 ? j : 0), to = (n + 1) * d - j;
     for (int k = 0; n < trace.end && k < c->steps; k++) {

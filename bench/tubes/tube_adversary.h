@@ -8,7 +8,7 @@
 #ifndef TUBE_ADVERSARY_H
 #define TUBE_ADVERSARY_H
 
-#define FLIGHT INT64_C(20000000000)
+#define FLIGHT INT64_C(6000000000)
 #define LOOK_AHEAD 2.0 /* s */
 enum { UNIFORM, ENDS, CONSTANT, AIMED, HONEST, GREEDY = AIMED };
 enum { NONE, MOST, ANY_TIME, EITHER };
@@ -212,7 +212,7 @@ static void worst_read(const config *c, policy *p, const double *x, double *y) {
 static bool a_start(const config *c, policy *p, double *x) {
   double bad[N];
   bool any = false, edge = draw(p) % 4 != 0;
-  for (int n = 0; n < 60; n++) {
+  for (int n = 0; n < 40 && (any || n < 25); n++) {
     double y[N], m[AIMS], least = INFINITY;
     for (int i = 0; i < N; i++) {
       double low = c->x_low[i], high = c->x_high[i];
@@ -225,7 +225,7 @@ static bool a_start(const config *c, policy *p, double *x) {
       any = true;
     } else {
       memcpy(bad, y, sizeof y);
-      edge = edge && n < 59;
+      edge = edge && n < 39;
     }
     if (any && n > 4) {
       break;

@@ -208,7 +208,7 @@ static void fly(const config *c, uint64_t seed, int64_t time, int how, told *o) 
   }
 }
 
-/* `count` runs of 20 s each from `seed` on; `how`: who decides. */
+/* `count` runs of FLIGHT each from `seed` on; `how`: who decides. */
 void attack_fly(const config *c, uint64_t seed, int64_t count, int64_t how, told *o) {
   memset(o, 0, sizeof *o);
   o->least = INFINITY;
@@ -220,7 +220,7 @@ void attack_fly(const config *c, uint64_t seed, int64_t count, int64_t how, told
 
 /* ---------------------------------------------------------------- containment */
 
-enum { EACH = 20 };
+enum { EACH = 20, TRIES = 20 };
 
 /* Tubes of good estimates, each with EACH fall-back runs; until `count` holds are compared. */
 void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, told *o) {
@@ -228,7 +228,7 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
   memset(o, 0, sizeof *o);
   o->least = INFINITY;
   o->off = -INFINITY;
-  for (int64_t tries = 0; o->holds < count && tries < count; tries++) {
+  for (int64_t tries = 0; o->holds < count && tries < TRIES + count / 500; tries++) {
     policy p = policy_of(c, seed + (uint64_t)tries, false);
     double x[N];
     begin();
@@ -258,7 +258,7 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
 
 /* ---------------------------------------------------------------- too early */
 
-enum { SAMPLED = 100, LOOKS = 4000 };
+enum { SAMPLED = 100, LOOKS = 200 };
 
 /* Looks at which AC flies towards the danger, and what tube and point say there. */
 static int64_t dive(const config *c, policy *p, double (*x)[N], bool *tube, bool *spot) {
@@ -269,6 +269,7 @@ static int64_t dive(const config *c, policy *p, double (*x)[N], bool *tube, bool
   }
   p->ac = AIMED;
   p->wind = AIMED;
+  p->aim = (int)(draw(p) % SAFES);
   constant(c, p);
   int64_t looks = 0;
   for (int64_t t = 0; looks < LOOKS; t += c->tick) {

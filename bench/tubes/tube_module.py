@@ -26,7 +26,9 @@ from soter.verify.deploy.missing_predicates import put, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
 from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.problem.problem import Interval
 from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.rest_claims import RestClaims
 from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 
@@ -34,13 +36,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.codegen.unit import Unit
-    from soter.verify.tubes.rest_claims import RestClaims
 
 HERE = Path(__file__).parent
 SOURCE = HERE / "tube_loop.c"
 LIBRARY = "tube_loop.so"
 STEPS_A_HOLD = 20
 """Into how many ticks, at least, a period of SC is cut."""
+AROUND = 50.0
+"""How far from a declared start a state without a set may start."""
 FUNCTIONS = {"sin", "cos", "exp", "tan", "atan", "tanh", "sqrt"}
 
 
@@ -59,16 +62,23 @@ class Module:
         return not (self.claims.kept or self.claims.moves)
 
 
-def module_of(name: str, text: str, changed: Callable[[str], str] | None = None) -> Module:
+def module_of(
+    name: str, text: str, changed: Callable[[str], str] | None = None, *, claimed: bool = True
+) -> Module:
     """The module of a program. `changed`: of the text of its check, another one.
 
+    Not `claimed`: nothing is shown of its rest, and half of every set is taken for what SC keeps.
     `SoterError` where it is no program with one module that tubes follow.
     """
     flat = system_to_prove(check_file(name, text), None)
     problem = extract(faultless(flat), flat.modules[0])
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
-    claims = rest_claims(check)
+    if claimed:
+        claims = rest_claims(check)
+    else:
+        inner = {s: Interval(0.5 * r.low, 0.5 * r.high) for s, r in enumerate(problem.states)}
+        claims = RestClaims(ways=inner, kept="not asked")
     source = check.in_flight(claims.ways)
     if changed is not None:
         source = changed(source)
@@ -81,21 +91,25 @@ def module_of(name: str, text: str, changed: Callable[[str], str] | None = None)
 
 def _hooked(source: str) -> str:
     """The C with a hook behind every step of `follows` and `settles`."""
-    for name, first in (("m_follows_fn", 0), ("m_settles_fn", 2)):
-        start = re.search(rf"^SOTER_INLINE bool {name}\(", source, re.M)
-        assert start is not None, name
+    for name in ("m_follows_fn", "m_settles_fn", "m_answered_fn"):
+        start = re.search(rf"^SOTER_INLINE \w+ {name}\(", source, re.M)
+        if start is None:
+            continue  # where SC reads nothing
         end = source.index("\n}\n", start.start())
-        body, kinds = source[start.start() : end], iter(range(first, first + 3))
-
-        def flowed(m: re.Match[str], kinds: Any = kinds) -> str:
-            return f"{m.group(0)}\n    trace_flow({next(kinds)}, &{m.group(1)});"
-
-        body = re.sub(r"m_flow_fn\([^;]*, &(\w+), fault\);", flowed, body)
+        body = source[start.start() : end]
+        body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
         body = re.sub(r"m_law_fn\([^;]*&(\w+)(?:, fault)?\);", r"\g<0>\n    trace_law(&\1);", body)
         body = re.sub(r"(    if \(there\) \{)", r"\1\n      trace_end();", body)
         source = source[: start.start()] + body + source[end:]
     estimated = r"m_estimated_fn\([^;]*&(\w+), fault\);"
     return re.sub(estimated, r"\g<0>\n  trace_begin(&\1);", source)
+
+
+def _flow_hook(m: re.Match[str]) -> str:
+    """The kind of a step is told by what it is given."""
+    kinds = {"step_s": 0, "window_s": 1, "m_OPEN": 2, "m_CLOSED": 3}
+    kind = next((n for word, n in kinds.items() if word in m.group(1)), 4)
+    return f"{m.group(0)}\n    trace_flow({kind}, &{m.group(2)});"
 
 
 def _path(path: Sequence[str]) -> str:
@@ -121,13 +135,11 @@ class _Shim:
         read, commands, rates = self._read(), self._controls(), self._rates()
         return f"""
 static m_state S;
-enum {{ N = {n}, M = {m}, W = {w}, AIMS = {len(self._aims())} }};
+enum {{ N = {n}, M = {m}, W = {w}, AIMS = {len(self._aims())}, SAFES = {self._safes()} }};
 static const int FOLLOWED[NS] = {{{followed}}};
 static bool decide(bool ac) {{
-  S.modules[0].mode = ac ? SOTER_AC : SOTER_SC;
-  S.modules[0].gate_fault = 0;
-  S.modules[0].clean_needed = 0;
-  return m_{dm}_decide(&S) == SOTER_AC;
+  bool nan_seen = false; /* as the DM's switch asks them */
+  return ac ? !m_{dm}_ttf(&S, &nan_seen) : m_{dm}_safer(&S, &nan_seen);
 }}
 static int answer(double *u) {{
   uint32_t published = 0;
@@ -169,15 +181,12 @@ static double resting(const double *x) {{
         """Conditions all of which hold in C, those of `safe` first."""
         if not hasattr(self, "_found"):
             self.make.rates()
-            todo, found = [self.make.constraint()], []
-            while todo:
-                c = todo.pop()
-                if c.op == "and":
-                    todo += reversed(c.of)
-                elif c.op != "known":
-                    found.append(c)
-            self._found = found
+            self._found = _parts(self.make.constraint())
         return self._found
+
+    def _safes(self) -> int:
+        """How many of them are those of `safe`."""
+        return len(_parts(self.make.predicate(self.p.module.symbol.safe)))
 
     def _read(self) -> str:
         """Values of what plants publish."""
@@ -218,6 +227,18 @@ static double resting(const double *x) {{
             lines += [f"dx_out[{i}] = k1{_path((s.member, *s.path))};" for i, s in states]
             blocks.append("{ " + "\n    ".join(lines) + " }")
         return "\n  ".join(blocks)
+
+
+def _parts(condition: Node) -> list[Node]:
+    """What is joined by "and"."""
+    todo, found = [condition], []
+    while todo:
+        c = todo.pop()
+        if c.op == "and":
+            todo += reversed(c.of)
+        elif c.op != "known":
+            found.append(c)
+    return found
 
 
 def _name(topic: str) -> str:
@@ -299,10 +320,10 @@ class Told(ct.Structure):
 class Loop:
     """A module's library."""
 
-    def __init__(self, module: Module, start: dict[str, tuple[float, float]] | None = None) -> None:
+    def __init__(self, module: Module, optimise: str = "-O3") -> None:
         self.module = module
-        self.config = config_of(module, start or {})
-        self._library = ct.CDLL(str(_built(module)))
+        self.config = config_of(module)
+        self._library = ct.CDLL(str(_built(module, optimise)))
         for name in ("attack_fly", "attack_contain", "attack_late"):
             function = getattr(self._library, name)
             function.argtypes = [ct.c_void_p, ct.c_uint64, ct.c_int64, ct.c_int64, ct.c_void_p]
@@ -316,8 +337,8 @@ class Loop:
         return told
 
 
-def config_of(module: Module, start: dict[str, tuple[float, float]]) -> Config:
-    """Times and ranges as the problem has them; `start`: of states without a set, by name."""
+def config_of(module: Module) -> Config:
+    """Times and ranges as the problem has them."""
     p, check, t = module.problem, module.check, module.problem.times
     acts, tubes = t.schedule.outputs, check.times
     times = {
@@ -335,17 +356,16 @@ def config_of(module: Module, start: dict[str, tuple[float, float]]) -> Config:
     c = Config(tick=tick, switches=tubes.switches, free=_constant(module, "FREE_STEPS"), **times)
     c.steps = _constant(module, "STEPS")
     errors = dict(zip(check.states, check.errors(), strict=True))
-    for i, leaf in enumerate(p.quantities.states):
+    for i in range(len(p.quantities.states)):
         c.error[i] = errors.get(i, 0.0)
         first = p.initial[i]
         c.x_first[i] = 0.5 * (first.low + first.high)
         told = p.states[i]
-        low, high = start.get(leaf.name, (told.low, told.high))
-        c.x_low[i] = max(low, first.low - 50.0)
-        c.x_high[i] = min(high, first.high + 50.0)
-        if leaf.name in start:
-            c.x_low[i], c.x_high[i] = start[leaf.name]
+        c.x_low[i] = max(told.low, first.low - AROUND)
+        c.x_high[i] = min(told.high, first.high + AROUND)
         drift, way = p.drifts.get(i), module.claims.ways.get(i)
+        if not module.kept:
+            drift = way = None
         c.below[i], c.above[i] = (inf, inf) if drift is None else (drift.below, drift.above)
         c.y_low[i], c.y_high[i] = (-inf, inf) if way is None else (way.low, way.high)
     for k, r in enumerate(p.controls):
@@ -366,7 +386,7 @@ def _constant(module: Module, name: str) -> int:
     return int(found.group(1))
 
 
-def _built(module: Module) -> Path:
+def _built(module: Module, optimise: str) -> Path:
     """The library, kept by content."""
     names = ("STATES", "CONTROLS", "SYMBOLS")
     sizes = [_constant(module, n) for n in names]
@@ -378,7 +398,7 @@ def _built(module: Module) -> Path:
         "shim.h": _Shim(module).text(),
     }
     kernel = [RUNTIME / name for name in KERNEL]
-    flags = (*library_flags(), "-w")
+    flags = (*library_flags(optimise), "-w")
     key = digest([find().identity, *flags, *parts.values(), *texts(SOURCE, *kernel)])
 
     def build(folder: Path) -> None:

@@ -26,7 +26,7 @@ typedef struct {
 
 static struct {
   bool on;
-  int frees, laws, steps, end; /* `end`: the hold at whose beginning it rests; -1: none */
+  int frees, laws, steps, end, opens; /* `end`: the hold at whose beginning it rests; -1: none */
   row begun[NS];
   flown free[FREE_MAX], window, open[HOLDS_MAX], closed[HOLDS_MAX];
   flown step[HOLDS_MAX][STEPS_MAX];
@@ -49,7 +49,7 @@ static void rows(const double *forms, row *to, int count) {
 
 static void trace_begin(const void *estimated) {
   if (trace.on) {
-    trace.frees = trace.laws = trace.steps = 0;
+    trace.frees = trace.laws = trace.steps = trace.opens = 0;
     trace.end = -1;
     rows(estimated, trace.begun, NS);
   }
@@ -60,6 +60,7 @@ static void trace_flow(int kind, const void *step) {
     return;
   }
   int n = trace.laws - 1;
+  trace.opens += kind == OPEN;
   flown *to = kind == FREE ? &trace.free[trace.frees++]
       : kind == WINDOW     ? &trace.window
       : kind == OPEN       ? &trace.open[n + 1]
