@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate import assumptions, rechecker
 from soter.certificate.allowed_claims import of_the_module, static_claims
@@ -475,6 +476,31 @@ def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------- what is said
+
+
+@pytest.mark.parametrize("kept", [None, False, True])
+@pytest.mark.parametrize("given", [None, False, True])
+def test_ac_never_has_control_where_the_table_gives_it_nowhere(
+    kept: bool | None, given: bool | None
+) -> None:
+    levels = () if kept is None else (np.array([False, kept]),)
+    tables = SimpleNamespace(
+        given_back=None if given is None else np.array([given, False]), levels=levels
+    )
+    group: Any = SimpleNamespace(tables=tables)
+    says, _ = GridGroup.never(group, iter(()))
+    assert ("gives it back on no estimate" in says) == (given is False)
+    assert ("leaves it in control on no estimate" in says) == (kept is False and given is not False)
+
+
+def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
+    (tmp_path / "map.soter").write_text(PROGRAMS["steps"])
+    for facts, flow in (
+        (facts_of(tmp_path), True),
+        (small_proofs.facts_of(tmp_path / "map.soter", "S", "M"), False),
+    ):
+        said = {a.key for a in assumptions.assumptions_of(facts)}
+        assert ("sensors on time" in said, "one instant" in said) == (flow, not flow)
 
 
 def test_what_is_read_together_is_said_to_be_of_one_instant(tmp_path: Path) -> None:
