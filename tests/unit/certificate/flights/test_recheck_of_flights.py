@@ -193,3 +193,34 @@ def test_from_a_run_to_its_confirmation(tmp_path: Path, capsys: pytest.CaptureFi
     main([*rechecked(certificate(tmp_path / "cert"), log), "--json"])
     (flight,) = document(capsys)["flights"]
     assert (flight["verdict"], flight["verdicts"], flight["confirmed"]) == ("accepted", 7, 7)
+
+
+APART = {
+    'type Sight = { gap: float unit "m", way: float unit "m", v: float unit "m/s" };\n': "",
+    "topic sight: Sight in { v in [-2.0, 40.0] } max_age 20ms;": "topic gap: float max_age 20ms;\n"
+    "topic way: float max_age 20ms;\ntopic speeds: float[1] in [-2.0, 40.0] max_age 20ms;",
+    "  subscribes sight;": "  subscribes gap, speeds;",
+    "  drives sight = { gap: gap, way: way, v: v };": "  drives gap = gap;\n  drives way = way;\n"
+    "  drives speeds = [v];",
+    ", sight.v within 0.05": "",
+    "sight.gap": "gap",
+    "sight.way": "way",
+    "sight.v": "speeds[0]",
+}
+"""A plain number in a topic, and one in an array."""
+
+
+@pytest.mark.long
+def test_estimates_of_several_topics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = FOLLOW.read_text(encoding="utf-8")
+    for old, new in APART.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "follow.soter"
+    path.write_text(text, encoding="utf-8")
+    log = tmp_path / "flight.mcap"
+    Program(str(path)).simulate(until="600ms", log=log)
+    main([*rechecked(certificate(tmp_path / "cert", text), log), "--json"])
+    made = document(capsys)
+    (flight,) = made["flights"]
+    assert (flight["verdict"], flight["verdicts"], flight["confirmed"]) == ("accepted", 7, 7)
