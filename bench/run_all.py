@@ -529,7 +529,7 @@ BENCHMARKS = (
     Benchmark(
         "Flights, every verdict checked again",
         ("bench/tubes/flights.py",),
-        "examples/evidence/follow.soter with an advanced controller that is wild, ten seconds a "
+        "examples/evidence/follow.soter with an advanced controller that is wild, twenty seconds a "
         "flight: every verdict AC of its log once more in Arb balls. In the first ten logs one "
         "verdict says AC of a state that is not good, and nothing else contradicts that.",
     ),
