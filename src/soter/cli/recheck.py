@@ -50,7 +50,8 @@ Times and assumptions are derived from the program, never read from the certific
 understood of a program is not re-checked: then nothing is known to be false, and nothing is shown.
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
-            safety), 3 rejected: something in it is false,
+            safety; with `rest`: all that what a DM decides in flight rests on),
+            3 rejected: something in it is false,
             4 accepted in part: what is claimed holds, and it is not all of that,
             5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
@@ -58,6 +59,10 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established (with 
 
 
 ENDING = "-recheck.html"
+IN_FLIGHT = (
+    "decided in flight: P3, ttf and safer, by the check of its DM, which is tested; "
+    "`soter recheck DIR --log LOG` asks single verdicts"
+)
 NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
@@ -100,7 +105,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _exit(report: Report) -> int:
     if not report.accepted:
         return VIOLATED if report.verdict == REJECTED else NOT_RECHECKED
-    complete = report.safe and report.returns and not report.contradicted
+    returns = all(m.returns or m.stays or m.decided for m in report.modules)
+    complete = report.decided and returns and not report.contradicted
     return FINE if complete else UNDECIDED
 
 
@@ -109,7 +115,7 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
         return colour, f"{report.verdict.upper()}  {folder}"
-    if not report.safe:
+    if not report.decided:
         several = len(report.modules) > 1
         missing = "; ".join(
             (f"{m.name}: " if several else "") + ", ".join(m.missing)
@@ -120,6 +126,10 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
         return "yellow", f"ACCEPTED IN PART  {folder}: {why}"
     if report.contradicted:
         return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
+    if not report.safe:
+        names = visible(", ".join(report.in_flight))
+        why = f"P2a and start are confirmed of {names}, P3 is not proved of anything"
+        return "yellow", f"ACCEPTED, decided in flight  {folder}: {why}"
     why = visible("; ".join(f"{name}: {text}" for name, text in report.vacuous.items()))
     says = ["without P2b"] * (not report.returns) + ["of next to nothing"] * bool(why)
     colour = "yellow" if says else "green"
@@ -151,8 +161,10 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     if m.not_rechecked:
         return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
     safe = report.verdict != REJECTED and not m.missing
+    keeps = "Keeps" if safe else "Not shown: that it keeps"
     values = ", ".join(_value(m, name) for name in m.parameters)
-    says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`{m.whilst}."]
+    says = [f"{keeps} `{m.safe}`{m.whilst}."]
+    says += [f"{IN_FLIGHT[0].upper()}{IN_FLIGHT[1:]}."] if m.in_flight else []
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
     says += [f"With {values}."] if values else []
     says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
@@ -181,12 +193,15 @@ def _say(report: Report, folder: str, console: Console) -> None:
     for module in report.modules:
         sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
         sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
+        sizes = ["no sets"] if module.in_flight else sizes
         where = f"{module.name} of system {module.system} in {report.program}"
         where += module.whilst
         console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
         values = ", ".join(_value(module, name) for name in module.parameters)
         if values:
             console.say(console.paint("muted", f"    with {visible(values)}"))
+        if module.in_flight:
+            console.say(console.paint("yellow", f"    {IN_FLIGHT}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
         if module.law_untold:
@@ -234,7 +249,7 @@ DOCUMENT = JsonObject(
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system verdict reason=not_rechecked parameters otherwise times_ns=times confirmed "
-        "not_confirmed=other missing cells shown vacuous vacuity_unseen=unseen",
+        "not_confirmed=other missing in_flight=decided cells shown vacuous vacuity_unseen=unseen",
         shown=ASSUMPTION,
         verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),
     ),
