@@ -527,6 +527,13 @@ BENCHMARKS = (
         "whole processes. Target: each accepted in 600 s of CPU, the median 60.",
     ),
     Benchmark(
+        "Flights, every verdict checked again",
+        ("bench/tubes/flights.py",),
+        "examples/evidence/follow.soter with an advanced controller that is wild, twenty seconds a "
+        "flight: every verdict AC of its log once more in Arb balls. In the first ten logs one "
+        "verdict says AC of a state that is not good, and nothing else contradicts that.",
+    ),
+    Benchmark(
         "Certificates: checking them again",
         ("bench/recheck/time_to_recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "

@@ -1,6 +1,6 @@
 """Flights behind a module with `rest`, every verdict of which is done again from its log.
 
-    .venv/bin/python bench/tubes/flights.py [--flights 100] [--until 10] [--changed 10]
+    .venv/bin/python bench/tubes/flights.py [--flights 100] [--until 20] [--changed 10]
         [--first-seed 1] [--json FILE]
 
 Purpose: prove examples/evidence/follow.soter with an advanced controller that is wild, fly it with
@@ -149,7 +149,7 @@ def main() -> int:
     """Fly and print; 1 where a verdict is not confirmed, or a changed one is not named."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--flights", type=int, default=100)
-    parser.add_argument("--until", type=float, default=10.0)
+    parser.add_argument("--until", type=float, default=20.0)
     parser.add_argument("--changed", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=1)
     parser.add_argument("--json")

@@ -8,11 +8,11 @@ Non-goals: what a method is asked (`groups.py`).
 from __future__ import annotations
 
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.certificate.format.errors import FOLLOWED, NotRecheckedError
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.polytope.polytope_group import PolytopeGroup
+from soter.certificate.tubes.check_rest import read_all, recheck_rest
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -45,17 +45,11 @@ def _inductions() -> ModuleType:
     return check_claims
 
 
-def _followed(flat: System, entry: dict[str, Any]) -> NoReturn:
-    """A module whose DM follows SC in flight."""
-    del flat, entry
-    raise NotRecheckedError(FOLLOWED)
-
-
 GROUPS: dict[str, type[Group]] = {g.kind: g for g in (GridGroup, PolytopeGroup)}
 MODULES = {
     "induction": ModuleMethod(
         lambda flat, entry: _inductions().recheck_induction(flat, entry),
         lambda flat, entry: _inductions().read_all(flat, entry),
     ),
-    "rest": ModuleMethod(_followed, _followed),
+    "rest": ModuleMethod(recheck_rest, read_all),
 }

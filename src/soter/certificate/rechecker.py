@@ -29,7 +29,12 @@ from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.failsafe_law import kept_by_law, law_in
 from soter.certificate.format.certificate_program import hexadecimal, program_of
-from soter.certificate.format.claimed_parts import OF_SETS, refuse_cells, refuse_unclaimed
+from soter.certificate.format.claimed_parts import (
+    OF_SETS,
+    only_keys,
+    refuse_cells,
+    refuse_unclaimed,
+)
 from soter.certificate.format.errors import (
     ACCEPTED,
     NOT_RECHECKED,
@@ -53,6 +58,7 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
+from soter.certificate.time.claimed_times import compare_times
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.certificate.vacuous_proofs import of_those_above, vacuous
 from soter.diagnostics.current_phase import phase
@@ -73,13 +79,6 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float], None]
 
-DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
-"""Times that stand in the program, and in the manifest as they are there."""
-DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
-"""Times that follow: a manifest may claim more schedules than there are, never fewer."""
-TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
-BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""More than so many times a time, all times together and so much: a way to keep this busy."""
 CASES_MAX = 4096
 """Combinations of parameter values."""
 MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
@@ -134,7 +133,7 @@ def in_words(error: Exception) -> str:
 
 def _check(certificate: Certificate, report: Report, progress: Progress, workers: int) -> None:
     manifest = certificate.manifest
-    _keys(manifest, MANIFEST_KEYS, "the manifest")
+    only_keys(manifest, MANIFEST_KEYS, "the manifest")
     report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
@@ -182,13 +181,14 @@ def _entry(
         with _understood("a module"):
             facts, report = whole[0].check(_system(checked, overrides, entry), entry)
     else:
-        _keys(entry, MODULE_KEYS, "a module", "tables view law")
+        only_keys(entry, MODULE_KEYS, "a module", "tables view law")
         with _understood("a module"):
             facts = facts_of(_system(checked, overrides, entry), entry)
     if any(_key(f) == _key(facts) for f in covered):
         raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
     covered.append(facts)
-    if isinstance(facts, Facts):
+    if not whole:
+        assert isinstance(facts, Facts)
         report = _module(certificate, facts, entry, progress, workers)
     report.parameters = parameters_of(facts.flying)
     report.otherwise, report.contradicted = otherwise_in_program(checked, facts.flying)
@@ -220,14 +220,6 @@ def _understood(what: str) -> Iterator[None]:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
         raise RejectedError(f"{what} of the manifest is not as it should be: {error}") from None
-
-
-def _keys(entry: object, names: str, what: str, optional: str = "") -> None:
-    if not isinstance(entry, dict):
-        raise RejectedError(f"{what} is not as it should be")
-    allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
-    for name in sorted(entry.keys() ^ allowed):
-        raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")
 
 
 def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
@@ -280,7 +272,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
     def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[Group]:
-        _keys(case, "parameter groups", "a case")
+        only_keys(case, "parameter groups", "a case")
         with _understood("a group"):
             refuse_unclaimed(case["groups"], claims, computed=computed)
             return groups_of(certificate, facts, case["groups"])
@@ -365,7 +357,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         raise RejectedError("the verification plants are others in the program")
     if entry["parameters"] != parameters:
         raise RejectedError("the parameters are others in the program")
-    _compare_times(facts, entry["times"])
+    compare_times(facts, entry["times"])
     if not isinstance(inputs := entry["inputs"], list):
         raise RejectedError("`inputs` is not as it should be")
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
@@ -373,7 +365,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         raise RejectedError("the inputs are others in the program")
     extents = []
     for i, (given, known) in enumerate(zip(inputs, [*facts.states, *others], strict=True)):
-        _keys(given, "name kind low high", "an input")
+        only_keys(given, "name kind low high", "an input")
         if (given["name"], given["kind"]) != (known.name, known.kind):
             raise RejectedError(f"input {given['name']} is {known.name} by the program")
         low, high = (hexadecimal(given[k], known.name) for k in ("low", "high"))
@@ -384,26 +376,6 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
     facts.extents = tuple(extents)
-
-
-def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
-    """Declared times are those of the program, derived ones no shorter; the longer ones count.
-
-    Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
-    """
-    _keys(given, " ".join(TIME_KEYS), "`times`")
-    ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
-    together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
-    for key in TIME_KEYS:
-        value, own = given[key], facts.times[key]
-        if not isinstance(value, int) or isinstance(value, bool):
-            raise RejectedError(f"{key} is no time in the manifest")
-        fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
-        if value < own or (fixed and value != own):
-            raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
-        if value > BEYOND * own + together + BEYOND_NS:
-            raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
-        facts.times[key] = value
 
 
 def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
@@ -417,10 +389,10 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
         if entry.get("kind") not in list(GROUPS):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
         method = GROUPS[entry["kind"]]
-        _keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
+        only_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
-            _keys(axis, "state edges", "an axis")
+            only_keys(axis, "state edges", "an axis")
             if axis["state"] not in names:
                 raise RejectedError(f"there is no state `{axis['state']}`")
             states.append(names[axis["state"]])

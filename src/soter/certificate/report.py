@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 
 SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 """Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
-IN_FLIGHT = {"P3", "ttf", "safer"}
-"""What each verdict "AC" of a module with `rest` says of itself, and no certificate."""
+
+IN_FLIGHT = ("P3", "ttf", "safer")
+"""What a DM with `rest` decides by its own check: no certificate proves it."""
 
 
 def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
@@ -49,7 +50,8 @@ class RecheckedModule:
 
     `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
     why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
-    looked at. `stays`: `recover never`; `safe`: as the program writes it; `above`: the module
+    looked at. `stays`: `recover never`; `in_flight`: its DM decides by a check of its own, of
+    which what it rests on is confirmed; `safe`: as the program writes it; `above`: the module
     while which is in AC it is kept; `half_spaces`: of K, of all groups. `parameters`: each of the
     program with the value that was checked; `otherwise`: those to which the program gives another
     value in that system, with that one; `contradicted`: a `set` does. `times`: in ns, by their
@@ -66,6 +68,7 @@ class RecheckedModule:
     vacuous: str = ""
     unseen: str = ""
     stays: bool = False
+    in_flight: bool = False
     system: str = ""
     safe: str = ""
     above: str = ""
@@ -100,6 +103,11 @@ class RecheckedModule:
     def missing(self) -> list[str]:
         """What safety needs and is not established; empty: the module is safe."""
         return missing_of(self.claims, self.confirmed)
+
+    @property
+    def decided(self) -> bool:
+        """Whether all is confirmed but what its DM decides in flight."""
+        return self.in_flight and not {*self.missing} - {*IN_FLIGHT}
 
     @property
     def returns(self) -> bool:
@@ -151,16 +159,14 @@ class Report:
         return self.accepted and all(not m.missing for m in self.modules)
 
     @property
-    def flown_safely(self) -> bool:
-        """Whether all that safety needs is established, of what these flights were decided by.
+    def in_flight(self) -> list[str]:
+        """Modules of which all is confirmed but what their DMs decide in flight."""
+        return [m.name for m in self.modules if m.decided and m.missing]
 
-        Of the modules that flew the verdicts stand for what they say of themselves.
-        """
-        flown = {(f.system, name) for f in self.flights for name in f.modules}
-        lacks = [(m, set(m.missing)) for m in self.modules]
-        left = [x - IN_FLIGHT if (m.system, m.name) in flown else x for m, x in lacks]
-        confirmed = all(f.verdict == ACCEPTED for f in self.flights)
-        return self.accepted and bool(self.flights) and confirmed and not any(left)
+    @property
+    def decided(self) -> bool:
+        """Whether safety is established, or rests on what DMs decide in flight alone."""
+        return self.accepted and all(m.decided or not m.missing for m in self.modules)
 
     @property
     def vacuous(self) -> dict[str, str]:

@@ -56,20 +56,24 @@ With --log every verdict "AC" of a module with `rest` is done again, from the es
 says it read; those that are not confirmed are named, and so is each one that is missing.
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
-            safety), 3 rejected: something in it is false,
+            safety; with `rest`: all that what a DM decides in flight rests on),
+            3 rejected: something in it is false,
             4 accepted in part: what is claimed holds, and it is not all of that,
             5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
-with --log: 0 every verdict is confirmed, and so is all that safety needs besides, 3 a log
-            contradicts itself or the program, 4 a log has no verdict, or the certificate claims
-            less than safety needs, 5 a verdict is not confirmed, or the certificate not re-checked,
-            1 a log of another program, system or other parameters
+with --log: 0 every verdict is confirmed as well, 3 a log contradicts itself or the program, 4 also
+            a log has no verdict, 5 also a verdict is not confirmed, 1 also a log of another
+            program, system or other parameters
 """
 
 
 ENDING = "-recheck.html"
 SHOWN = 20
 """Lines about a flight; the document has all."""
+IN_FLIGHT = (
+    "decided in flight: P3, ttf and safer, by the check of its DM, which is tested; "
+    "`soter recheck DIR --log LOG` asks single verdicts"
+)
 NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
@@ -122,10 +126,9 @@ def _exit(report: Report) -> int:
     said = {report.verdict, *(f.verdict for f in report.flights)}
     if said != {ACCEPTED}:
         return VIOLATED if REJECTED in said else NOT_RECHECKED
-    if report.flights:
-        told = all(f.verdicts or f.others for f in report.flights) and not report.contradicted
-        return FINE if told and report.flown_safely else UNDECIDED
-    complete = report.safe and report.returns and not report.contradicted
+    returns = all(m.returns or m.stays or m.decided for m in report.modules)
+    complete = report.decided and returns and not report.contradicted
+    complete = complete and all(f.verdicts or f.others for f in report.flights)
     return FINE if complete else UNDECIDED
 
 
@@ -134,7 +137,7 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
         return colour, f"{report.verdict.upper()}  {folder}"
-    if not report.safe:
+    if not report.decided:
         several = len(report.modules) > 1
         missing = "; ".join(
             (f"{m.name}: " if several else "") + ", ".join(m.missing)
@@ -145,6 +148,10 @@ def _verdict(report: Report, folder: str) -> tuple[str, str]:
         return "yellow", f"ACCEPTED IN PART  {folder}: {why}"
     if report.contradicted:
         return "yellow", f"ACCEPTED IN PART  {folder}: with other values than the program sets"
+    if not report.safe:
+        names = visible(", ".join(report.in_flight))
+        why = f"P2a and start are confirmed of {names}, P3 is not proved of anything"
+        return "yellow", f"ACCEPTED, decided in flight  {folder}: {why}"
     why = visible("; ".join(f"{name}: {text}" for name, text in report.vacuous.items()))
     says = ["without P2b"] * (not report.returns) + ["of next to nothing"] * bool(why)
     colour = "yellow" if says else "green"
@@ -178,8 +185,10 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     if m.not_rechecked:
         return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
     safe = report.verdict != REJECTED and not m.missing
+    keeps = "Keeps" if safe else "Not shown: that it keeps"
     values = ", ".join(_value(m, name) for name in m.parameters)
-    says = [f"{'Keeps' if safe else 'Not shown: that it keeps'} `{m.safe}`{m.whilst}."]
+    says = [f"{keeps} `{m.safe}`{m.whilst}."]
+    says += [f"{IN_FLIGHT[0].upper()}{IN_FLIGHT[1:]}."] if m.in_flight else []
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
     says += [f"With {values}."] if values else []
     says += [f"Not confirmed: {', '.join(m.other)}."] if m.other else []
@@ -237,12 +246,15 @@ def _say(report: Report, folder: str, console: Console) -> None:
     for module in report.modules:
         sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
         sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
+        sizes = ["no sets"] if module.in_flight else sizes
         where = f"{module.name} of system {module.system} in {report.program}"
         where += module.whilst
         console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
         values = ", ".join(_value(module, name) for name in module.parameters)
         if values:
             console.say(console.paint("muted", f"    with {visible(values)}"))
+        if module.in_flight:
+            console.say(console.paint("yellow", f"    {IN_FLIGHT}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
         if module.law_untold:
@@ -290,7 +302,7 @@ DOCUMENT = JsonObject(
     modules=JsonObject(
         "soter.certificate.report.RecheckedModule",
         "system verdict reason=not_rechecked parameters otherwise times_ns=times confirmed "
-        "not_confirmed=other missing cells shown vacuous vacuity_unseen=unseen",
+        "not_confirmed=other missing in_flight=decided cells shown vacuous vacuity_unseen=unseen",
         shown=ASSUMPTION,
         verdict=one_of(ACCEPTED, errors.NOT_RECHECKED),
     ),

@@ -33,11 +33,11 @@ def entry_over_sets(
         claims.pop("failsafe", None)  # none is declared: there is nothing to be claimed
     recover = problem.recover_ns if claims.get("P2b") == PROVED else None
     inputs = [
-        *_inputs("state", q.states, problem.states),
-        *_inputs("control", q.controls, problem.controls),
-        *_inputs("disturbance", q.disturbances, problem.disturbances),
-        *_inputs("error", q.errors, problem.errors),
-        *_inputs("other", q.others, problem.others),
+        *inputs_of("state", q.states, problem.states),
+        *inputs_of("control", q.controls, problem.controls),
+        *inputs_of("disturbance", q.disturbances, problem.disturbances),
+        *inputs_of("error", q.errors, problem.errors),
+        *inputs_of("other", q.others, problem.others),
     ]
     proved = {n for n, v in claims.items() if v == PROVED}
     entry: dict[str, object] = {
@@ -45,7 +45,7 @@ def entry_over_sets(
         "module": problem.name.removesuffix(f" as {problem.view}"),
         "plants": plants,
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
-        "times": _times(problem.times),
+        "times": times_of(problem.times),
         "inputs": inputs,
         "cases": [
             _case(problem, case, f"{stem}_{k}", files, proved)
@@ -74,15 +74,17 @@ def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[di
     return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
 
 
-def _inputs(
+def inputs_of(
     kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
 ) -> Iterator[dict[str, str]]:
+    """Of a manifest: inputs of a kind with their ranges."""
     for leaf, r in zip(leaves, ranges, strict=True):
         low, high = float(r.low).hex(), float(r.high).hex()
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
 
 
-def _times(times: Times) -> dict[str, int]:
+def times_of(times: Times) -> dict[str, int]:
+    """Of a manifest: every time of a module, in ns."""
     return {
         "Delta_ns": times.delta_dm,
         "delta_ns": times.delta_sc,

@@ -22,9 +22,9 @@ from soter.certificate.format.folder import FORMAT, canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.rechecker import TIME_KEYS
 from soter.certificate.terms.arb_balls import above, below
 from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.time.claimed_times import TIME_KEYS
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:

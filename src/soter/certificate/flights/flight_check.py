@@ -20,11 +20,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.certificate.flights.flight_log import read_flight
 from soter.certificate.flights.flight_report import UNCONFIRMED, Doubt, FlightReport
-from soter.certificate.format.certificate_program import hexadecimal, program_of
+from soter.certificate.format.certificate_program import program_of
 from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
 from soter.certificate.format.folder import read_certificate
 from soter.certificate.rechecker import in_words
 from soter.certificate.task_processes import TaskProcesses, can_fork
+from soter.certificate.tubes.check_rest import rest_of
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.front_end import system_to_prove
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
     Progress = Callable[[float], None]
-    Ways = Mapping[str, tuple[float, float]]
 
 REST = "rest"
 OF_LOGS = ("D006", "D007", "D023")
@@ -60,11 +60,9 @@ class Follows(Protocol):
         """None where it is good, else why that is not certain."""
 
 
-def follower(flat: System, module: str, ways: Ways) -> Follows:
-    """What follows SC of a module of a system, in Arb."""
-    from soter.certificate.tubes.flight_verdict import Follower  # noqa: PLC0415 - an extra
-
-    return Follower(flat, module, ways)
+def follower(flat: System, entry: dict[str, Any]) -> Follows:
+    """What follows SC of the module of an entry, in Arb; as `recheck` where they differ."""
+    return rest_of(flat, entry)
 
 
 def flights_of(folder: Path, logs: Sequence[str]) -> Flights | None:
@@ -167,7 +165,7 @@ class Flights:
         if key not in self._followers:
             entry = next(e for e in self._entries if (e["system"], e["module"]) == key)
             try:
-                self._followers[key] = follower(self._flats[system], module, _ways(entry))
+                self._followers[key] = follower(self._flats[system], entry)
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = in_words(error)
         return self._followers[key]
@@ -205,12 +203,6 @@ class Flights:
 def _of_another(log: str, why: str) -> SoterError:
     helps = ("fly and prove the same program with the same parameters",)
     return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=helps),))
-
-
-def _ways(entry: dict[str, Any]) -> Ways:
-    """Where states are at rest, as the certificate claims."""
-    ends = entry[REST]["ways"].items()
-    return {name: (hexadecimal(low, name), hexadecimal(high, name)) for name, (low, high) in ends}
 
 
 def _spent() -> float:

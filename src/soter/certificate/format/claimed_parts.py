@@ -66,3 +66,12 @@ def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: ob
         raise RejectedError("K holds cells, and nothing is claimed of them")
     if not claims & RETURN and recover_ns is not None:
         raise RejectedError("no claim rests on the time to return")
+
+
+def only_keys(entry: object, names: str, what: str, optional: str = "") -> None:
+    """`RejectedError` unless an entry has these keys, some of the optional ones, and no other."""
+    if not isinstance(entry, dict):
+        raise RejectedError(f"{what} is not as it should be")
+    allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
+    for name in sorted(entry.keys() ^ allowed):
+        raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 ACCEPTED, REJECTED, NOT_RECHECKED = VERDICTS = "accepted", "rejected", "not re-checked"
 """All that is claimed holds; something is false; nothing is known to be, but not all is shown."""
-FOLLOWED = "its decision module follows SC in flight (`rest`)"
-"""Why a module with `rest` is not re-checked yet."""
+FOLLOWED = "its decision module follows SC in flight (`rest`), and its entry does not say so"
+"""Why a module with `rest` is not re-checked as others are."""
 
 
 class RejectedError(Exception):

@@ -59,7 +59,7 @@ def _harmless_before(facts: Facts) -> None:
         running = facts.flying.topics[facts.running[topic.index]].name
         only_default = at_once and running in paths
         known[symbol] = _anything(terms, topic, READ_EARLY, default=only_default)
-    if not _harmless(facts, terms, known):
+    if not harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"
         )
@@ -78,11 +78,11 @@ def _answers_all(facts: Facts) -> None:
     for symbol in read_by_sc(sc):
         topic = facts.system.topics[sc.scope.topics[symbol]]
         known[symbol] = _anything(terms, topic, READ_ELSEWHERE, default=False)
-    if not _harmless(facts, terms, known):
+    if not harmless(facts, terms, known):
         raise NotRecheckedError("SC may fault on what is published while it has no control")
 
 
-def _harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
+def harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
     """Whether a step of SC on these values surely publishes all it should, in its sets."""
     sc = facts.sc
     assert sc.node is not None

@@ -1,7 +1,8 @@
 """Whether an estimate is good, by a tube in Arb.
 
-Purpose: `Follower`: reads a module once; `good` follows SC from an estimate as "Decisions by tubes"
-(docs/proof.md) has it, and gives a reason where it is not certain that SC ends at rest within C.
+Purpose: `Follower`, `ModuleTube`: a module, read once; `good` follows SC from an estimate as
+"Decisions by tubes" (docs/proof.md) has it, and gives a reason where it is not certain that SC ends
+at rest within C.
 Non-goals: what is shown beforehand (`rest_claims.py`).
 
 The argument: let s be the instant of the estimate, x^. Any command acts until a_0 in [s + alpha,
@@ -13,31 +14,26 @@ is in C. Parts where that does not come out are cut again, with shorter steps.
 
 from __future__ import annotations
 
-from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING
 
 import flint
 from flint import arb
 
-from soter.certificate.grid.flow_chains import NOW, Times
-from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF, exact
-from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.operations import CERTAIN, NotCertainError
-from soter.certificate.tubes.rest_problem import RestModel, constraint, read_rest
+from soter.certificate.terms.operations import NotCertainError
+from soter.certificate.tubes.rest_problem import NANOSECOND, RestModel, constraint, read_rest
+from soter.certificate.tubes.truths import Truths
 from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping
+    from fractions import Fraction
 
-    from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.terms import Linear, Proposition, Terms
-    from soter.certificate.tubes.rest_problem import Range
+    from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.certificate.tubes.tube_chains import Box
     from soter.language.model.system import System
 
-NANOSECOND = Fraction(1, 10**9)
 CUTS = 4
 """How often a part of the window is halved."""
 PIECES = (1, 1, 2, 4, 8)
@@ -47,63 +43,22 @@ BEYOND, FINE = arb(2) ** 1100, 1400
 """More than any number that is published, and bits that tell it from its neighbours."""
 
 
-class Truths:
-    """Conditions on true states, over boxes of some of them."""
+class ModuleTube:
+    """Tubes of a module that was read.
 
-    def __init__(
-        self,
-        model: CaseModel,
-        members: Sequence[int],
-        said: Callable[[Terms, list[Linear]], Proposition],
-    ) -> None:
-        terms, states = model.new_terms()
-        first = said(terms, states)
-        own = [atom_of(states[i]) for i in members]
-        boxes = boxes_of(model, states, members)
-        self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
-        self._ends = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
-
-    def certain(self, box: Box) -> bool:
-        """Whether it holds, and is defined, in all of a box."""
-        return self._within(box) and all(t == CERTAIN for t in self._of(box))
-
-    def nowhere(self, box: Box) -> bool:
-        """Whether it holds in none of it."""
-        return self._within(box) and self._of(box)[0] == 1
-
-    def _within(self, box: Box) -> bool:
-        pairs = zip(box, self._ends, strict=True)
-        return all(low >= a and high <= b and low <= high for (low, high), (a, b) in pairs)
-
-    def _of(self, box: Box) -> Sequence[int]:
-        found: Sequence[int] = self._truths(form_of_box(box, symbols=False))
-        return found
-
-
-class Follower:
-    """A module, read once.
-
-    `ways`: of states that its `moves` does not name where they are once it rests (Y, "ways" of its
-    certificate); without them it rests only where no condition reads these.
+    `ways`: of states that its `moves` does not name where they are once it rests (Y); without them
+    it rests only where no condition reads these.
     """
 
-    def __init__(self, flat: System, module: str, ways: Mapping[str, Range] | None = None) -> None:
-        """DiffersError where it has no `rest`, NotRecheckedError where it is not understood."""
-        self.problem = problem = read_rest(flat, module)
+    def __init__(self, problem: RestProblem, ways: Mapping[int, Range]) -> None:
+        self.problem, self.ways = problem, dict(ways)
         facts, members = problem.facts, problem.followed
-        self.model = model = RestModel(facts, (), facts.extents)
+        model = RestModel(facts, (), facts.extents)
         self.constraint = Truths(model, members, lambda t, x: constraint(model, t, x))
         self.rest = Truths(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
-        names = [facts.states[s].name for s in members]
-        known = ways or {}
-        self.ways = {s: known[n] for s, n in zip(members, names, strict=True) if n in known}
-        times = problem.times
-        ns = (times.period, times.delay, times.jitter)
-        delta, delay, jitter = (t * NANOSECOND for t in ns)
-        holds = Times(delta, delay, jitter, jitter, (-delay, NOW))
-        self.chain = TubeChain(model, members, TubeFlow(model, members), holds)
+        self.chain = TubeChain(model, members, TubeFlow(model, members), problem.times.holds)
 
     @property
     def reads(self) -> list[str]:
@@ -205,3 +160,13 @@ class Follower:
             return self.constraint.certain(moved)
         finally:
             flint.ctx.prec = precision
+
+
+class Follower(ModuleTube):
+    """A module of a system, read once; `ways`: Y by names of states, as its certificate has it."""
+
+    def __init__(self, flat: System, module: str, ways: Mapping[str, Range] | None = None) -> None:
+        """DiffersError where it has no `rest`, NotRecheckedError where it is not understood."""
+        problem = read_rest(flat, module)
+        names = {s.name: i for i, s in enumerate(problem.facts.states)}
+        super().__init__(problem, {names[n]: r for n, r in (ways or {}).items()})

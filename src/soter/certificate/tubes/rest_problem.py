@@ -12,12 +12,14 @@ is asked, which they do where their rates are affine in them (Gronwall).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING
 
 from flint import arb
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import (
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
 
     Range = tuple[float, float]
 
+NANOSECOND = Fraction(1, 10**9)
 WIDE = 2.0**1000
 """Ends for what nothing bounds; terms that depend on it say nothing."""
 FARTHEST = arb(2) ** 10**6
@@ -62,6 +65,13 @@ class RestTimes:
     jitter: int
     period: int
     switches: int
+
+    @property
+    def holds(self) -> Times:
+        """Of a chain, for all runs at once."""
+        ns = (self.period, self.delay, self.jitter)
+        delta, delay, jitter = (t * NANOSECOND for t in ns)
+        return Times(delta, delay, jitter, jitter, (-delay, NOW))
 
 
 @dataclass(eq=False)

@@ -19,14 +19,12 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
 from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.rows import product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from fractions import Fraction
-
-    from flint import arb
 
     from soter.certificate.grid.chain_form_layout import CommandRows, StateRows
     from soter.certificate.grid.flow_enclosures import Interval
@@ -147,8 +145,8 @@ class TubeChain(FlowChain):
         return [*row, *own]
 
 
-def _boxes(tube: Sequence[arb], n: int) -> list[Box]:
-    ends = list(zip(tube[::2], tube[1::2], strict=True))
+def _boxes(tube: Sequence[float], n: int) -> list[Box]:
+    ends = [(exact(a), exact(b)) for a, b in zip(tube[::2], tube[1::2], strict=True)]
     return [ends[k : k + n] for k in range(0, len(ends), n)]
 
 

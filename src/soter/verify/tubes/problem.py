@@ -36,6 +36,12 @@ class TubeProblem(Problem):
     within_ns: int
     drifts: dict[int, Drift]
 
+    def leaf(self, state: int) -> str:
+        """What the DM reads of a state, as `topic.field`."""
+        topic, k = self.topic_leaf_of_state[state]
+        declared = self.system.topics[topic]
+        return ".".join((declared.name, *list(leaves(declared.type))[k][0]))
+
 
 def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
     """The problem of a module with `rest`; `SoterError` R007 for what no tube follows."""

@@ -51,6 +51,7 @@ class TubeResult(ModuleResult):
     """A module that is followed by tubes: `claims` is what was shown."""
 
     problem: TubeProblem
+    check: TubeCheck
     claims: RestClaims
 
     @property
@@ -84,7 +85,7 @@ def verify_by_tubes(
     check = TubeCheck(problem)
     claims = rest_claims(check)
     result = TubeResult(problem, {}, [], added=(SOUND,))
-    result.claims = claims
+    result.check, result.claims = check, claims
     static_claims(problem, result)
     cpu = time.perf_counter() - began
     why = claims.kept or claims.moves

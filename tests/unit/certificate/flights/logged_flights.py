@@ -19,6 +19,7 @@ from soter.report.mcap_log import (
     write_mcap,
 )
 from unit.certificate import small_proofs
+from unit.certificate.tubes import rest_entries
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -27,20 +28,14 @@ FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
 TEXT = FOLLOW.read_text(encoding="utf-8")
 MS = 1_000_000
 SIGHT = object_schema({"gap": NUMBER, "way": NUMBER, "v": NUMBER})
-CLAIMS = dict.fromkeys(("P1a", "P1b", "P2a", "start"), "proved") | {"P1c": "assumed"}
-WAYS = {"r.v": [(-0.361).hex(), (0.354).hex()]}
+BOX, WAYS = {"r.v": (-0.308, 0.302)}, {"r.v": (-0.361, 0.354)}
 
 
 def certificate(folder: Path, text: str = TEXT, rest: str = "rest", system: str = "Line") -> Path:
     """A sealed certificate of the module of a program; `rest`: what stands for how it decides."""
-    entry = {
-        "system": system,
-        "module": "Follow",
-        "claims": CLAIMS,
-        "recover_ns": None,
-        rest: {"within_ns": 5_000 * MS, "box": {}, "ways": WAYS},
-    }
-    small_proofs.write(folder, {"follow.soter": text}, "follow.soter", [entry], {})
+    made = rest_entries.entry(rest_entries.flat_of(text), BOX, WAYS) | {"system": system}
+    made[rest] = made.pop("rest")
+    small_proofs.write(folder, {"follow.soter": text}, "follow.soter", [made], {})
     return folder
 
 

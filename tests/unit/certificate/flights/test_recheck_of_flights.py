@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,11 +11,11 @@ from json_documents import problems_of
 from soter.api import Program
 from soter.certificate import proof_methods
 from soter.certificate.flights import flight_check
+from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.proof_methods import ModuleMethod
-from soter.certificate.report import RecheckedModule
+from soter.certificate.tubes import check_rest
 from soter.cli.main import main
 from unit.certificate.flights.logged_flights import (
-    CLAIMS,
     FOLLOW,
     MS,
     Flight,
@@ -25,26 +24,16 @@ from unit.certificate.flights.logged_flights import (
     changed,
     sight_at,
 )
+from unit.certificate.tubes import rest_entries
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from soter.language.model.system import System
 
 
 @pytest.fixture
 def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A certificate whose claims are taken for shown, and a tube that asks for little."""
-
-    def shown(flat: System, _: object) -> tuple[Any, RecheckedModule]:
-        (module,) = flat.modules
-        covered = SimpleNamespace(
-            flying=flat, flying_module=module, sc=flat.components[module.sc], symbol=module.symbol
-        )
-        confirmed = [name for name, verdict in CLAIMS.items() if verdict == "proved"]
-        return covered, RecheckedModule("Follow", CLAIMS, confirmed=confirmed, system="Line")
-
-    monkeypatch.setitem(proof_methods.MODULES, "rest", ModuleMethod(shown, shown))
+    monkeypatch.setattr(check_rest, "_show", lambda *_: None)
     monkeypatch.setattr(flight_check, "follower", lambda *_: Standstill())
     return certificate(tmp_path / "cert")
 
@@ -142,17 +131,15 @@ def test_a_log_without_a_verdict_is_4(train: Path, tmp_path: Path) -> None:
     assert main(rechecked(train, log)) == 4
 
 
+@pytest.mark.parametrize("name", ["P2a", "start"])
 def test_a_rest_that_is_not_claimed_is_4(
-    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ) -> None:
-    """Verdicts rest on it; what they say of themselves is claimed by nobody."""
+    """Verdicts rest on it."""
     log = Flight().write(tmp_path / "flight.mcap")
     assert main(rechecked(train, log)) == 0
-    assert main(rechecked(train)) == 4
-    for name in ("P1a", "P2a", "start"):
-        monkeypatch.setitem(CLAIMS, name, "undecided")
-        assert main(rechecked(train, log)) == 4
-        monkeypatch.setitem(CLAIMS, name, "proved")
+    monkeypatch.setitem(rest_entries.CLAIMS, name, "undecided")
+    assert main(rechecked(certificate(tmp_path / "other"), log)) == 4
 
 
 def test_another_flight_is_1(
@@ -178,7 +165,7 @@ def test_what_rests_on_a_certificate_that_is_not_accepted_is_not_0(
     (train / "program" / "more").unlink()
 
     def beyond(*_: object) -> Any:
-        raise proof_methods.NotRecheckedError("beyond")
+        raise NotRecheckedError("beyond")
 
     monkeypatch.setitem(proof_methods.MODULES, "rest", ModuleMethod(beyond, beyond))
     assert main([*rechecked(train, log), "--json"]) == 5
@@ -190,6 +177,36 @@ def test_from_a_run_to_its_confirmation(tmp_path: Path, capsys: pytest.CaptureFi
     """Nothing stands for anything: the engine decides, and the tube in Arb confirms it."""
     log = tmp_path / "flight.mcap"
     Program(str(FOLLOW)).simulate(until="600ms", log=log)
-    main([*rechecked(certificate(tmp_path / "cert"), log), "--json"])
+    assert main([*rechecked(certificate(tmp_path / "cert"), log), "--json"]) == 0
+    (flight,) = document(capsys)["flights"]
+    assert (flight["verdict"], flight["verdicts"], flight["confirmed"]) == ("accepted", 7, 7)
+
+
+APART = {
+    'type Sight = { gap: float unit "m", way: float unit "m", v: float unit "m/s" };\n': "",
+    "topic sight: Sight in { v in [-2.0, 40.0] } max_age 20ms;": "topic gap: float max_age 20ms;\n"
+    "topic way: float max_age 20ms;\ntopic speeds: float[1] in [-2.0, 40.0] max_age 20ms;",
+    "  subscribes sight;": "  subscribes gap, speeds;",
+    "  drives sight = { gap: gap, way: way, v: v };": "  drives gap = gap;\n  drives way = way;\n"
+    "  drives speeds = [v];",
+    ", sight.v within 0.05": "",
+    "sight.gap": "gap",
+    "sight.way": "way",
+    "sight.v": "speeds[0]",
+}
+"""A plain number in a topic, and one in an array."""
+
+
+@pytest.mark.long
+def test_estimates_of_several_topics(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = FOLLOW.read_text(encoding="utf-8")
+    for old, new in APART.items():
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "follow.soter"
+    path.write_text(text, encoding="utf-8")
+    log = tmp_path / "flight.mcap"
+    Program(str(path)).simulate(until="600ms", log=log)
+    assert main([*rechecked(certificate(tmp_path / "cert", text), log), "--json"]) == 0
     (flight,) = document(capsys)["flights"]
     assert (flight["verdict"], flight["verdicts"], flight["confirmed"]) == ("accepted", 7, 7)

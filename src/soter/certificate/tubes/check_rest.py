@@ -1,0 +1,172 @@
+"""The claims of a certificate of a module with `rest`, one by one.
+
+Purpose: `recheck_rest`: every constant that its decision module is made of against the program,
+then P1, P2a and `start`; what is decided in flight is not confirmed, and said to be so.
+Non-goals: tubes and what they show (`rest_claims.py`, `flight_verdict.py`).
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, static_claims
+from soter.certificate.assumptions import assumptions_of
+from soter.certificate.format.certificate_program import hexadecimal
+from soter.certificate.format.claimed_parts import only_keys
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.reading.symbolic_values import flat as flat_leaves
+from soter.certificate.report import RecheckAssumption, RecheckedModule
+from soter.certificate.time.claimed_times import compare_times
+from soter.certificate.tubes.flight_verdict import ModuleTube
+from soter.certificate.tubes.rest_claims import answers, drifts, keeps
+from soter.certificate.tubes.rest_problem import read_rest
+
+if TYPE_CHECKING:
+    from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.tubes.rest_problem import Range, RestProblem
+    from soter.language.model.system import System
+
+KEYS = "system module plants claims recover_ns times inputs rest"
+REST_KEYS = "within_ns alpha_ns switches reads moves box ways"
+SOUND = (
+    "tubes",
+    "the check that the DM is compiled with encloses what SC and the plants do: tested, not proved",
+)
+
+
+def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
+    problem, box, ways = _compared(flat, entry)
+    facts, claims = problem.facts, claimed_of(entry["claims"])
+    try:
+        _show(problem, claims, box, ways)
+    except RejectedError:
+        if facts.times["d_ns"] == facts.own.delay:
+            raise
+        facts.times["d_ns"] = facts.own.delay  # older reads may be too much for our bounds
+        _show(problem, claims, box, ways)
+    facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
+    report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
+    report.confirmed = [c for c in CLAIMS if c in claims]
+    report.assumptions = [*assumptions_of(facts), RecheckAssumption(*SOUND)]
+    report.stays = bool(facts.symbol.stays)
+    report.safe = " ".join(facts.symbol.safe.span.text.split())
+    report.times = {**facts.times, "start_ns": facts.start_ns, "alpha_ns": problem.times.alpha}
+    report.in_flight = True
+    report.unseen = "its DM decides in flight"
+    return facts, report
+
+
+def read_all(flat: System, entry: dict[str, Any]) -> None:
+    """Read and compare everything as for a check, and follow nothing."""
+    problem, _, ways = _compared(flat, entry)
+    ModuleTube(problem, ways)
+
+
+def rest_of(flat: System, entry: dict[str, Any]) -> ModuleTube:
+    """What follows SC as the DM of an entry does; as `recheck_rest` where they differ."""
+    problem, _, ways = _compared(flat, entry)
+    return ModuleTube(problem, ways)
+
+
+def _show(
+    problem: RestProblem, claims: set[str], box: dict[int, Range], ways: dict[int, Range]
+) -> None:
+    """Every claim that is made."""
+    if "P2a" in claims:
+        answers(problem)
+        keeps(problem, box, ways)
+        drifts(problem, box, ways)
+    if "start" in claims:
+        if "P2a" not in claims:
+            raise RejectedError("start: it rests on P2a")
+        for c in problem.facts.controls:
+            default = problem.facts.system.topics[c.owner].default
+            if not c.low <= flat_leaves(default)[c.leaf] <= c.high:
+                raise RejectedError(f"the default of `{c.name}` is outside its set")
+        if why := ModuleTube(problem, ways).starts():
+            raise RejectedError(f"start: {why}")
+
+
+# ---------------------------------------------------------------- the manifest
+
+
+def _compared(
+    flat: System, entry: dict[str, Any]
+) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
+    """The problem, B and Y; all else in an entry is that of the program."""
+    only_keys(entry, KEYS, "a module")
+    rest = entry["rest"]
+    only_keys(rest, REST_KEYS, "`rest`")
+    problem = read_rest(flat, entry["module"])
+    facts = problem.facts
+    if entry["recover_ns"] is not None:
+        raise RejectedError("no claim rests on the time to return")
+    if entry["plants"] != [c.name for c in facts.plants]:
+        raise RejectedError("the verification plants are others in the program")
+    compare_times(facts, entry["times"])
+    claimed_of(entry["claims"])
+    static_claims(facts, entry["claims"])
+    wrong = {"P3", "ttf", "safer", "P2b", "failsafe"} & {
+        n for n, verdict in entry["claims"].items() if verdict == PROVED
+    }
+    if wrong:
+        raise RejectedError(f"{min(wrong)}: what is decided in flight is assumed, not proved")
+    _compare_inputs(facts, entry["inputs"])
+    times = problem.times
+    for name, own in (
+        ("within_ns", problem.within_ns),
+        ("alpha_ns", times.alpha),
+        ("switches", times.switches),
+    ):
+        if type(rest[name]) is not int or rest[name] != own:
+            raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
+    _compare_reads(problem, rest["reads"])
+    names = [s.name for s in facts.states]
+    moves = {
+        names[s]: [None if x == inf else x.hex() for x in problem.drifts[s]] for s in problem.moving
+    }
+    if rest["moves"] != moves:
+        raise RejectedError("what `rest` moves is another in the program")
+    box, ways = (_ranges(problem, rest[name], name) for name in ("box", "ways"))
+    return problem, box, ways
+
+
+def _compare_inputs(facts: Facts, given: object) -> None:
+    """Commands, disturbances, errors and others, each with its range."""
+    known = [
+        {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()}
+        for x in (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
+    ]
+    if not isinstance(given, list) or len(given) != len(known):
+        raise RejectedError("the inputs are others in the program")
+    for a, b in zip(given, known, strict=True):
+        if a != b:
+            raise RejectedError(f"the range of {b['name']} is another one in the program")
+
+
+def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:
+    """What the DM reads of each state that is followed, and E."""
+    own = {problem.leaf(s): s for s in problem.followed}
+    if given.keys() != own.keys():
+        raise NotRecheckedError("the states that its check follows are others here")
+    for leaf, s in own.items():
+        only_keys(given[leaf], "state within", "what is read")
+        if given[leaf]["state"] != problem.facts.states[s].name:
+            raise RejectedError(f"`{leaf}` shows another state in the program")
+        if hexadecimal(given[leaf]["within"], leaf) != problem.error(s):
+            raise RejectedError(f"the error of {leaf} is another one in the program")
+
+
+def _ranges(problem: RestProblem, given: dict[str, Any], what: str) -> dict[int, Range]:
+    """B or Y, of each followed state that does not move."""
+    names = {problem.facts.states[s].name: s for s in problem.own}
+    if given.keys() != names.keys():
+        raise RejectedError(f"`{what}` is not of the states that `rest` does not move")
+    found = {}
+    for name, ends in given.items():
+        low, high = (hexadecimal(x, name) for x in ends)
+        found[names[name]] = low, high
+    return found
