@@ -1,0 +1,131 @@
+"""Whether the re-checker's tube confirms what the check of a decision module says.
+
+    .venv/bin/python bench/tubes/agreement.py [PROGRAM] [--count 20] [--seed 1]
+
+Of a module with `rest` estimates are drawn, and between one that its generated check calls good and
+one that it does not the last good one is looked for: where it is nearest to being wrong. The tube
+in Arb (`certificate/tubes/`) is asked of every good one. It says how many it does not confirm, and
+gives exit code 1 where there is one. Beside that it counts what Arb confirms of those not called
+good: how much the check leaves out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import sys
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.certificate.tubes.flight_verdict import Follower
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.deploy.missing_predicates import rest_claims
+from soter.verify.problem.extract import extract
+from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.tube_check import TubeCheck
+
+if TYPE_CHECKING:
+    from soter.verify.problem.problem import Interval
+
+FOLLOW = Path(__file__).parents[2] / "examples" / "evidence" / "follow.soter"
+FAR = 400.0
+"""Where estimates of states without a set are drawn: between 0 and this."""
+HALVINGS = 10
+
+
+@dataclass
+class Counts:
+    """Estimates: called good, of these not confirmed; others, of these good by Arb."""
+
+    good: int = 0
+    unconfirmed: int = 0
+    others: int = 0
+    left_out: int = 0
+
+
+class Subject:
+    """A module by both: the check that flies, interpreted, and the re-checker's tube."""
+
+    def __init__(self, text: str, ways: dict[str, tuple[float, float]] | None = None) -> None:
+        """`ways`: Y, where it is not the one that `verify` finds; R007 as `verify`."""
+        checked = check_file("module.soter", text)
+        flat = system_to_prove(checked, next(iter(checked.systems)), {}, exact=False)
+        module = flat.modules[0]
+        problem = extract(flat, module)
+        assert isinstance(problem, TubeProblem)
+        check, names = TubeCheck(problem), [s.name for s in problem.quantities.states]
+        if ways is None:
+            found: dict[int, Interval] = rest_claims(check).ways
+            ways = {names[s]: (r.low, r.high) for s, r in found.items()}
+        of = {names.index(n): type(problem.states[0])(*r) for n, r in ways.items()}
+        self.caller = Caller(check.in_flight(of))
+        self.arb = Follower(flat, module.name, ways)
+        self.ranges = [problem.states[s] for s in check.states]
+        assert self.arb.reads == [problem.leaf(s) for s in check.states]
+
+    def good(self, estimate: list[float]) -> bool:
+        """What the check says."""
+        return self.caller.holds("good", estimate)
+
+    def confirmed(self, estimate: list[float]) -> bool:
+        """What the tube in Arb says."""
+        return self.arb.good(dict(zip(self.arb.reads, estimate, strict=True))) is None
+
+    def drawn(self, draw: random.Random) -> list[float]:
+        """An estimate, anywhere in the sets of its states."""
+        ends = [(r.low, r.high) if isfinite(r.high - r.low) else (0.0, FAR) for r in self.ranges]
+        return [draw.uniform(*e) for e in ends]
+
+    def last_good(self, good: list[float], bad: list[float]) -> list[float]:
+        """On the line between two the last one that the check calls good."""
+        for _ in range(HALVINGS):
+            middle = [0.5 * (a + b) for a, b in zip(good, bad, strict=True)]
+            if self.good(middle):
+                good = middle
+            else:
+                bad = middle
+        return good
+
+
+def agreement(subject: Subject, count: int, seed: int) -> Counts:
+    """Of so many drawn estimates, and the last good one on the way from each to the next."""
+    draw, counts, before = random.Random(seed), Counts(), None  # noqa: S311
+    for _ in range(count):
+        estimate = subject.drawn(draw)
+        said = subject.good(estimate)
+        asked = [(estimate, said)]
+        if before is not None and before[1] != said:
+            ends = (estimate, before[0]) if said else (before[0], estimate)
+            asked.append((subject.last_good(*ends), True))
+        for e, is_good in asked:
+            confirmed = subject.confirmed(e)
+            if is_good:
+                counts.good += 1
+                counts.unconfirmed += not confirmed
+                if not confirmed:
+                    print("not confirmed:", e, flush=True)
+            else:
+                counts.others += 1
+                counts.left_out += confirmed
+        before = estimate, said
+    return counts
+
+
+def main() -> int:
+    """The command."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("program", nargs="?", type=Path, default=FOLLOW)
+    options.add_argument("--count", type=int, default=20)
+    options.add_argument("--seed", type=int, default=1)
+    given = options.parse_args()
+    found = agreement(Subject(given.program.read_text("utf-8")), given.count, given.seed)
+    print(f"called good: {found.good}, not confirmed: {found.unconfirmed}")
+    print(f"not called good: {found.others}, good by Arb: {found.left_out}")
+    return int(found.unconfirmed > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
