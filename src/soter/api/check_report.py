@@ -114,15 +114,21 @@ def check_report(
     assumed = {} if times is None else with_times(flat, times, program.sha256)
     timings, untimely = timing_reports(list(flat.values()), assumed)
     return CheckReport(
-        path, program.sha256, systems, warnings, step_reports(program), timings, untimely
+        path, program.sha256, systems, warnings, step_reports(program, flat), timings, untimely
     )
 
 
-def step_reports(program: TypedProgram) -> tuple[StepReport, ...]:
-    """What all steps take, nodes first, in the order they were declared."""
+def step_reports(program: TypedProgram, flat: Mapping[str, System]) -> tuple[StepReport, ...]:
+    """What all steps take, nodes first, in the order they were declared; then what follows SC."""
+    costs = {s.name: cost for s, cost in program.costs.items()}
+    for system in flat.values():
+        if any(m.symbol.rest is not None for m in system.modules):
+            from soter.verify.deploy.missing_predicates import followed_costs  # noqa: PLC0415 - needs NumPy
+
+            costs |= followed_costs(system)
     return tuple(
-        StepReport(s.name, "node" if s.name in program.nodes else "module", *cost)
-        for s, cost in program.costs.items()
+        StepReport(name, "node" if name in program.nodes else "module", *cost)
+        for name, cost in costs.items()
     )
 
 

@@ -14,6 +14,7 @@ from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import CT, OK, S, where
 from soter.codegen.storage.storage_plan import PlannedBody
 from soter.core import core
+from soter.language.model.typed import TypedUnary
 
 if TYPE_CHECKING:
     from soter.codegen.function_context import Frame
@@ -41,10 +42,10 @@ def switch(frame: Frame) -> c.FunctionDef:
 def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
     """ttf, safer and the generated DM of a module."""
     module = frame.system.modules[decision.module]
-    made = [
-        predicate(frame, decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True),
-        predicate(frame, decision.safer, f"{name}_safer", f"safer of {module.name}", unsafe=False),
-    ]
+    made = [predicate(frame, decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True)]
+    if not _opposite(module):
+        doc = f"safer of {module.name}"
+        made.append(predicate(frame, decision.safer, f"{name}_safer", doc, unsafe=False))
     m = c.Name("m")
     own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
     stale: c.CExpr | None = None
@@ -68,7 +69,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         frame.state_pointer(),
         c.Declare("soter_module *const ", "m", c.Unary("&", own)),
         c.Declare("bool", "stale", stale if stale is not None else c.Name("false"), const=True),
-        *_predicates(decision, name),
+        *_predicates(decision, name, module),
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
@@ -82,15 +83,24 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
     return made
 
 
-def _predicates(decision: core.Decision, name: str) -> list[c.CStmt]:
+def _opposite(module: Module) -> bool:
+    """Whether `ttf` is that `safer` does not hold: one of them is computed, which may be dear."""
+    ttf, safer = module.symbol.ttf, module.symbol.safer
+    return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
+
+
+def _predicates(decision: core.Decision, name: str, module: Module) -> list[c.CStmt]:
     """Its `ttf` and `safer`; where they may compare a NaN, whether they did is counted."""
-    parts = (("ttf", decision.ttf), ("safer", decision.safer))
+    opposite = _opposite(module)
+    parts = (("ttf", decision.ttf), ("safer", decision.safer))[: 1 if opposite else 2]
     nan = [n for n, p in parts if p.maybe_nan]
     body: list[c.CStmt] = [c.Declare("bool", "nan_seen", c.Name("false"))] if nan else []
     for n, _ in parts:
         more = (c.Unary("&", c.Name("nan_seen")),) if n in nan else ()
         call = c.CallExpr(f"{name}_{n}", (c.Name("state"), *more))
         body.append(c.Declare("bool", n, call, const=True))
+    if opposite:
+        body.append(c.Declare("bool", "safer", c.Unary("!", c.Name("ttf")), const=True))
     if nan:
         looks = c.Arrow(c.Name("m"), "nan_looks")
         counts = c.Binary("&&", c.Name("nan_seen"), c.Binary("<", looks, c.Name("UINT16_MAX")))

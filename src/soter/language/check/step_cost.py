@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.model import typed
 from soter.language.model.data_table import is_table
 from soter.language.model.tree_walk import calls_in, children, nodes
@@ -24,7 +25,6 @@ from soter.language.model.types import ArrayType, ListType, leaf_count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
 
 MAX_OPERATIONS = 100_000_000
@@ -85,6 +85,13 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
     for p in properties:
         asked = [e for e in (p.premise, p.condition) if e is not None]
         counter.expressions(asked, "this property", p.span)
+
+
+def cost_of(fun: typed.FunSymbol) -> typed.Cost:
+    """The cost of a call of a function that was checked."""
+    counter = _Counter(Diagnostics())
+    counter.function(fun)
+    return counter.costs[fun]
 
 
 class _Counter:

@@ -33,6 +33,7 @@ from soter.verify.problem.extract import cases, extract
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable, predicates
 from soter.verify.tables.shield_tables import shield_expressions
+from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown
 from soter.verify.tubes.tube_check import TubeCheck
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.language.model.system import Module, System
-    from soter.language.model.typed import TopicSymbol, TypedExpr
+    from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
@@ -131,6 +132,19 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
     put(flat, module, problem, [TubeLevels.of(check, claims)])
     moved = f"; {claims.moves}" if claims.moves else ""
     return f"{module.name}: AC may have control where SC, followed from there, comes to rest{moved}"
+
+
+def followed_costs(flat: System) -> dict[str, Cost]:
+    """What a decision of each module with `rest` takes at worst, where it can be followed at all."""
+    found = {}
+    for module in flat.modules:
+        if module.symbol.rest is None:
+            continue
+        with contextlib.suppress(SoterError, TooLongError):
+            problem = extract(faultless(flat), module)
+            assert isinstance(problem, TubeProblem)
+            found[module.symbol.name] = TubeCheck(problem).cost()
+    return found
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:

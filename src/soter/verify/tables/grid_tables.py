@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model import typed as t
-from soter.language.model.types import FLOAT, INT, leaves
+from soter.language.model.types import BOOL, FLOAT, INT, leaves
 from soter.verify.claims.cell_boxes import drawn_edges, share
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
@@ -181,7 +181,10 @@ def _commands(
 def predicates(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
-    """(ttf, safer): some group below level 1, every group at level 2."""
+    """(ttf, safer): some group below level 1, every group at level 2.
+
+    Where no table knows a level 1, `ttf` is that `safer` does not hold.
+    """
     symbol = problem.module.symbol
     w = Writer(symbol.span)
     lows, highs = [], []
@@ -191,7 +194,10 @@ def predicates(
         arguments = estimate(w, problem, each)
         lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
         highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
-    return w.chain("||", lows), w.chain("&&", highs)
+    safer = w.chain("&&", highs)
+    if all(table.two_levels for table in level_tables):
+        return t.TypedUnary(BOOL, symbol.span, "!", safer), safer
+    return w.chain("||", lows), safer
 
 
 def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:

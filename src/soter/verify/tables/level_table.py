@@ -42,6 +42,8 @@ class LevelTable(ABC):
     """
 
     states: tuple[int, ...]
+    two_levels = False
+    """Whether there is no level 1."""
 
     @property
     @abstractmethod

@@ -16,9 +16,11 @@ from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.core.abstract_execution import TooManyStatementsError
+from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import NoExpressionError, in_order
+from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import certain, function, number
 from soter.verify.tubes.problem import read_by, refused
@@ -26,6 +28,7 @@ from soter.verify.tubes.problem import read_by, refused
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from soter.language.model.typed import Cost
     from soter.verify.tubes.expressions import Node
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
@@ -167,6 +170,11 @@ class TubeCheck:
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """`ways`: Y of each state that `moves` does not name and a condition reads."""
         return "\n".join([*self._parts(ways), self._check()])
+
+    def cost(self) -> Cost:
+        """Of one call of `good`, at worst."""
+        known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
+        return cost_of(functions_of(known)["good"])
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The same with what is asked beforehand."""

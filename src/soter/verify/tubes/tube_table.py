@@ -32,6 +32,7 @@ class TubeLevels(LevelTable):
 
     states: tuple[int, ...]
     text: str
+    two_levels = True
     ends = ()
     """Nothing is told apart by single numbers."""
     full = None
