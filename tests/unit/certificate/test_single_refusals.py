@@ -279,6 +279,18 @@ def test_ages_are_left_out_of_ttf(tmp_path: Path) -> None:
         assert any(isinstance(n, AgeRead) for n in nodes([of])) is known
 
 
+def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
+    model: Any = SimpleNamespace(facts=SimpleNamespace(kind="map"))
+    assert uncrossed_ends(model, [0, 1]) == [(False, False)] * 2
+
+
+def test_a_module_that_is_followed_in_flight_has_no_cells(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    facts.symbol.rest = facts.symbol.safe  # type: ignore[assignment]
+    with pytest.raises(NotRecheckedError, match=r"rest|follow"):
+        check_supported(facts)
+
+
 def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
     check_supported(facts)
