@@ -284,6 +284,15 @@ def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
     assert uncrossed_ends(model, [0, 1]) == [(False, False)] * 2
 
 
+def test_what_is_no_part_that_is_known_is_refused(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    check_supported(facts)
+    plant = next(c for c in facts.flying.components if c.plant)
+    plant.role = "oracle"
+    with pytest.raises(NotRecheckedError, match="is a oracle"):
+        check_supported(facts)
+
+
 def test_a_module_that_is_followed_in_flight_has_no_cells(tmp_path: Path) -> None:
     facts = facts_of(tmp_path)
     facts.symbol.rest = facts.symbol.safe  # type: ignore[assignment]
