@@ -227,7 +227,8 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
             a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
         ]
         if all(c or not m for m, c in zip(members, certain, strict=True)):
-            assert list(GridCheck.core(check)) == (["asked"] if left else [])
+            asked: list[Any] = list(GridCheck.core(check))
+            assert asked == (["asked"] if left else [])
         else:
             with pytest.raises(RejectedError, match="not certain"):
                 GridCheck.core(check)
