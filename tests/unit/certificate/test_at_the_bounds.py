@@ -27,8 +27,9 @@ from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
 from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.sc_locals import one_of
-from soter.certificate.reading.symbolic_operations import Operations, Rows
+from soter.certificate.reading.symbolic_operations import Operations
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import Rows
 from soter.certificate.terms.arb_balls import (
     ONE,
     UNIVARIATE,
@@ -264,6 +265,17 @@ def test_of_what_is_not_negative_a_function_is_taken_from_zero_on() -> None:
     for nonnegative, least in ((True, 1.0), (False, math.exp(-6.0))):
         value = terms.function("exp", replace(x, nonnegative=nonnegative))
         assert abs(value.low - least) < 1e-5
+
+
+@pytest.mark.parametrize("strict", [True, False])
+def test_what_is_below_zero_is_known_from_its_ends(strict: bool) -> None:
+    for low, high in itertools.combinations_with_replacement((-1.0, 0.0, 1.0), 2):
+        terms = Terms()
+        x = terms.input("state", "x", exact(low), exact(high))
+        certain, never = (high < 0, low >= 0) if strict else (high <= 0, low > 0)
+        expected = "certain" if certain else "never" if never else "open"
+        truth = terms.below(x, strict=strict)
+        assert expected == ("certain" if truth is TRUE else "never" if truth is FALSE else "open")
 
 
 def test_what_is_never_so_is_not_certain() -> None:

@@ -227,7 +227,8 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
             a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
         ]
         if all(c or not m for m, c in zip(members, certain, strict=True)):
-            assert list(GridCheck.core(check)) == (["asked"] if left else [])
+            asked: list[Any] = list(GridCheck.core(check))
+            assert asked == (["asked"] if left else [])
         else:
             with pytest.raises(RejectedError, match="not certain"):
                 GridCheck.core(check)
@@ -277,6 +278,27 @@ def test_ages_are_left_out_of_ttf(tmp_path: Path) -> None:
     aged = facts_of(tmp_path, ("ttf abs(x) > 2.0", "ttf abs(x) > 2.0 || age(x) > seconds(15ms)"))
     for of, known in ((aged.symbol.ttf, True), (aged.ttf, False)):
         assert any(isinstance(n, AgeRead) for n in nodes([of])) is known
+
+
+def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
+    model: Any = SimpleNamespace(facts=SimpleNamespace(kind="map"))
+    assert uncrossed_ends(model, [0, 1]) == [(False, False)] * 2
+
+
+def test_what_is_no_part_that_is_known_is_refused(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    check_supported(facts)
+    plant = next(c for c in facts.flying.components if c.plant)
+    plant.role = "oracle"
+    with pytest.raises(NotRecheckedError, match="is a oracle"):
+        check_supported(facts)
+
+
+def test_a_module_that_is_followed_in_flight_has_no_cells(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    facts.symbol.rest = facts.symbol.safe  # type: ignore[assignment]
+    with pytest.raises(NotRecheckedError, match=r"rest|follow"):
+        check_supported(facts)
 
 
 def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
