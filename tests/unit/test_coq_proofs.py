@@ -105,7 +105,10 @@ WRONG = (
     (
         "Implicit.v",
         "answered Y i (u t i)",
-        "exists z y o, (Y z \\/ reaches Y z) /\\ reads_as P z y /\\ answers y o /\\ o = u t /\\ o i = o i",
+        (
+            "exists z y o, (Y z \\/ reaches Y z) /\\ reads_as P z y /\\ answers y o /\\ "
+            "o = u t /\\ o i = o i"
+        ),
     ),
     ("Implicit.v", "V i s <= by_ i)", "V i s <= 2 * by_ i)"),
     ("Implicit.v", "l1 = l \\/ on_takeover (y m) (o m) l = Some l1 ->\n", "True ->\n"),
