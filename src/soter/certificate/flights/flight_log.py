@@ -157,7 +157,7 @@ class _Reader:
             for channel, message in due:
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
                     self._verdict(time_ns, message)
-        except (ValueShapeError, LookupError, TypeError, AttributeError) as error:
+        except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
             said = error if isinstance(error, ValueShapeError) else repr(error)
             why = f"at {time_ns} ns: {said}; is it a log of `{self.system.name}`?"
             raise unreadable(self.path, why) from error

@@ -104,6 +104,11 @@ def old(flight: Flight) -> None:
         del flight.sights[time_ms * MS]
 
 
+def not_the_last(flight: Flight) -> None:
+    flight.read(200 * MS).update(value=sight_at(180 * MS), age_ns=20 * MS)
+    del flight.sights[200 * MS]
+
+
 def second(flight: Flight) -> None:
     flight.steps[330 * MS] = flight.step(330 * MS, "AC", "AC")
 
@@ -204,6 +209,12 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
         lambda f: read(f, 200, value=sight_at(180 * MS), age_ns=20 * MS),
         200,
         "it read sight of 180000000 ns, and the last one is of 200000000 ns",
+    ),
+    "a newer one was there, not of this instant": (
+        "AAAAAA",
+        not_the_last,
+        200,
+        "it read sight of 180000000 ns, and the last one is of 190000000 ns",
     ),
     "nothing was published then": (
         "AAAAAA",
@@ -357,6 +368,39 @@ def test_a_certificate_of_other_text_is_of_another_program(tmp_path: Path) -> No
     with pytest.raises(SoterError) as raised:
         flights_of(folder, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert raised.value.diagnostics[0].code == "D023"
+
+
+AGES = ("0", 0.0, False, [], 10**30)
+ODD: dict[str, list[object]] = {
+    "reads": [
+        5,
+        [5],
+        {"sight": 1},
+        {"sight": {}},
+        {"sight": {"value": {}, "age_ns": 0}},
+        {"sight": {"value": None, "age_ns": 0}},
+        {"sight": {"value": sight_at(0) | {"gap": "NaN"}, "age_ns": 0}},
+        {"nobody": {"value": 1.0, "age_ns": 0}},
+        *({"sight": {"value": sight_at(200 * MS), "age_ns": age}} for age in AGES),
+    ],
+    "mode_after": [None, 7, ["AC"], "ac"],
+    "mode_before": [None, "ac"],
+    "predicates": [None, 3, {}, {"ttf": False}],
+}
+
+
+@pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in ODD.items() for v in vs])
+def test_what_nobody_writes_is_refused_or_named(
+    train: Path, tmp_path: Path, name: str, value: object
+) -> None:
+    flight = changed(Flight(), lambda f: f.steps[200 * MS].update({name: value}))
+    try:
+        report = judged(train, tmp_path, flight)
+    except SoterError as error:
+        codes = [d.code for d in error.diagnostics]
+    else:
+        codes = ["D006"] if any(d.time_ns == 200 * MS for d in report.doubts) else []
+    assert codes == ["D006"]
 
 
 @pytest.mark.parametrize("workers", [1, 3])
