@@ -27,6 +27,7 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
     """Declared times are those of the program, derived ones no shorter; the longer ones count.
 
     Older reads, wider windows, a longer horizon: a claim about more schedules implies ours.
+    RejectedError where they are shorter, NotRecheckedError where nobody needs such long ones.
     """
     only_keys(given, " ".join(TIME_KEYS), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]

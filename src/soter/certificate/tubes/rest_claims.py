@@ -18,12 +18,12 @@ rules of derivatives over ranges (Clarke's, where it has kinks), is not positive
 from __future__ import annotations
 
 from math import inf, isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.reading.definedness import all_certain
-from soter.certificate.reading.map_steps import atom_of
+from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_values import filled
 from soter.certificate.terms.arb_balls import HALF, ONE, exact
@@ -58,7 +58,7 @@ PARTS = 16
 def answers(problem: RestProblem) -> None:
     """SC faults on nothing that its topics may hold, and answers within its sets; or RejectedError.
 
-    What has no set may be anything.
+    What has no set may be anything. NotRecheckedError where it is no float.
     """
     facts, terms, known = problem.facts, Terms(), {}
     for symbol in read_by_sc(facts.sc):
@@ -79,7 +79,10 @@ def answers(problem: RestProblem) -> None:
 
 
 def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Rule 1 of B and Y, by state; RejectedError where it is not shown."""
+    """Rule 1 of B and Y, by state; RejectedError where it is not shown.
+
+    NotRecheckedError where a state has no set.
+    """
     own, sets = problem.own, problem.sets
     for s in own:
         low, high = box[s]
@@ -179,6 +182,13 @@ def _nowhere(
 # ---------------------------------------------------------------- rule 2
 
 
+class AtRest(NamedTuple):
+    """Where all states are once it rests, and what SC then answers."""
+
+    states: dict[int, tuple[arb, arb]]
+    commands: list[tuple[arb, arb]]
+
+
 def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     """What `moves` says of each followed state; RejectedError where it is not shown."""
     if not problem.moving:
@@ -187,14 +197,15 @@ def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         commands = _answered(problem, ways)
     except NotCertainError:
         raise RejectedError("P2a: what SC answers at rest is not bounded") from None
-    at = dict(enumerate(problem.facts.extents)) | dict(ways)
-    terms, *_ = _phi(problem, problem.moving[0], problem.moving[0], (ONE, ONE), at, commands)
+    ranges = dict(enumerate(problem.facts.extents)) | dict(ways)
+    there = AtRest({s: (exact(a), exact(b)) for s, (a, b) in ranges.items()}, commands)
+    terms, *_ = _phi(problem, problem.moving[0], problem.moving[0], (ONE, ONE), there)
     if not all_certain(terms, terms.obligations):
         raise RejectedError("P2a: a plant's equation is not defined everywhere at rest")
     for z in problem.moving:
         for sign, by in zip((-1, 1), problem.drifts[z], strict=True):
             if by < inf and not any(
-                _bounded(problem, z, sign * ONE, by, x, box[x], at, commands) for x in problem.own
+                _bounded(problem, z, sign * ONE, by, x, box[x], there) for x in problem.own
             ):
                 name = problem.facts.states[z].name
                 raise RejectedError(f"P2a: how far SC moves {name} is not shown")
@@ -211,7 +222,7 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
     atoms = [atom_of(states[s]) for s in own]
-    others = {atom_of(x): (x.low, x.high) for s, x in enumerate(states) if s not in own}
+    others = boxes_of(model, states, own)
     for (low, high), a in zip(box, atoms, strict=True):
         if not (low >= terms.atoms[a].low and high <= terms.atoms[a].high):
             raise NotCertainError
@@ -234,22 +245,23 @@ def _bounded(
     by: float,
     x: int,
     rests: Range,
-    at: Ranges,
-    commands: list[tuple[arb, arb]],
+    there: AtRest,
 ) -> bool:
     """Whether z grows (`sign` 1), or falls (-1), by at most `by`, by V of x."""
     size = exact(max(abs(rests[0]), abs(rests[1])))
     if not size > 0:
         return False
     c = exact(by) / size
-    for side, far in ((ONE, at[x][1]), (-ONE, at[x][0])):
-        if not side * exact(far) > 0:
+    for side, far in zip((-ONE, ONE), there.states[x], strict=True):
+        if not side * far > 0:
             continue
         falls = True
         for k in range(-1, PARTS):
-            ends = [exact(far) * max(k + i, 0) / PARTS for i in (0, 1)]
+            ends = [far * max(k + i, 0) / PARTS for i in (0, 1)]
             span = (ends[0].min(ends[1]), ends[0].max(ends[1]))
-            terms, phi, own = _phi(problem, z, x, (sign, side * c), {**at, x: span}, commands)
+            terms, phi, own = _phi(
+                problem, z, x, (sign, side * c), AtRest({**there.states, x: span}, there.commands)
+            )
             if k < 0:
                 falls = bool(phi.high <= 0)
                 continue
@@ -267,18 +279,17 @@ def _phi(
     z: int,
     x: int,
     factors: tuple[arb, arb],
-    at: Mapping[int, tuple[arb | float, arb | float]],
-    commands: list[tuple[arb, arb]],
+    there: AtRest,
 ) -> tuple[Terms, Linear, Linear]:
-    """The terms, factors of z' and x' in them, and x; a state that has one value is a number."""
+    """The terms, factors of z' and x' in them, and x; where that is 0 it is a number."""
     facts, terms = problem.facts, Terms()
     states = []
     for s, state in enumerate(facts.states):
-        low, high = (exact(v) if isinstance(v, float) else v for v in at[s])
-        known = s == x and bool(high - low == 0)
+        low, high = there.states[s]
+        known = s == x and bool(low == 0 and high == 0)
         states.append(terms.constant(0.0) if known else terms.input("state", state.name, low, high))
     controls = [
-        terms.input("box", u.name, *r) for u, r in zip(facts.controls, commands, strict=True)
+        terms.input("box", u.name, *r) for u, r in zip(facts.controls, there.commands, strict=True)
     ]
     model = RestModel(facts, (), facts.extents, far=False)
     rates, _ = model.rates(terms, states, controls)

@@ -60,11 +60,15 @@ class RestTimes:
     horizon: int
     alpha: int
     start: int
-    start_alpha: int
     delay: int
     jitter: int
     period: int
     switches: int
+
+    @property
+    def start_alpha(self) -> int:
+        """The same of the start, where H is h_0."""
+        return max(0, self.start - self.period - self.jitter)
 
     @property
     def holds(self) -> Times:
@@ -104,12 +108,10 @@ class RestProblem:
         t, jitter, period = self.facts.times, self.facts.jitter_ns, self.facts.times["delta_ns"]
         horizon, least = t["H_ns"], min(e.least for e in self.facts.setting.effects)
         alpha = max(t["Delta_ns"] - t["J_dm_ns"] + least, horizon - period - jitter)
-        start = self.facts.start_ns
         return RestTimes(
             horizon,
             min(alpha, horizon),
-            start,
-            max(0, start - period - jitter),
+            self.facts.start_ns,
             self.facts.delay_ns,
             jitter,
             period,
