@@ -127,7 +127,9 @@ class TubeCheck:
         self._still = module.still(rates)
         every_effect = enumerate(module.effects(rates, self._still))
         zero = self.make.number(0.0)
-        self._effects = [(k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero]
+        self._effects = [
+            (k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero
+        ]
         self._bends = module.bends(self._still)
         self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
 
@@ -211,7 +213,9 @@ class TubeCheck:
             part("forms.soter"),
             part("tube.soter"),
             function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
-            function("effects", "x: Forms, u: Controls", [e for *_, e in self._effects], over, "Effects"),
+            function(
+                "effects", "x: Forms, u: Controls", [e for *_, e in self._effects], over, "Effects"
+            ),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
             self._faces(over),
             function("law", "y: Forms", self._law, over, "Controls"),

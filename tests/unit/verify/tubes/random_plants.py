@@ -159,9 +159,7 @@ def drawn_module(rng: random.Random) -> DrawnModule:
         "system S default { b: Body; module M; until 1s; }",
     ]
     held = [_held(e) for e in law]
-    return DrawnModule(
-        "\n".join(lines), n, m, drift, by_control, by_disturbance, grips, held, wide
-    )
+    return DrawnModule("\n".join(lines), n, m, drift, by_control, by_disturbance, grips, held, wide)
 
 
 def _held(e: Real) -> Real:

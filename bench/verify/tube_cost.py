@@ -1,0 +1,135 @@
+"""What one check of a decision module that follows SC costs, in C at -O2 on this machine.
+
+    .venv/bin/python bench/verify/tube_cost.py [--draws N] [PROGRAM ...]
+
+For each program with `rest` (examples/rest and examples/evidence/follow.soter) the check that flies
+is compiled and asked of estimates that are drawn in the ranges below: mean and largest microseconds
+of the processor, the share that is good, and how quick the machine is (`loop_s`). The largest of
+single calls holds what else the machine did meanwhile; so each call is tried three times, and its
+least time counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import re
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cffi
+
+ROOT = Path(__file__).resolve().parents[2]
+if str(ROOT) not in sys.path:
+    sys.path.append(str(ROOT))
+
+from bench.running.campaign_cost import loop_s  # noqa: E402 - as above
+
+from soter.codegen.unit import generate  # noqa: E402 - needs the path
+from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
+from soter.native.build import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
+from soter.native.compiler import compile_with, find  # noqa: E402
+from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
+from soter.verify.problem.extract import extract  # noqa: E402
+from soter.verify.tubes.tube_check import TubeCheck  # noqa: E402
+
+RANGES = {
+    "follow": [(0, 100), (0, 390), (0, 30)],
+    "cruise": [(2, 120), (0, 36), (0, 36)],
+    "lane": [(-1.2, 1.2), (-0.15, 0.15)],
+    "hall": [(0.6, 15.4), (0.6, 9.4), (-3, 3), (-0.5, 1.5), (-2, 2)],
+    "bicycle": [(-5, 55), (-10, 35), (-3, 3), (0, 12), (-0.45, 0.45)],
+    "docking": [(-60, 60), (-120, -20), (-0.5, 0.5), (-0.5, 0.5)],
+    "docking_3d": [
+        (-60, 60), (-120, -20), (-60, 60), (-0.5, 0.5), (-0.5, 0.5), (-0.5, 0.5),
+    ],
+}  # fmt: skip
+"""Of estimates, in the order of the states."""
+WRAP = """
+#include "probe.c"
+#include <time.h>
+static double now(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return 1e6 * (double)t.tv_sec + 1e-3 * (double)t.tv_nsec;
+}
+int ask(double *estimate, double *us) {
+  PROBE_ARRAY x;
+  int good = 0;
+  soter_fault fault;
+  memcpy(&x, estimate, sizeof x);
+  *us = 1e300;
+  for (int k = 0; k < 3; k++) {
+    memset(&fault, 0, sizeof fault);
+    const double began = now();
+    good = PROBE_CALL && !fault;
+    const double took = now() - began;
+    if (took < *us) *us = took;
+  }
+  return good;
+}
+"""
+
+
+def built(path: Path, folder: Path) -> tuple[Any, Any, int]:
+    """The library of one check, and how many numbers an estimate has."""
+    checked = check_file(str(path), path.read_text(encoding="utf-8"))
+    flat = system_to_prove(checked, None)
+    problem = extract(flat, flat.modules[0])
+    check = TubeCheck(problem)
+    n = len(check.states)
+    probe = f"""soter 1;
+{check.in_flight(rest_claims(check).ways)}
+topic done: bool = false;
+node Probe period 10ms {{
+  publishes done;
+  var x: float[{n}];
+  step {{ publish done = good(x); }}
+}}
+system Probing default {{ node Probe; until 1s; }}
+"""
+    unit = generate(system_of(check_file("probe.soter", probe), "Probing"), prefix="probe")
+    (folder / "probe.h").write_text(unit.header, encoding="utf-8")
+    (folder / "probe.c").write_text(unit.source, encoding="utf-8")
+    faults = re.search(r"probe_good_fn\([^;{]*fault", unit.source)
+    call = f"probe_good_fn(x{', &fault' if faults else ''})"
+    text = WRAP.replace("PROBE_CALL", call).replace("PROBE_ARRAY", f"probe_double_{n}")
+    (folder / "wrap.c").write_text(text, encoding="utf-8")
+    library = folder / "wrap.so"
+    command = [*find().command, *library_flags(), "-w", "-D_POSIX_C_SOURCE=199309L"]
+    command += [f"-I{RUNTIME}", "-o", str(library), str(folder / "wrap.c"), str(CHECK_FAILED)]
+    compile_with([*command, "-lm"], folder, "the check does not compile")
+    ffi = cffi.FFI()
+    ffi.cdef("int ask(double *estimate, double *us);")
+    return ffi, ffi.dlopen(str(library)), n
+
+
+def main() -> None:
+    """One line a program."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=2000)
+    every = [*sorted((ROOT / "examples" / "rest").glob("*.soter"))]
+    every.append(ROOT / "examples" / "evidence" / "follow.soter")
+    parser.add_argument("programs", type=Path, nargs="*", default=every)
+    given = parser.parse_args()
+    for path in given.programs:
+        rng = random.Random(path.stem)  # noqa: S311 - drawn estimates
+        with tempfile.TemporaryDirectory() as name:
+            ffi, library, n = built(path, Path(name))
+            us = ffi.new("double *")
+            times, good = [], 0
+            assert len(RANGES[path.stem]) == n
+            for _ in range(given.draws):
+                estimate = ffi.new("double[]", [rng.uniform(*r) for r in RANGES[path.stem]])
+                good += library.ask(estimate, us)
+                times.append(us[0])
+        print(
+            f"{path.stem}: mean {sum(times) / len(times):.0f} us, largest {max(times):.0f} us, "
+            f"good {good / len(times):.0%} of {len(times):,}, loop {loop_s():.2f} s"
+        )
+
+
+if __name__ == "__main__":
+    main()
