@@ -79,8 +79,9 @@ def small(count: int, holds: int) -> tuple[str, bool]:
         outside += t.outside + (t.violated if module.kept else 0)
         if t.outside or (t.violated and module.kept):
             _explain(f"small program {number}", Told(), t)
-    return f"{outside:,} of {total:,} holds outside in {flown} drawn programs, {kept} of them kept", (
-        not outside
+    return (
+        f"{outside:,} of {total:,} holds outside in {flown} drawn programs, {kept} of them kept",
+        (not outside),
     )
 
 
