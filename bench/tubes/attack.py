@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT))
 
 from bench.tubes.small_rests import drawn  # noqa: E402
 from bench.tubes.tube_module import Loop, Told, module_of  # noqa: E402
+
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 
 BY_TUBE, BY_POINT, ALWAYS_AC = range(3)

@@ -43,7 +43,7 @@ NUMBER = re.compile(r"(?<![\w.])-?\d+\.\d+(?:e-?\d+)?")
 
 
 def _of(text: str, name: str) -> re.Match[str]:
-    found = re.search(rf"^const {name}: [^=]+ = (.*);$", text, re.M)
+    found = re.search(rf"^const {name}: [^=]+ = (.*);$", text, re.MULTILINE)
     assert found is not None, name
     return found
 

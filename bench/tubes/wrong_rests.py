@@ -1,9 +1,9 @@
-"""Programs whose rest is wrong: too large, it drifts farther, no time for it, SC that does not lead there.
+"""Programs whose rest is wrong: too large, it drifts farther, no time for it, SC that leads away.
 
     python bench/tubes/wrong_rests.py --count 80
 
-Purpose: `drawn`, a change of one number or sign of a right program, which is wrong for a reason that
-is written beside it; `proved`, whether row P2a is.
+Purpose: `drawn`, a change of one number or sign of a right program, which is wrong for a reason
+that is written beside it; `proved`, whether row P2a is.
 Non-goals: changes of the check itself (`smaller_constants.py`).
 """
 
@@ -52,7 +52,7 @@ WRONG = (
         0.01,
         5.0,
     ),
-    ("no time", FOLLOW, "within 5s", "within {}ms", 1, 49),
+    ("no time", FOLLOW, "within 5s", "within {:.0f}ms", 1, 49),
     ("SC pushes the wrong way", HELD, LAW, "clamp({} * seen, -1.0, 1.0)", 0.1, 9.0),
     ("SC looks elsewhere", HELD, LAW, "clamp(-3.0 * (seen - {}), -1.0, 1.0)", 0.32, 1.9),
     ("SC is too weak for the wind", HELD, LAW, "clamp(-{} * seen, -1.0, 1.0)", 0.0, 0.6),
@@ -67,7 +67,7 @@ def drawn(number: int) -> tuple[str, str]:
     r = random.Random(number)  # noqa: S311 - drawn examples
     why, text, old, new, low, high = WRONG[number % len(WRONG)]
     assert text.count(old) == 1, old
-    value = r.randrange(low, high + 1) if isinstance(low, int) else round(r.uniform(low, high), 4)
+    value = round(r.uniform(low, high), 0 if isinstance(low, int) else 4)
     return why, text.replace(old, new.format(value))
 
 

@@ -1,4 +1,4 @@
-"""A compiled check against an adversary that knows everything: what bench/tubes measures, in small."""
+"""A compiled check against an adversary that knows everything: bench/tubes in small."""
 
 from __future__ import annotations
 
