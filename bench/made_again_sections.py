@@ -402,6 +402,18 @@ PAGES = (
         spread=True,
     ),
     Made(
+        "testing.md",
+        "| program | flights: violated",
+        "bench/tubes/attack.py --runs 10000 --holds 1000000 --dives 100 --programs 0",
+        times=SIMULATED,
+    ),
+    Made(
+        "testing.md",
+        r"(\d+) of (\d+) are seen",
+        "bench/tubes/smaller_constants.py",
+        spread=True,
+    ),
+    Made(
         "timing.md",
         r"`bench/verify/schedulability.py` draws (10,000) sets of tasks",
         "@Threads: the analysis against executions",

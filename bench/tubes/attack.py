@@ -20,6 +20,7 @@ sys.path.insert(0, str(ROOT))
 
 from bench.tubes.small_rests import drawn  # noqa: E402
 from bench.tubes.tube_module import Loop, Told, module_of  # noqa: E402
+
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 
 BY_TUBE, BY_POINT, ALWAYS_AC = range(3)
@@ -79,8 +80,9 @@ def small(count: int, holds: int) -> tuple[str, bool]:
         outside += t.outside + (t.violated if module.kept else 0)
         if t.outside or (t.violated and module.kept):
             _explain(f"small program {number}", Told(), t)
-    return f"{outside:,} of {total:,} holds outside in {flown} drawn programs, {kept} of them kept", (
-        not outside
+    return (
+        f"{outside:,} of {total:,} holds outside in {flown} drawn programs, {kept} of them kept",
+        (not outside),
     )
 
 

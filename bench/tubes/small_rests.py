@@ -49,7 +49,7 @@ def drawn(number: int) -> str:
         f"  drives see = {{ {', '.join(f'{s}: {s}' for s in names)} }};",
         *[f"  state {s}: float = 0.0;" for s in names],
         f"  disturbance w: float in [{-push}, {push}];" if push and not moving else "",
-        *[f"  der {s} = {e}{_pushed(r, push, moving)};" for s, e in zip(names, plant.rates, strict=True)],
+        *[f"  der s{i} = {e}{_pushed(r, push, moving)};" for i, e in enumerate(plant.rates)],
         f"  measured {', '.join(errors)};",
         "}",
         "system S default { b: Body; module M; until 10s; }",
@@ -70,9 +70,9 @@ def _module(r: random.Random, laws: str, safe: str, plant: _Plant) -> list[str]:
         f"late dm {late[0]}ms, sc {late[1]}ms; response dm {late[2]}ms, sc {late[3]}ms; "
         f"acts within {acts}ms;"
     )
+    step = f"step {{ publish act = {{ {laws} }}; }}"
     return [
-        f"node Sc period {sc}ms {{ subscribes see; publishes act; "
-        f"step {{ publish act = {{ {laws} }}; }} }}",
+        f"node Sc period {sc}ms {{ subscribes see; publishes act; {step} }}",
         f"rta M {{ ac Ac; sc Sc; period {dm}ms; safe {safe};",
         f"  rest {plant.rest}{plant.moves} within {plant.within_s}s; verify {{ {times} }} }}",
     ]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import reduce
 from math import gcd, inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.codegen.unit import generate
 from soter.language.elaborate.derived_systems import faultless
@@ -24,9 +24,9 @@ from soter.native.cache import cached, digest
 from soter.native.compiler import compile_with, find
 from soter.verify.deploy.missing_predicates import put, rest_claims
 from soter.verify.problem.extract import extract
-from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
-from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.expressions import Node, in_order
+from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims
 from soter.verify.tubes.tube_check import TubeCheck
@@ -92,7 +92,7 @@ def module_of(
 def _hooked(source: str) -> str:
     """The C with a hook behind every step of `follows` and `settles`."""
     for name in ("m_follows_fn", "m_settles_fn", "m_answered_fn"):
-        start = re.search(rf"^SOTER_INLINE \w+ {name}\(", source, re.M)
+        start = re.search(rf"^SOTER_INLINE \w+ {name}\(", source, re.MULTILINE)
         if start is None:
             continue  # where SC reads nothing
         end = source.index("\n}\n", start.start())
@@ -261,7 +261,7 @@ def _c(e: Node, names: dict[Node, str]) -> str:
     a = [names[x] if isinstance(x, Node) else x for x in e.of]
     binary = {"add": "+", "sub": "-", "mul": "*", "over": "/"}
     if e.op == "number":
-        return repr(float(a[0])) if abs(a[0]) < inf else ("INFINITY" if a[0] > 0 else "-INFINITY")
+        return repr(float(e.of[0])).replace("inf", "INFINITY")
     if e.op == "input":
         return f"x[{a[1]}]"
     if e.op in binary:
