@@ -66,6 +66,11 @@ def test_a_bound_in_doubles_is_the_nearest_one() -> None:
         assert high <= math.nextafter(low, math.inf)
 
 
+def test_of_what_nothing_bounds_no_double_is_a_bound() -> None:
+    for x in (arb("nan"), arb("inf"), arb(0, math.inf), exact(1.5) * exact(2.0) ** 1100):
+        assert above(x) == math.inf
+
+
 @pytest.mark.parametrize("name", sorted(UNIVARIATE))
 def test_a_line_over_a_short_interval_says_nearly_all(name: str) -> None:
     for low in (0.25, 0.6, 1.4, 2.9):
