@@ -176,6 +176,14 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
         assert kinds == (["max0"] if constant else ["max0", "min"])
 
 
+@pytest.mark.parametrize("rounded", [True, False])
+def test_a_function_is_off_by_its_bound_where_numbers_are_rounded(rounded: bool) -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    Operations(terms, rounded=rounded).prelude("sin", x)
+    assert terms.atoms[-1].extra.is_zero() is not rounded
+
+
 def test_what_is_known_on_both_sides_of_a_branch_stays_known() -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
