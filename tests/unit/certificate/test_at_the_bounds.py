@@ -16,7 +16,7 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cells import predicates
-from soter.certificate.cells.cell_sets import Grid, finer
+from soter.certificate.cells.cell_sets import Cells, Grid, finer
 from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.format.certificate_program import _overrides
 from soter.certificate.format.errors import RejectedError
@@ -64,6 +64,11 @@ def test_a_bound_in_doubles_is_the_nearest_one() -> None:
         low, high = below(exact(number)), above(exact(number))
         assert Fraction(low) <= number <= Fraction(high)
         assert high <= math.nextafter(low, math.inf)
+
+
+def test_of_what_nothing_bounds_no_double_is_a_bound() -> None:
+    for x in (arb("nan"), arb("inf"), arb(0, math.inf), exact(1.5) * exact(2.0) ** 1100):
+        assert above(x) == math.inf
 
 
 @pytest.mark.parametrize("name", sorted(UNIVARIATE))
@@ -169,6 +174,14 @@ def test_a_limit_that_is_a_number_takes_one_kink() -> None:
         Operations(terms, rounded=True).extreme("min", 1.0 if constant else y, x)
         kinds = [a.kind for a in terms.atoms[2:]]
         assert kinds == (["max0"] if constant else ["max0", "min"])
+
+
+@pytest.mark.parametrize("rounded", [True, False])
+def test_a_function_is_off_by_its_bound_where_numbers_are_rounded(rounded: bool) -> None:
+    terms = Terms()
+    x, _ = inputs_of_two(terms)
+    Operations(terms, rounded=rounded).prelude("sin", x)
+    assert terms.atoms[-1].extra.is_zero() is not rounded
 
 
 def test_what_is_known_on_both_sides_of_a_branch_stays_known() -> None:
@@ -353,6 +366,13 @@ fun Known(x: float, y: float): float {
   let i: int = 2;
   return Of(v, i) - v[1] + [x, y][0];
 }
+type Pair = { a: float, b: float };
+fun Nested(x: float, y: float): float {
+  var p: Pair[2] = [{ a: 1.0, b: y }, { a: 2.0, b: y }];
+  p[1].a = x;
+  p[0].b = p[0].b + p[1].a;
+  return p[1].a + p[0].b - p[1].b + p[0].a;
+}
 fun Long(x: float, y: float): float {
   var sum = 0.0;
   for i in 0..24 {
@@ -384,6 +404,7 @@ def read(folder: Path, name: str, terms: Terms) -> Linear:
         ("Others", lambda x, y: 1.0 + x if (x > 0) != (y > 1) else -1.0 - y),
         ("Counts", lambda x, y: 2 * math.floor(x) + 1 + y),
         ("Known", lambda x, _: 2 * x),
+        ("Nested", lambda x, _: 2 * x + 1),
         ("Long", lambda x, y: y * sum(x > i - 12.0 for i in range(24))),
     ],
 )
@@ -511,6 +532,28 @@ def test_a_box_on_an_edge_has_cells_on_its_inner_side() -> None:
     for box, cells in {(-1.0, -0.5): (0, 1), (4.0, 5.0): (2, 3), (-1.0, 5.0): (0, 3)}.items():
         assert ends.cells(box) == (cells,)
     assert ends.cells((-3.5, 1.0)) is None
+
+
+@pytest.mark.parametrize("outside", [None, 0, 1, 2, "unknown"])
+def test_a_run_that_may_leave_the_set_on_its_way_reaches_nothing(outside: int | str | None) -> None:
+    cells = Cells(Grid(((0.0, 1.0, 2.0, 3.0),)), np.array([True, True, False]))
+    done: list[int] = []
+
+    def step(form: Any) -> Any:
+        done.append(len(done))
+        if outside == "unknown":
+            return None
+        return form, [0.25, 2.5] if done[-1] == outside else [0.25, 1.75]
+
+    chain = SimpleNamespace(first=step, later=step, last=None)
+    check: Any = SimpleNamespace(
+        chain=lambda *_: chain, group=SimpleNamespace(states=(0,)), _parts=lambda form: [form]
+    )
+    check._after = lambda *of: ChainCheck._after(check, *of)
+    box = [(exact(0.5), exact(0.75))]
+    found = [n for n, _ in ChainCheck.reached(check, box, [1, 2, 3], cells, 1)]
+    until = outside if isinstance(outside, int) else 3 if outside is None else 0
+    assert found == [1, 2, 3][:until]
 
 
 def test_a_start_beyond_an_end_is_moved_in_and_any_other_is_not() -> None:

@@ -404,6 +404,28 @@ def test_the_rate_of_a_scheme_leads_to_its_step(tmp_path: Path, scheme: str, ord
     assert abs(of_held - (held - gamma) / gamma) < 1e-9
 
 
+@pytest.mark.parametrize("there", ["", "R", "Q", "W", "S", "RQWS"])
+def test_a_group_has_the_tables_that_its_entry_names(there: str) -> None:
+    certificate: Any = SimpleNamespace(
+        count=lambda _: None,
+        numbers=lambda name, *_: f"numbers {name}",
+        bits=lambda name, _: f"bits {name}",
+    )
+    named: Any = {"S": ["S"], "W_N": "W_N"} | {n: n for n in "KRQW"}
+    entry = {n: named[n] for n in ("K", *there, *(("W_N",) if "W" in there else ()))}
+    axes: Any = SimpleNamespace(states=(0,), grid=Grid(((0.0, 1.0),)))
+    facts: Any = None
+    tables: Any = GridGroup.read(certificate, facts, entry, axes).tables
+    assert tables.core == "numbers K"
+    assert (tables.free, tables.home, tables.rank, tables.rank_holds) == (
+        "bits R" if "R" in there else None,
+        "numbers Q" if "Q" in there else None,
+        "numbers W" if "W" in there else None,
+        "numbers W_N" if "W" in there else None,
+    )
+    assert tables.levels == (["bits S"] if "S" in there else [])
+
+
 @pytest.mark.parametrize("state", ["p.p", "q.q"])
 def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str) -> None:
     facts = facts_of(tmp_path)

@@ -294,6 +294,19 @@ def test_runs_that_overlap_are_not_rechecked() -> None:
         derive(plain(sc=Clock("sc", 200)))
 
 
+def test_a_sensor_publishes_a_state_from_the_first_time_on() -> None:
+    late = TopicPath(Clock("p", 10, 250))
+    assert not late.may_publish_nothing()
+    read = TopicReading("x", (late,), 20)
+    assert derive(plain(by_dm=(read,), by_sc=(read,))).start == 250
+
+
+def test_what_comes_after_very_many_releases_is_not_rechecked() -> None:
+    read = TopicReading("late", (TopicPath(Clock("p", 10, 10**9)),), 20)
+    with pytest.raises(NotRecheckedError, match="too many releases"):
+        derive(plain(by_sc=(read,)))
+
+
 def test_periods_that_hardly_ever_meet_are_not_rechecked() -> None:
     with pytest.raises(NotRecheckedError, match="releases"):
         derive(plain(dm=Clock("dm", 100_000_007), sc=Clock("sc", 99_999_989)))
