@@ -150,6 +150,7 @@ SMALL = {
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
     ),
+    "Flights, every verdict checked again": Small(apart=MINUTES),
     "Certificates: checking them again": Small("--only mountain_car --bytes 10", part=True),
     "Certificates made wrong and sealed again": Small("--count 6 --jobs 1"),
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),

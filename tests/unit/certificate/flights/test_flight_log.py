@@ -370,7 +370,7 @@ def test_a_certificate_of_other_text_is_of_another_program(tmp_path: Path) -> No
     assert raised.value.diagnostics[0].code == "D023"
 
 
-AGES = ("0", 0.0, False, [], 10**30)
+AGES: tuple[object, ...] = ("0", 0.0, False, [], 10**30)
 ODD: dict[str, list[object]] = {
     "reads": [
         5,

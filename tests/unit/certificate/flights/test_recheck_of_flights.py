@@ -11,7 +11,8 @@ from json_documents import problems_of
 from soter.api import Program
 from soter.certificate import proof_methods
 from soter.certificate.flights import flight_check
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import ModuleMethod
 from soter.certificate.tubes import check_rest
 from soter.cli.main import main
@@ -171,6 +172,24 @@ def test_what_rests_on_a_certificate_that_is_not_accepted_is_not_0(
     assert main([*rechecked(train, log), "--json"]) == 5
     made = document(capsys)
     assert (made["verdict"], made["flights"][0]["verdict"]) == ("not re-checked", "accepted")
+
+
+def test_no_flight_is_judged_by_what_is_false_or_was_changed(
+    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = Flight().write(tmp_path / "flight.mcap")
+
+    def false(*_: object) -> Any:
+        raise RejectedError("it is false")
+
+    with monkeypatch.context() as patch:
+        patch.setitem(proof_methods.MODULES, "rest", ModuleMethod(false, false))
+        assert main([*rechecked(train, log), "--json"]) == 3
+        assert document(capsys)["flights"] == []
+    monkeypatch.setattr(Certificate, "seal", property(lambda self: str(id(self))))
+    assert main([*rechecked(train, log), "--json"]) == 3
+    made = document(capsys)
+    assert (made["reason"], made["flights"]) == ("it was changed while it was being read", [])
 
 
 def test_from_a_run_to_its_confirmation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
