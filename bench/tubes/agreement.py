@@ -79,9 +79,11 @@ class Subject:
         ends = [(r.low, r.high) if isfinite(r.high - r.low) else (0.0, FAR) for r in self.ranges]
         return [draw.uniform(*e) for e in ends]
 
-    def last_good(self, good: list[float], bad: list[float]) -> list[float]:
+    def last_good(
+        self, good: list[float], bad: list[float], halvings: int = HALVINGS
+    ) -> list[float]:
         """On the line between two the last one that the check calls good."""
-        for _ in range(HALVINGS):
+        for _ in range(halvings):
             middle = [0.5 * (a + b) for a, b in zip(good, bad, strict=True)]
             if self.good(middle):
                 good = middle
