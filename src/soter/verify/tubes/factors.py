@@ -65,5 +65,5 @@ def in_order(roots: Sequence[Node]) -> list[Node]:
             seen[e] = None
         elif e not in seen:
             todo.append((e, True))
-            todo += [(x, False) for x in reversed(e.of) if isinstance(x, Node)]
+            todo += [(x, False) for x in reversed(e.of) if isinstance(x, type(e))]
     return list(seen)

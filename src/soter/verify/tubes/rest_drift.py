@@ -14,7 +14,6 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import Node
 from soter.verify.tubes.factors import factor, in_order, split
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.print_forms import function
@@ -23,7 +22,7 @@ from soter.verify.tubes.tube_check import part
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.verify.tubes.expressions import Expressions
+    from soter.verify.tubes.expressions import Expressions, Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ranges = Mapping[tuple[str, int], Interval]
