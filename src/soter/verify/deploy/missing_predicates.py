@@ -135,7 +135,7 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
 
 
 def followed_costs(flat: System) -> dict[str, Cost]:
-    """What a decision of each module with `rest` takes at worst, where it can be followed at all."""
+    """What a decision of each module with `rest` takes at worst, where it can be followed."""
     found = {}
     for module in flat.modules:
         if module.symbol.rest is None:

@@ -27,9 +27,10 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.verify.enclose.prelude import is_prelude
+from soter.verify.tubes.factors import factor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from soter.core.abstract_execution import Join
     from soter.language.model.types import Type
@@ -134,35 +135,9 @@ class Expressions:
             return self._node("over", a, b)
         if b.op == "add" and b.of[0].op == "abs" and b.of[1].op == "number" and b.of[1].of[0] > 0.0:
             x, k = b.of[0].of[0], b.of[1]
-            if (p := self.factor(a, x)) is not None:
+            if (p := factor(self, a, x)) is not None:
                 return self.mul(p, self._node("friction", x, k))
         return self.mul(a, self._node("inverse", b))
-
-    def factor(self, e: Node, x: Node) -> Node | None:
-        """The p of e = x p, for all values; None where it is not seen."""
-        if e is x:
-            return self.number(1.0)
-        if e is self.number(0.0):
-            return e
-        if e.op == "friction" and e.of[0] is x:
-            return self._node("inverse", self.add(self.function("abs", x), e.of[1]))
-        if e.op == "square":
-            return x if e.of[0] is x else None
-        if e.op in ("add", "sub"):
-            a, b = (self.factor(y, x) for y in e.of)
-            return None if a is None or b is None else getattr(self, e.op)(a, b)
-        if e.op in ("neg", "over"):
-            p = self.factor(e.of[0], x)
-            if p is None:
-                return None
-            return self.neg(p) if e.op == "neg" else self.div(p, e.of[1])
-        if e.op == "mul":
-            a, b = e.of
-            if (p := self.factor(a, x)) is not None:
-                return self.mul(p, b)
-            p = self.factor(b, x)
-            return None if p is None else self.mul(a, p)
-        return None
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
         """`min` or `max`; of one and a number that the other bounds a clamp."""
@@ -518,17 +493,3 @@ class ExpressionReading(Execution["Value"]):
 
 
 CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "inside"})
-
-
-def in_order(roots: Sequence[Node]) -> list[Node]:
-    """All nodes below, each behind what it is made of."""
-    seen: dict[Node, None] = {}
-    todo = [(root, False) for root in reversed(roots)]
-    while todo:
-        e, below_seen = todo.pop()
-        if below_seen:
-            seen[e] = None
-        elif e not in seen:
-            todo.append((e, True))
-            todo += [(x, False) for x in reversed(e.of) if isinstance(x, Node)]
-    return list(seen)

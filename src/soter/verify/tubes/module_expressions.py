@@ -19,8 +19,8 @@ from soter.verify.tubes.expressions import (
     ExpressionReading,
     Expressions,
     NoExpressionError,
-    in_order,
 )
+from soter.verify.tubes.factors import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

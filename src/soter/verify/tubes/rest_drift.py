@@ -1,6 +1,6 @@
 """How far SC moves what `moves` names, once `rest` holds.
 
-Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V the sum of c_i |x_i| over some states:
+Purpose: rule 2 of "Decisions by tubes" (docs/proof.md) with V the sum of c_i |x_i| over states:
 where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i| + c_i q_i <= 0;
 V is 0 where they are, and exactly so, as each is taken out as a factor and only p_i, q_i and what
 else is in z' are enclosed.
@@ -14,7 +14,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import Node, in_order
+from soter.verify.tubes.factors import factor, in_order, split
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.print_forms import function
 from soter.verify.tubes.tube_check import part
@@ -22,7 +22,7 @@ from soter.verify.tubes.tube_check import part
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.verify.tubes.expressions import Expressions
+    from soter.verify.tubes.expressions import Expressions, Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ranges = Mapping[tuple[str, int], Interval]
@@ -70,33 +70,19 @@ def _bounded(
     (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
     for state, where in box.items():
         x = make.input("x", state)
-        p, rest = _split(make, e, x)
+        p, rest = split(make, e, x)
         (own,) = _decided(check, [check.rates[state]], ranges)
-        q = make.factor(own, x)
+        q = factor(make, own, x)
         if q is None or p is make.number(0.0):
             continue
         of_p, of_q = _enclosed([p, q], ranges)
         if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
             size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
-            factor = max(Fraction(of_p.high), -Fraction(of_p.low))
-            most += size * factor / -Fraction(of_q.high)
+            worst = max(Fraction(of_p.high), -Fraction(of_p.low))
+            most += size * worst / -Fraction(of_q.high)
             e = rest
     (more,) = _enclosed([e], ranges)
     return more.high <= 0.0 and most <= Fraction(by)
-
-
-def _split(make: Expressions, e: Node, x: Node) -> tuple[Node, Node]:
-    """The p and the rest of e = x p + rest, term by term."""
-    if (p := make.factor(e, x)) is not None:
-        return p, make.number(0.0)
-    if e.op in ("add", "sub"):
-        a, b = (_split(make, y, x) for y in e.of)
-        join = getattr(make, e.op)
-        return join(a[0], b[0]), join(a[1], b[1])
-    if e.op == "neg":
-        p, rest = _split(make, e.of[0], x)
-        return make.neg(p), make.neg(rest)
-    return make.number(0.0), e
 
 
 def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:

@@ -19,7 +19,8 @@ from soter.core.abstract_execution import TooManyStatementsError
 from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import NoExpressionError, in_order
+from soter.verify.tubes.expressions import NoExpressionError
+from soter.verify.tubes.factors import in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import certain, function, number
@@ -85,8 +86,8 @@ class TubeCheck:
     """Of one problem; `SoterError` R007 where something is no expression of reals.
 
     `states`: those that what is asked hangs on, in the order of estimates; all others are left out
-    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state; `rooms`:
-    where states are within C, by the sets of what plants publish.
+    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state;
+    `rooms`: where states are within C, by the sets of what plants publish.
     """
 
     def __init__(self, problem: TubeProblem) -> None:

@@ -10,7 +10,7 @@ from generators.file_listing import files_in
 from soter.api import Program
 from soter.language.front_end import check_file
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[4]
 EVERY = files_in(ROOT / "examples" / "rest", "*.soter")
 QUICK = ("docking",)
 
