@@ -94,7 +94,8 @@ def _hooked(source: str) -> str:
     for name in ("m_follows_fn", "m_settles_fn", "m_answered_fn"):
         start = re.search(rf"^SOTER_INLINE \w+ {name}\(", source, re.MULTILINE)
         if start is None:
-            continue  # where SC reads nothing
+            assert name == "m_answered_fn", name  # where SC reads nothing
+            continue
         end = source.index("\n}\n", start.start())
         body = source[start.start() : end]
         body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
