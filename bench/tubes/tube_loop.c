@@ -208,13 +208,14 @@ static void fly(const config *c, uint64_t seed, int64_t time, int how, told *o) 
   }
 }
 
-/* `count` runs of FLIGHT each from `seed` on; `how`: who decides. */
+/* `count` runs from `seed` on, of FLIGHT, or 60 decisions if these are longer; `how`: who decides. */
 void attack_fly(const config *c, uint64_t seed, int64_t count, int64_t how, told *o) {
   memset(o, 0, sizeof *o);
   o->least = INFINITY;
   trace.on = false;
+  int64_t time = FLIGHT < 60 * c->delta_dm ? 60 * c->delta_dm : FLIGHT;
   for (int64_t k = 0; k < count; k++) {
-    fly(c, seed + (uint64_t)k, FLIGHT, (int)how, o);
+    fly(c, seed + (uint64_t)k, time, (int)how, o);
   }
 }
 

@@ -94,7 +94,8 @@ def _hooked(source: str) -> str:
     for name in ("m_follows_fn", "m_settles_fn", "m_answered_fn"):
         start = re.search(rf"^SOTER_INLINE \w+ {name}\(", source, re.MULTILINE)
         if start is None:
-            continue  # where SC reads nothing
+            assert name == "m_answered_fn", name  # where SC reads nothing
+            continue
         end = source.index("\n}\n", start.start())
         body = source[start.start() : end]
         body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
@@ -138,8 +139,10 @@ static m_state S;
 enum {{ N = {n}, M = {m}, W = {w}, AIMS = {len(self._aims())}, SAFES = {self._safes()} }};
 static const int FOLLOWED[NS] = {{{followed}}};
 static bool decide(bool ac) {{
-  bool nan_seen = false; /* as the DM's switch asks them */
-  return ac ? !m_{dm}_ttf(&S, &nan_seen) : m_{dm}_safer(&S, &nan_seen);
+  S.modules[0].mode = ac ? SOTER_AC : SOTER_SC;
+  S.modules[0].gate_fault = 0;
+  S.modules[0].clean_needed = 0;
+  return m_{dm}_decide(&S) == SOTER_AC;
 }}
 static int answer(double *u) {{
   uint32_t published = 0;
@@ -222,7 +225,7 @@ static double resting(const double *x) {{
             for k, d in wind:
                 assert not d.path, d.name
                 lines.append(f"const double {d.member} = w_in[{k}]; (void){d.member};")
-            asked = re.sub(r"\(x,", "(x_,", re.sub(r"\bcanonical_", "", call.group(2)), count=1)
+            asked = re.sub(r"\(\w+,", "(x_,", re.sub(r"\bcanonical_", "", call.group(2)), count=1)
             lines.append(f"const {call.group(1)} k1 = {asked};")
             lines += [f"dx_out[{i}] = k1{_path((s.member, *s.path))};" for i, s in states]
             blocks.append("{ " + "\n    ".join(lines) + " }")
