@@ -33,9 +33,10 @@ from soter.native.build import CHECK_FAILED, RUNTIME, library_flags  # noqa: E40
 from soter.native.compiler import compile_with, find  # noqa: E402
 from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
+from soter.verify.tubes.problem import TubeProblem  # noqa: E402
 from soter.verify.tubes.tube_check import TubeCheck  # noqa: E402
 
-RANGES = {
+RANGES: dict[str, list[tuple[float, float]]] = {
     "follow": [(0, 100), (0, 390), (0, 30)],
     "cruise": [(2, 120), (0, 36), (0, 36)],
     "lane": [(-1.2, 1.2), (-0.15, 0.15)],
@@ -78,6 +79,7 @@ def built(path: Path, folder: Path) -> tuple[Any, Any, int]:
     checked = check_file(str(path), path.read_text(encoding="utf-8"))
     flat = system_to_prove(checked, None)
     problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
     n = len(check.states)
     probe = f"""soter 1;
