@@ -11,7 +11,6 @@ Non-goals: whether a step faults (asked offline, of all that it may read), print
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +26,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.verify.enclose.prelude import is_prelude
-from soter.verify.tubes.factors import factor
+from soter.verify.tubes.factors import Node, factor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -47,17 +46,6 @@ COMPARED = {"<", "<=", ">", ">="}
 
 class NoExpressionError(Exception):
     """What Core does here is no expression of reals; the text says what, for people."""
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Node:
-    """An operator and what it is applied to: nodes; of "number" and "input" a value.
-
-    `Expressions` makes each once: two are the same one, or differ.
-    """
-
-    op: str
-    of: tuple[Any, ...]
 
 
 Value = Any

@@ -1,20 +1,41 @@
 """Expressions seen as graphs, and with one of their inputs taken out.
 
-Purpose: `factor`, of a product; `split`, of a sum, term by term; and `in_order`, all nodes.
-Non-goals: making and differentiating expressions (`expressions.py`).
+Purpose: `Node`; `factor`, of a product; `split`, of a sum, term by term; and `in_order`, all nodes.
+Non-goals: making and differentiating expressions (`expressions.py`, whose `Expressions` is `make`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.verify.tubes.expressions import Expressions, Node
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Node:
+    """An operator and what it is applied to: nodes; of "number" and "input" a value.
+
+    `Expressions` makes each once: two are the same one, or differ.
+    """
+
+    op: str
+    of: tuple[Any, ...]
 
 
-def factor(make: Expressions, e: Node, x: Node) -> Node | None:
+class Maker(Protocol):
+    """What makes nodes."""
+
+    def number(self, value: float, /) -> Node: ...  # noqa: D102
+    def function(self, name: str, a: Node, /) -> Node: ...  # noqa: D102
+    def add(self, a: Node, b: Node, /) -> Node: ...  # noqa: D102
+    def mul(self, a: Node, b: Node, /) -> Node: ...  # noqa: D102
+    def div(self, a: Node, b: Node, /) -> Node: ...  # noqa: D102
+    def neg(self, a: Node, /) -> Node: ...  # noqa: D102
+
+
+def factor(make: Maker, e: Node, x: Node) -> Node | None:
     """The p of e = x p, for all values; None where it is not seen."""
     if e is x:
         return make.number(1.0)
@@ -41,7 +62,7 @@ def factor(make: Expressions, e: Node, x: Node) -> Node | None:
     return None
 
 
-def split(make: Expressions, e: Node, x: Node) -> tuple[Node, Node]:
+def split(make: Maker, e: Node, x: Node) -> tuple[Node, Node]:
     """The p and the rest of e = x p + rest."""
     if (p := factor(make, e, x)) is not None:
         return p, make.number(0.0)

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
-    from soter.verify.tubes.expressions import Node, Value
+    from soter.verify.tubes.expressions import Value
+    from soter.verify.tubes.factors import Node
 
 Path = tuple[str, ...]
 

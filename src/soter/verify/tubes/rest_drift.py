@@ -22,7 +22,8 @@ from soter.verify.tubes.tube_check import part
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.verify.tubes.expressions import Expressions, Node
+    from soter.verify.tubes.expressions import Expressions
+    from soter.verify.tubes.factors import Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ranges = Mapping[tuple[str, int], Interval]

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from soter.language.model.typed import Cost
-    from soter.verify.tubes.expressions import Node
+    from soter.verify.tubes.factors import Node
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 

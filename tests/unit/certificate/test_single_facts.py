@@ -1,0 +1,282 @@
+"""Single conditions of how a program is read: what each refuses, finds, or lets through."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.grid_group import GridCheck, GridGroup
+from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.groups import GroupCheck
+from soter.certificate.reading import case_model, problem, supported_constructs
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
+from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.terms import NotRecheckedError
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import AgeRead
+from unit.certificate.test_single_refusals import facts_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+arb = type(ZERO)
+
+
+# ---------------------------------------------------------------- reading
+
+
+def test_ages_are_left_out_of_ttf(tmp_path: Path) -> None:
+    plain = facts_of(tmp_path)
+    assert plain.ttf is plain.symbol.ttf
+    aged = facts_of(tmp_path, ("ttf abs(x) > 2.0", "ttf abs(x) > 2.0 || age(x) > seconds(15ms)"))
+    for of, known in ((aged.symbol.ttf, True), (aged.ttf, False)):
+        assert any(isinstance(n, AgeRead) for n in nodes([of])) is known
+
+
+def test_of_a_map_no_end_is_known_not_to_be_crossed() -> None:
+    model: Any = SimpleNamespace(facts=SimpleNamespace(kind="map"))
+    assert uncrossed_ends(model, [0, 1]) == [(False, False)] * 2
+
+
+def test_what_is_no_part_that_is_known_is_refused(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    check_supported(facts)
+    plant = next(c for c in facts.flying.components if c.plant)
+    plant.role = "oracle"
+    with pytest.raises(NotRecheckedError, match="is a oracle"):
+        check_supported(facts)
+
+
+def test_a_module_that_is_followed_in_flight_has_no_cells(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    facts.symbol.rest = facts.symbol.safe  # type: ignore[assignment]
+    with pytest.raises(NotRecheckedError, match=r"rest|follow"):
+        check_supported(facts)
+
+
+def test_a_module_that_never_decides_is_refused(tmp_path: Path) -> None:
+    facts = facts_of(tmp_path)
+    check_supported(facts)
+    facts.flying_module.forced = "ac"
+    with pytest.raises(NotRecheckedError, match="forced"):
+        check_supported(facts)
+
+
+def test_a_plant_that_reads_what_nobody_commands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(case_model, "topics_of_others", lambda *_: [])
+    topic = SimpleNamespace(name="u", type=None)
+    model: Any = SimpleNamespace(facts=SimpleNamespace(module=None, controls=[]))
+    plant = SimpleNamespace(reads=[topic])
+    c: Any = SimpleNamespace(name="P", plant=plant, scope=SimpleNamespace(topics={}))
+    with pytest.raises(NotRecheckedError, match="no output of the module"):
+        CaseModel._inputs_of_plant(model, c, [])
+
+
+def test_an_axis_names_one_state_or_none() -> None:
+    axis: Any = SimpleNamespace(topic=None, instance="c", path=("x",))
+    for names, found in ((["c.x", "c.y"], 0), (["a.x"], None), (["a.c.x", "b.c.x"], None)):
+        facts: Any = SimpleNamespace(states=[SimpleNamespace(name=n) for n in names])
+        assert problem._state_of_axis(facts, axis) == found
+
+
+@pytest.mark.parametrize("other", [("euler", 10, 1), ("rk4", 5, 1), ("rk4", 10, 2)])
+def test_states_of_one_group_have_one_scheme(other: tuple[str, int, int]) -> None:
+    def plants(*schemes: tuple[str, int, int]) -> Any:
+        made = [
+            SimpleNamespace(
+                plant=SimpleNamespace(method=m), period_ns=p * 10**6, substeps=s, index=k
+            )
+            for k, (m, p, s) in enumerate(schemes)
+        ]
+        states = [SimpleNamespace(owner=k) for k in range(len(made))]
+        return SimpleNamespace(facts=SimpleNamespace(plants=made, states=states))
+
+    rates = [[ZERO, ZERO], [ZERO, ZERO]]
+    _scheme(plants(("rk4", 10, 1), ("rk4", 10, 1)), rates, [0, 1])
+    with pytest.raises(NotRecheckedError, match="different schemes"):
+        _scheme(plants(("rk4", 10, 1), other), rates, [0, 1])
+
+
+@pytest.mark.parametrize(
+    ("rate", "ends"),
+    [("-p * p * p", (True, True)), ("p * p * p", (False, False)), ("p * p", (True, False))],
+)
+def test_an_end_is_not_crossed_where_the_flow_leads_in(
+    tmp_path: Path, rate: str, ends: tuple[bool, bool]
+) -> None:
+    """Where it is not linear: by its rates on the side."""
+    facts = facts_of(tmp_path, ("der p = u", f"der p = 0.0 * u + {rate}"))
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
+    assert uncrossed_ends(model, [index]) == [ends]
+
+
+def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("soter.certificate.grid.grid_group.is_linear", lambda model, _: model)
+    for kept, linear in itertools.product((True, False), repeat=2):
+        check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
+        assert GridCheck.sees_rates.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
+    assert not GroupCheck.sees_rates.fget(None)  # type: ignore[attr-defined]
+
+
+def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
+    facts: Any = facts_of(tmp_path)
+    (index,) = facts.module.outputs
+    assert list(problem._leaves_of(facts, index, "other"))
+    topics = list(facts.system.topics)
+    topics[index] = dataclasses.replace(topics[index], bounds=(None,))
+    facts = SimpleNamespace(system=SimpleNamespace(topics=topics))
+    with pytest.raises(NotRecheckedError, match="no value set"):
+        list(problem._leaves_of(facts, index, "other"))
+
+
+def test_a_flow_that_is_not_linear_is_not_solved_at_once(tmp_path: Path) -> None:
+    for rate, linear in (("-q", True), ("-q * q", False)):
+        model = CaseModel(
+            facts_of(tmp_path, ("der q = -q", f"der q = {rate}")), (), ((-3.0, 3.0), (-1.0, 1.0))
+        )
+        (index,) = (i for i, s in enumerate(model.facts.states) if s.name.endswith("q.q"))
+        assert is_linear(model, [index]) is linear
+        if linear:
+            linear_flow(model, [index])
+        else:
+            with pytest.raises(NotRecheckedError, match="not linear"):
+                linear_flow(model, [index])
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("euler", 1), ("rk4", 4)])
+def test_the_rate_of_a_scheme_leads_to_its_step(tmp_path: Path, scheme: str, order: int) -> None:
+    facts = facts_of(tmp_path, ("der q = -q", f"integrate {scheme}; der q = -20.0 * q"))
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("q.q"))
+    of_state, of_held = (float(m[0][0].mid()) for m in _scheme(model, [[exact(-20.0)]], [index]))
+    z, gamma = -0.2, -math.expm1(-0.2) / 20.0
+    state = sum(z**k / math.factorial(k) for k in range(order + 1))
+    held = 0.01 * sum(z**k / math.factorial(k + 1) for k in range(order))
+    assert abs(of_state - (state - math.exp(z)) / gamma) < 1e-9
+    assert abs(of_held - (held - gamma) / gamma) < 1e-9
+
+
+@pytest.mark.parametrize("there", ["", "R", "Q", "W", "S", "RQWS"])
+def test_a_group_has_the_tables_that_its_entry_names(there: str) -> None:
+    certificate: Any = SimpleNamespace(
+        count=lambda _: None,
+        numbers=lambda name, *_: f"numbers {name}",
+        bits=lambda name, _: f"bits {name}",
+    )
+    named: Any = {"S": ["S"], "W_N": "W_N"} | {n: n for n in "KRQW"}
+    entry = {n: named[n] for n in ("K", *there, *(("W_N",) if "W" in there else ()))}
+    axes: Any = SimpleNamespace(states=(0,), grid=Grid(((0.0, 1.0),)))
+    facts: Any = None
+    tables: Any = GridGroup.read(certificate, facts, entry, axes).tables
+    assert tables.core == "numbers K"
+    assert (tables.free, tables.home, tables.rank, tables.rank_holds) == (
+        "bits R" if "R" in there else None,
+        "numbers Q" if "Q" in there else None,
+        "numbers W" if "W" in there else None,
+        "numbers W_N" if "W" in there else None,
+    )
+    assert tables.levels == (["bits S"] if "S" in there else [])
+
+
+@pytest.mark.parametrize("state", ["p.p", "q.q"])
+def test_a_table_of_the_dm_has_the_axes_of_its_group(tmp_path: Path, state: str) -> None:
+    facts = facts_of(tmp_path)
+    (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
+    group = SimpleNamespace(states=(index,), grid=Grid(((0.0, 1.0),)))
+    check: Any = SimpleNamespace(tables=group)
+    axis = {"state": state, "edges": [0.0, 2.0]}
+    certificate: Any = SimpleNamespace(edges=tuple)
+    why = "elsewhere" if state == "p.p" else "other axes"
+    with pytest.raises(RejectedError, match=why):
+        GridGroup.compare(check, certificate, facts, [check], {"axes": [axis], "levels": None})
+
+
+@dataclasses.dataclass(frozen=True)
+class Named:
+    name: str
+
+
+@pytest.mark.parametrize("who", ["plant", "node", "input", "nobody"])
+def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
+    index = {"u": 0, "x": 1}
+    drives = [(Named("u" if who == "plant" else "x"), None)]
+    plant = SimpleNamespace(drives=drives)
+    node = SimpleNamespace(publishes=[Named("u" if who == "node" else "x")])
+
+    def component(name: str, **of: Any) -> Any:
+        topics = {t: index[t.name] for t in (drives[0][0], *node.publishes)}
+        parts = {"plant": None, "node": None, **of}
+        return SimpleNamespace(name=name, scope=SimpleNamespace(topics=topics), **parts)
+
+    sc = component("sc", node=node)
+    beside = [component("p", plant=plant), component("n", node=node), component("m")]
+    inputs = [SimpleNamespace(topic=0 if who == "input" else 1)]
+    topics = [SimpleNamespace(name=n, queue_of=None) for n in index]
+    facts: Any = SimpleNamespace(
+        flying=SimpleNamespace(components=[sc, *beside], inputs=inputs, topics=topics),
+        flying_module=SimpleNamespace(outputs=(0,), sc=0),
+        commanding=[sc],
+    )
+    if who == "nobody":
+        supported_constructs._topics(facts)
+    else:
+        with pytest.raises(NotRecheckedError, match=r"alone|input"):
+            supported_constructs._topics(facts)
+
+
+def test_an_axis_goes_as_far_as_it_is_open(tmp_path: Path) -> None:
+    for more, high in (("", 3.0), (" open to 4.5", 4.5)):
+        facts = facts_of(tmp_path, ("/ 100;", f"/ 100{more};"))
+        (index,) = (i for i, s in enumerate(facts.states) if s.name == "p.p")
+        assert facts.axes[index] == (-3.0, high)
+        assert facts.open_ends == ({index} if more else set())
+
+
+RECORDS = """type In = { a: float, b: float };
+type Out = { one: In, two: In };
+topic whole: Out;
+"""
+WHOLE = "drives whole = { two: { b: p, a: 1.0 }, one: { a: 2.0, b: 3.0 } };"
+
+
+def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
+    pairs = ("topic x:", f"{RECORDS}topic x:"), ("drives x = p;", f"drives x = p; {WHOLE}")
+    facts = facts_of(tmp_path, *pairs)
+    (plant,) = (c for c in facts.plants if c.name == "p")
+    assert plant.plant is not None
+    (value,) = (e for t, e in plant.plant.drives if t.name == "whole")
+    (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
+    for path, found in ((("two", "b"), index), (("two", "a"), None), (("one", "b"), None)):
+        assert problem.followed(facts, plant, value, path) == found
+
+
+def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
+    assert not facts_of(tmp_path).others
+    sets = {"wish": (-0.5, 0.5), "more": (2.0, 3.0)}
+    lines = [
+        f"input topic {n}: float in [{a}, {b}] = {b} max_age 9s;\n" for n, (a, b) in sets.items()
+    ]
+    facts = facts_of(
+        tmp_path,
+        ("topic u:", f"{''.join(lines)}topic u:"),
+        ("subscribes x, y;", "subscribes x, y, wish, more;"),
+        ("clamp(-x,", "clamp(wish - more - x,"),
+    )
+    assert [(i.low, i.high) for i in facts.others] == list(sets.values())
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    terms, states = model.new_terms()
+    values = model.topics(terms, states, errors=False)
+    for i in facts.others:
+        value = values[i.owner]
+        assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]
