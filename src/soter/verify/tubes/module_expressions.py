@@ -14,13 +14,13 @@ from soter.language.model.types import ArrayType, FloatType, RecordType, Type, l
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.enclose.enclosure_inputs import key, names, types_of
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.expression_reading import ExpressionReading
 from soter.verify.tubes.expressions import (
     LARGEST,
-    ExpressionReading,
     Expressions,
     NoExpressionError,
+    in_order,
 )
-from soter.verify.tubes.factors import in_order
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
-    from soter.verify.tubes.expressions import Value
-    from soter.verify.tubes.factors import Node
+    from soter.verify.tubes.expressions import Node, Value
 
 Path = tuple[str, ...]
 

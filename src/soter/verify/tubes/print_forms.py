@@ -10,8 +10,7 @@ from __future__ import annotations
 from math import isinf
 from typing import TYPE_CHECKING
 
-from soter.verify.tubes.expressions import CONDITIONS
-from soter.verify.tubes.factors import Node, in_order
+from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

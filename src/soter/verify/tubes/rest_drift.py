@@ -14,7 +14,7 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.factors import factor, in_order, split
+from soter.verify.tubes.expressions import in_order
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.print_forms import function
 from soter.verify.tubes.tube_check import part
@@ -22,8 +22,7 @@ from soter.verify.tubes.tube_check import part
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.verify.tubes.expressions import Expressions
-    from soter.verify.tubes.factors import Node
+    from soter.verify.tubes.expressions import Expressions, Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ranges = Mapping[tuple[str, int], Interval]
@@ -71,9 +70,9 @@ def _bounded(
     (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
     for state, where in box.items():
         x = make.input("x", state)
-        p, rest = split(make, e, x)
+        p, rest = make.split(e, x)
         (own,) = _decided(check, [check.rates[state]], ranges)
-        q = factor(make, own, x)
+        q = make.factor(own, x)
         if q is None or p is make.number(0.0):
             continue
         of_p, of_q = _enclosed([p, q], ranges)

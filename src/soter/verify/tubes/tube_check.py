@@ -19,8 +19,7 @@ from soter.core.abstract_execution import TooManyStatementsError
 from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import NoExpressionError
-from soter.verify.tubes.factors import in_order
+from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import certain, function, number
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from soter.language.model.typed import Cost
-    from soter.verify.tubes.factors import Node
+    from soter.verify.tubes.expressions import Node
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
