@@ -277,6 +277,17 @@ def test_ac_never_has_control_where_the_table_gives_it_nowhere(
     assert ("leaves it in control on no estimate" in says) == (kept is False and given is not False)
 
 
+def test_states_are_drawn_in_cells_of_k() -> None:
+    grid = Grid(((0.0, 1.0, 2.0, 3.0),))
+    tables = SimpleNamespace(grid=grid, core=np.array([0, 3, 1]))
+    group: Any = SimpleNamespace(tables=tables, states=(0,))
+    facts: Any = SimpleNamespace(states=[None])
+    draws = GridGroup.drawn(group, facts, np.random.default_rng(5))
+    values = [next(draws)[0] for _ in range(60)]
+    assert all(1.0 <= v <= 3.0 for v in values)
+    assert min(values) < 2.0 < max(values)
+
+
 def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
     (tmp_path / "map.soter").write_text(PROGRAMS["steps"])
     for facts, flow in (
