@@ -41,6 +41,8 @@ class DelayAdvice:
 
     module: str
     declared_ns: int
+    least_ns: int = 0
+    """The least time of each, which stays."""
     why_not: dict[int, str] = field(default_factory=dict)
     """By value in ns, in the order of the trials: "" where everything was proved."""
 
@@ -61,15 +63,20 @@ class DelayAdvice:
         largest, refused = self.largest_ns, self.refused_ns
         if largest is None:
             why = self.why_not[self.declared_ns]
-            return f"not proved with `acts within {write_ns(self.declared_ns)}` as declared: {why}"
+            return f"not proved with `{self._written(self.declared_ns)}` as declared: {why}"
         more = show_ns(largest - self.declared_ns)
         said = (
             f"commands may act {show_ns(largest)} late, {more} more than declared, and everything "
         )
-        said += f"is proved: `acts within {write_ns(largest)}`"
+        said += f"is proved: `{self._written(largest)}`"
         if refused is None:
             return f"{said}; nothing longer was tried"
         return f"{said}; not with {show_ns(refused)}: {self.why_not[refused]}"
+
+    def _written(self, most_ns: int) -> str:
+        """As a program says it."""
+        least = f"{write_ns(self.least_ns)} to " if self.least_ns else ""
+        return f"acts within {least}{write_ns(most_ns)}"
 
 
 def largest_delay(flat: System, module: Module, progress: Progress | None = None) -> DelayAdvice:
@@ -79,7 +86,7 @@ def largest_delay(flat: System, module: Module, progress: Progress | None = None
     cannot be posed as it is declared.
     """
     problem = extract(flat, module)
-    advice = DelayAdvice(module.name, problem.times.acts)
+    advice = DelayAdvice(module.name, problem.times.acts, problem.times.acts_least)
     proved, failed = advice.declared_ns, None
     while len(advice.why_not) < TRIES_MAX:
         at = _next(proved, failed, advice, problem.times.delta_sc)

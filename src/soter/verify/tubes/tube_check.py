@@ -129,7 +129,7 @@ class TubeCheck:
         zero = self.make.number(0.0)
         self._effects = [
             (k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero
-        ]
+        ] or [(0, 0, zero)]  # no array is empty
         self._bends = module.bends(self._still)
         self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -14,9 +14,6 @@ from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify import delay_search
 from soter.verify.delay_search import CLOSE, FIRST, TRIES_MAX, largest_delay
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 CART = "examples/wall/cart.soter"
 DECLARED_NS, SC_NS = 1_000_000, 10_000_000
@@ -49,6 +46,20 @@ def test_a_module_that_is_not_proved_as_it_is_is_told_so(monkeypatch: pytest.Mon
     assert advice.largest_ns is None
     assert advice.summary.startswith("not proved with `acts within 1ms` as declared: P2b")
     assert list(advice.why_not) == [DECLARED_NS]
+
+
+@pytest.mark.parametrize("why", ["", "P2a: no"])
+def test_the_least_time_stands_beside_what_was_proved_with_it(
+    monkeypatch: pytest.MonkeyPatch, why: str
+) -> None:
+    """With `acts within 1ms` alone j is longer, and nobody verified that."""
+    monkeypatch.setattr(delay_search, "_what_fails", lambda *_: why)
+    monkeypatch.setattr(delay_search, "TRIES_MAX", 1)
+    text = Path(CART).read_text(encoding="utf-8")
+    told = text.replace("acts within 1ms", "acts within 300us to 1ms")
+    assert told != text
+    flat = system_of(check_file("cart.soter", told), None)
+    assert "`acts within 300us to 1ms`" in largest_delay(flat, flat.modules[0]).summary
 
 
 def test_times_that_the_theorem_does_not_cover_are_not_proved() -> None:

@@ -160,6 +160,17 @@ def test_a_state_that_nothing_asks_for_does_not_end(tmp_path: Path) -> None:
         assert verified(tmp_path, right).findings["start"].verdict == "proved"
 
 
+def test_a_plant_that_nothing_moves_is_followed(tmp_path: Path) -> None:
+    """No command and no disturbance has an effect on it."""
+    rolls = changed(
+        PLAIN,
+        ("der v = 2.0 * levers.gas - BRAKE * levers.brake * v;", "der v = -BRAKE * v;"),
+        ("  disturbance front: float in [0.0, 30.0] hold 1s;", "  //"),
+        ("der gap = front - v;", "der gap = -v;"),
+    )
+    assert verified(tmp_path, rolls).findings["P2a"].verdict == "proved"
+
+
 @pytest.mark.parametrize(
     ("within", "alpha"), [("", 100), ("acts within 9ms;", 100), ("acts within 4ms to 9ms;", 104)]
 )

@@ -4,6 +4,7 @@ one of the runs that their forms stand for does, they hold it.
 
 from __future__ import annotations
 
+import math
 import random
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,6 +16,7 @@ import pytest
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import KEEP, TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import DrawnModule, drawn_module
@@ -462,3 +464,30 @@ def test_a_solution_that_ends_is_not_good(tmp_path_factory: pytest.TempPathFacto
         got = library.call("blown", 7, [], [0.0, s1])
         verdicts.append(got is not None and got[10][0] == 1.0)
     assert verdicts == [True, True, False, False, False, False]
+
+
+UNKNOWN = (
+    BLOWN_UP.replace(
+        "der s0 = order + w;",
+        "der s0 = 10.0 - 30.0 * (s0 - s1)\n"
+        "    + order * (1e10 * max(s0 + 1.0, 0.0) * exp(335.0 * (s1 - s0)));",
+    )
+    .replace("der s1 = s1 * s1;", "der s1 = 0.0;")
+    .replace("  disturbance w: float in [-0.01, 0.01];\n", "")
+)
+"""Where s0 = s1 is not known, what a command does to s0 has no end a little above -1."""
+
+
+def test_a_face_behind_which_nothing_is_known_has_no_slope() -> None:
+    """s0 and s1 are the same number of [-1, 1], the command is 0: no end times 0 is no number."""
+    text, symbols, moves = source_of(UNKNOWN, TIMES)
+    x = (0.0, 0.0, -1.0, 1.0, (1.0, *[0.0] * (symbols - 1)))
+    none = (0.0, 0.0, 0.0, 0.0, (0.0,) * symbols)
+    caller = Caller(text)
+    above = caller.value("f_range", -1.0, -0.8)
+    for row in (caller.value("faced", 0, (above, x), (none,), (none,), (0.0,)),
+                caller.value("widened", none, float("nan"))):  # fmt: skip
+        assert row[2:4] == (-ENDLESS, ENDLESS)
+    end, *_, found = caller.value("flow", (x, x), (none,), (0.0,), 0.02, moves)
+    assert found
+    assert end[0][2] <= -1.0 + (1.0 - math.exp(-0.6)) / 3.0
