@@ -14,6 +14,7 @@ import soter
 from soter.certificate.reading.linear_flows import LinearFlow, exponential
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
 from soter.certificate.terms.arb_balls import (
+    ONE,
     UNIVARIATE,
     ZERO,
     exact,
@@ -23,7 +24,7 @@ from soter.certificate.terms.arb_balls import (
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
 from soter.certificate.terms.operations import OPERATIONS
 from soter.certificate.terms.straight_line import Builder, Function
-from soter.certificate.terms.terms import Linear, Terms
+from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from soter.language.model import typed
 
@@ -152,6 +153,47 @@ def test_a_function_stays_within_its_enclosure(program: Path, name: str) -> None
     assert known > 100
 
 
+def test_a_number_over_its_size_saturates() -> None:
+    """What friction is: never more than a number over a factor, wherever the cell is."""
+    terms = Terms()
+    x, y = (terms.input("state", name, exact(-6.0), exact(6.0)) for name in "xy")
+    size = terms.combine(((exact(2.0), terms.function("abs", x)),), exact(0.1))
+    pushed = terms.multiply(terms.combine(((exact(-3.0), y),)), x)
+    value = terms.divide(pushed, size)
+    places = [next(iter(a.terms)) for a in (x, y)]
+    step = compile_step(terms, places, 2, [value], ranges=[value], must=terms.obligations)
+    draw = np.random.default_rng(19)
+    for _ in range(300):
+        middle, width = draw.uniform(-1, 1, 2), 10.0 ** draw.uniform(-4, 0.5)
+        ends = [(float(c - width), float(c + width)) for c in middle]
+        image = step(form_of_box([(exact(a), exact(b)) for a, b in ends], symbols=True))
+        assert image is not None
+        (_, _, centre, g0, g1, rest), (low, high) = image
+        assert high - low <= 3.0 * max(map(abs, ends[1])) + 1e-9
+        for _ in range(6):
+            s = draw.choice([-1.0, 1.0, float(draw.uniform(-1, 1))], 2)
+            a, b = (
+                exact(float(c)) + exact(float(width)) * float(t)
+                for c, t in zip(middle, s, strict=True)
+            )
+            exactly = -3 * a * b / (2 * abs(a) + exact(0.1))
+            assert low - 1e-12 <= exactly <= high + 1e-12
+            off = exactly - (centre + g0 * float(s[0]) + g1 * float(s[1]))
+            assert abs(off) <= rest + 1e-12
+
+
+def test_a_number_is_itself_however_it_was_rounded() -> None:
+    terms = Terms()
+    x = terms.input("state", "x", exact(-6.0), exact(6.0))
+    once, again = (terms.rounded(terms.combine(((ONE, x),), exact(0.1))) for _ in range(2))
+    for op in ("==", "<=", ">="):
+        assert terms.compare(op, once, once) is TRUE
+        assert terms.compare(op, once, again).kind != "constant"
+    for op in ("!=", "<", ">"):
+        assert terms.compare(op, once, once) is FALSE
+        assert terms.compare(op, once, again).kind != "constant"
+
+
 def test_small_cells_have_small_enclosures(program: Path) -> None:
     """Nothing is lost where nothing is undecided: a wide enclosure proves nothing."""
     for name in ("Limits", "Parts", "Waves", "Logs", "Roots"):
@@ -220,6 +262,7 @@ def test_lines_enclose_their_functions(name: str) -> None:
         "square": lambda x: x * x,
         "floor": math.floor,
         "inverse": lambda x: 1 / x,
+        "soft_sign": lambda x: x / (1 + abs(x)),
         "sqrt": lambda x: math.sqrt(max(x, 0.0)),
     }
     function = exactly.get(name) or getattr(math, name)

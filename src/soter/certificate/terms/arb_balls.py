@@ -242,6 +242,24 @@ def line_sqrt(low: arb, high: arb) -> Line:
     return slope, (under + over) * HALF, (over - under) * HALF, root, top
 
 
+def line_soft_sign(low: arb, high: arb) -> Line:
+    """X / (1 + |x|): it rises, is odd, and concave on x >= 0.
+
+    There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; and least at ends.
+    """
+    if not (low.is_finite() and high.is_finite()):
+        return ZERO, ZERO, ONE, -ONE, ONE
+    first, last = low / (1 + abs(low)), high / (1 + abs(high))
+    slope = _share((last - first) / (high - low)) if high > low else ZERO
+    ends, hump = (first - slope * low, last - slope * high), (1 - slope.sqrt()) ** 2
+    over, under = ends[0].max(ends[1]), ends[0].min(ends[1])
+    if not high <= 0:
+        over = over.max(hump)
+    if not low >= 0:
+        under = under.min(-hump)
+    return slope, (over + under) * HALF, (over - under) * HALF, first, last
+
+
 def _line_log(low: arb, high: arb) -> Line:
     if not low > 0:
         return _nothing_known()
@@ -265,6 +283,7 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "floor": line_floor,
     "inverse": line_inverse,
     "sqrt": line_sqrt,
+    "soft_sign": line_soft_sign,
     "sin": partial(_smooth, arb.sin, arb.cos, lambda x: -x.sin() * HALF),
     "cos": partial(_smooth, arb.cos, lambda v: -v.sin(), lambda x: -x.cos() * HALF),
     "exp": partial(_smooth, arb.exp, arb.exp, lambda x: x.exp() * HALF),

@@ -266,7 +266,31 @@ class Terms:
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
         self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
-        return self.multiply(a, self.function("inverse", b))
+        return self._saturating(a, b) or self.multiply(a, self.function("inverse", b))
+
+    def _saturating(self, a: Linear, b: Linear) -> Linear | None:
+        """A / b where b = k |y| + c with k, c > 0, and a is y times something; else None.
+
+        y / b is a soft sign of k y / c, over k, and no more than 1 / k; y times an inverse is more.
+        """
+        ((index, k),) = b.terms.items() if len(b.terms) == 1 else ((-1, ZERO),)
+        if self.atoms[index].kind != "abs" or not (b.radius.is_zero() and k > 0 and b.const > 0):
+            return None
+        (y,) = self.atoms[index].arguments
+        if same(a, y):
+            scaled = self.combine(((k / b.const, y),))
+            return self.combine(((1 / k, self.function("soft_sign", scaled)),))
+        if len(a.terms) != 1 or not (a.const.is_zero() and a.radius.is_zero()):
+            return None
+        ((index, factor),) = a.terms.items()
+        atom = self.atoms[index]
+        if factor != 1:
+            found = self._saturating(Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high), b)
+            return found and self.combine(((factor, found),))
+        for x, other in zip(atom.arguments, atom.arguments[::-1], strict=True):
+            if atom.kind == "product" and (found := self._saturating(x, b)):
+                return self.multiply(found, other)
+        return None
 
     def minimum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
         """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b.
@@ -367,6 +391,8 @@ class Terms:
             return self.compare({">": "<", ">=": "<="}[op], b, a)
         if op == "!=":
             return negation(self.compare("==", a, b))
+        if same(a, b):  # however it was rounded; that it is no NaN is an obligation
+            return FALSE if op == "<" else TRUE
         difference = self.subtract(a, b)
         if op == "==":
             return both(

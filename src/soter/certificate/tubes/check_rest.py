@@ -42,7 +42,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     facts, claims = problem.facts, claimed_of(entry["claims"])
     try:
         _show(problem, claims, box, ways)
-    except RejectedError:
+    except NotRecheckedError:
         if facts.times["d_ns"] == facts.own.delay:
             raise
         facts.times["d_ns"] = facts.own.delay  # older reads may be too much for our bounds
@@ -87,7 +87,7 @@ def _show(
             if not c.low <= flat_leaves(default)[c.leaf] <= c.high:
                 raise RejectedError(f"the default of `{c.name}` is outside its set")
         if why := ModuleTube(problem, ways).starts():
-            raise RejectedError(f"start: {why}")
+            raise NotRecheckedError(f"start: {why}")
 
 
 # ---------------------------------------------------------------- the manifest

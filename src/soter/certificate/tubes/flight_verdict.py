@@ -9,7 +9,8 @@ The argument: let s be the instant of the estimate, x^. Any command acts until a
 s + H]. That window is cut, and of each part all states at some instant of it are followed by
 themselves: every fall-back run is in one of these tubes. On all boxes that are met C is certain,
 until some a_N: all states in which output N begins to act are in Q, and what rest may move them to
-is in C. Parts where that does not come out are cut again, with shorter steps.
+is in C. Parts where that does not come out are cut again, with shorter steps. Boxes are cut off at
+ends of sets that no run crosses (`grid/inward_flow.py`): that they lie in C is what is asked.
 """
 
 from __future__ import annotations
@@ -20,9 +21,16 @@ from typing import TYPE_CHECKING
 import flint
 from flint import arb
 
+from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF, exact
 from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.tubes.rest_problem import NANOSECOND, RestModel, constraint, read_rest
+from soter.certificate.tubes.rest_problem import (
+    NANOSECOND,
+    WIDE,
+    RestModel,
+    constraint,
+    read_rest,
+)
 from soter.certificate.tubes.truths import Truths
 from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
 
@@ -58,7 +66,8 @@ class ModuleTube:
         self.rest = Truths(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
-        self.chain = TubeChain(model, members, TubeFlow(model, members), problem.times.holds)
+        flow = TubeFlow(model, members, uncrossed_ends(model, members))
+        self.chain = TubeChain(model, members, flow, problem.times.holds)
 
     @property
     def reads(self) -> list[str]:
@@ -87,13 +96,13 @@ class ModuleTube:
 
     def followed(self, box: Box, earliest: int, latest: int) -> str | None:
         """None where SC, acting first in [earliest, latest] ns, ends at rest from all of `box`."""
-        if not self.constraint.certain(box):
+        if not self.stays(box):
             return "C is not certain of the estimate itself"
         body, step = Body.of(box), earliest * NANOSECOND / FREE_PIECES
         try:
             for _ in range(FREE_PIECES if earliest else 0):
                 body, boxes = self.chain.anything(body, step)
-                if not all(map(self.constraint.certain, boxes)):
+                if not all(map(self.stays, boxes)):
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
@@ -104,7 +113,7 @@ class ModuleTube:
         try:
             inside = self.chain.window(body, span) if span else body
             why = None
-            if not self.constraint.certain(inside.box):
+            if not self.stays(inside.box):
                 why = "any command may lead out of C before SC acts"
             why = why or self._settles(inside, PIECES[cut])
             if why is None or cut == CUTS:
@@ -126,11 +135,16 @@ class ModuleTube:
                 return None
             body, boxes = self.chain.hold(body, pieces)
             for k, box in enumerate(boxes):
-                if not self.constraint.certain(box):
+                if not self.stays(box):
                     return f"SC may lead out of C within {n + 1} of its steps"
                 if n and late and k == 0 and self.at_rest(box):
                     return None
         return "SC is not certainly at rest in time"
+
+    def stays(self, box: Box) -> bool:
+        """Whether all of a box is in C, and where it is known which ends no run crosses."""
+        near = all(low >= -WIDE and high <= WIDE for low, high in box)
+        return near and self.constraint.certain(box)
 
     def at_rest(self, box: Box) -> bool:
         """Whether all of a box is in Q, and what rest may move it to in C."""

@@ -4,15 +4,22 @@ Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes"
 `keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says.
 Non-goals: the start and single estimates (`flight_verdict.py`); finding B and Y.
 
-Rule 1: outside of B `rest` certainly does not hold, B is in Y, and from all of B, whatever acted
-before, a chain of SC is in Y until all states in which some later output begins to act are in B
-again. States that `moves` names are anything in their sets, whenever they are read.
+Rule 1: outside of B, in the sets of states, `rest` certainly does not hold, B is in Y, and from all
+of B, whatever acted before, a chain of SC is in Y until all states in which some later output
+begins to act are in B again. States that `moves` names are anything in their sets, whenever they
+are read. So are states of other groups, where rates and answers of SC fall into groups that read
+nothing of each other: of each group the rule holds by itself, as that of products does; one that no
+command moves is the same at every instant. These sets are boxes of doubles, and real states between
+two doubles may be missing from them although plants can publish them. None is met: C here is the
+states of C in these boxes (`rest_problem.py`), of every tube.
 
-Rule 2, of a state z and V = c |x|, x another state: phi = +-z' + c |x|' is at most 0 for all states
-in Y, all disturbances, and commands each of which SC answers to something that was read in Y, or in
-what leads to Y within d. On x >= 0 (x <= 0 likewise) that is so on a part of Y where the range of
-phi says it, and where it is so in x = 0 and phi does not grow from there on: its slope in x, by the
-rules of derivatives over ranges (Clarke's, where it has kinks), is not positive.
+Rule 2, of a state z and V = sum c_i |x_i|, x_i others: +-z' + V' is at most 0 for all states in Y,
+all disturbances, and commands each of which SC answers to something that was read in Y, or in what
+leads to Y within d. One x_i after the other is put to 0 in z'. What z' loses by that, D_i, is at
+most the integral over its slope in x_i, by the rules of derivatives over ranges (Clarke's, where it
+has kinks); in the end z' is not positive. D_i + c_i |x_i|' <= 0 on x_i >= 0 (x_i <= 0 likewise) on
+a part of Y where these two ranges say it, and where it is so in x_i = 0 and does not grow from
+there on. Where x_i stays 0 for a while, both are 0. Where no c_i is found x_i is not put to 0.
 """
 
 from __future__ import annotations
@@ -20,16 +27,19 @@ from __future__ import annotations
 from math import inf, isfinite
 from typing import TYPE_CHECKING, NamedTuple
 
+from flint import arb
+
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.grid.flow_chains import NOW
+from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_values import filled
-from soter.certificate.terms.arb_balls import HALF, ONE, exact
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, above, exact
 from soter.certificate.terms.compile_terms import compile_lines, form_of_box
 from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.terms import Terms
+from soter.certificate.terms.terms import Terms, inputs_of
 from soter.certificate.time.sc_on_default_inputs import harmless
 from soter.certificate.tubes.rest_problem import NANOSECOND, WIDE, RestModel
 from soter.certificate.tubes.slopes import NoSlopeError, slope
@@ -38,9 +48,7 @@ from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from flint import arb
+    from collections.abc import Mapping, Sequence
 
     from soter.certificate.terms.terms import Linear
     from soter.certificate.tubes.rest_problem import Range, RestProblem
@@ -49,16 +57,17 @@ if TYPE_CHECKING:
     Ranges = Mapping[int, Range]
     """By state."""
 
-HALVINGS, SPLITS, PIECES = 24, 3, (1, 2, 4, 4)
+HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
 """How often a slab outside of B, and B itself, is halved; how many steps a hold then has."""
 PARTS = 16
 """Of the ways on each side of 0, for rule 2."""
 
 
 def answers(problem: RestProblem) -> None:
-    """SC faults on nothing that its topics may hold, and answers within its sets; or RejectedError.
+    """SC faults on nothing that its topics may hold, and answers within its sets.
 
-    What has no set may be anything. NotRecheckedError where it is no float.
+    What has no set may be anything. NotRecheckedError where that is not shown, and where SC reads
+    what is no float.
     """
     facts, terms, known = problem.facts, Terms(), {}
     for symbol in read_by_sc(facts.sc):
@@ -70,7 +79,7 @@ def answers(problem: RestProblem) -> None:
             parts.append(terms.input("box", topic.name, *map(exact, ends)))
         known[symbol] = filled(topic.type, parts)
     if not harmless(facts, terms, known):
-        raise RejectedError(
+        raise NotRecheckedError(
             "P2a: SC may fault on something that it may read, or answer outside of its sets"
         )
 
@@ -79,9 +88,9 @@ def answers(problem: RestProblem) -> None:
 
 
 def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Rule 1 of B and Y, by state; RejectedError where it is not shown.
+    """Rule 1 of B and Y, by state; NotRecheckedError where it is not shown.
 
-    NotRecheckedError where a state has no set.
+    RejectedError where B is not in Y, or Y not in the sets.
     """
     own, sets = problem.own, problem.sets
     for s in own:
@@ -96,15 +105,32 @@ def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         return
     model = RestModel(problem.facts, (), problem.facts.extents, far=False)
     times = problem.times
-    chain = TubeChain(model, own, TubeFlow(model, own), times.holds)
-    way, end = _ends(ways, own), _ends(box, own)
-    if not _returns(chain, end, way, end, times.switches, 0):
-        raise RejectedError("P2a: SC does not certainly lead back to where `rest` holds")
+    for group in _groups(model, own):
+        chain = TubeChain(model, group, TubeFlow(model, group), times.holds)
+        way, end = _ends(ways, group), _ends(box, group)
+        if not _returns(chain, end, way, end, times.switches, 0):
+            raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
+
+
+def _groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
+    """States that are followed together: rates, or commands in these, read one for another."""
+    terms, states = model.new_terms()
+    controls = control_inputs(model.facts, terms)
+    commands, (rates, _) = model.commands(terms, states), model.rates(terms, states, controls)
+    groups: list[set[int]] = []
+    for s in own:
+        felt = inputs_of(terms, [rates[s]])
+        answers = [u for c, u in zip(controls, commands, strict=True) if atom_of(c) in felt]
+        read = felt | inputs_of(terms, answers)
+        near = {s, *(k for k in own if atom_of(states[k]) in read)}
+        joined = [g for g in groups if g & near]
+        groups = [*(g for g in groups if not g & near), near.union(*joined)]
+    return [tuple(sorted(g)) for g in groups]
 
 
 def _returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
     """Whether every rest run from `start` is in `way` until some output acts within `end`."""
-    if _leads_back(chain, start, way, end, holds, PIECES[cut]):
+    if _leads_back(chain, start, way, end, holds, PIECES[min(cut, len(PIECES) - 1)]):
         return True
     if cut == SPLITS:
         return False
@@ -149,7 +175,7 @@ def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
 
 
 def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
-    """`rest` holds nowhere in the sets of states outside of a box; RejectedError where it may."""
+    """`rest` holds nowhere in the sets of states outside of a box, by what is certain."""
     model = RestModel(problem.facts, (), problem.facts.extents, far=False)
     rest = Truths(
         model,
@@ -162,7 +188,7 @@ def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
         for slab in ((at[s][0], low), (high, at[s][1])):
             if slab[0] < slab[1] and not _nowhere(rest, problem, {**at, s: slab}, s, 0):
                 name = problem.facts.states[s].name
-                raise RejectedError(f"P2a: `rest` may hold outside of its box, by {name}")
+                raise NotRecheckedError(f"P2a: `rest` may hold outside of its box, by {name}")
         at[s] = low, high
 
 
@@ -190,25 +216,23 @@ class AtRest(NamedTuple):
 
 
 def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """What `moves` says of each followed state; RejectedError where it is not shown."""
+    """What `moves` says of each followed state; NotRecheckedError where it is not shown."""
     if not problem.moving:
         return
     try:
         commands = _answered(problem, ways)
     except NotCertainError:
-        raise RejectedError("P2a: what SC answers at rest is not bounded") from None
+        raise NotRecheckedError("P2a: what SC answers at rest is not bounded") from None
     ranges = dict(enumerate(problem.facts.extents)) | dict(ways)
     there = AtRest({s: (exact(a), exact(b)) for s, (a, b) in ranges.items()}, commands)
-    terms, *_ = _phi(problem, problem.moving[0], problem.moving[0], (ONE, ONE), there)
+    terms, *_ = _rates(problem, there)
     if not all_certain(terms, terms.obligations):
-        raise RejectedError("P2a: a plant's equation is not defined everywhere at rest")
+        raise NotRecheckedError("P2a: a plant's equation is not defined everywhere at rest")
     for z in problem.moving:
         for sign, by in zip((-1, 1), problem.drifts[z], strict=True):
-            if by < inf and not any(
-                _bounded(problem, z, sign * ONE, by, x, box[x], there) for x in problem.own
-            ):
+            if by < inf and not _bounded(problem, z, sign * ONE, by, box, there):
                 name = problem.facts.states[z].name
-                raise RejectedError(f"P2a: how far SC moves {name} is not shown")
+                raise NotRecheckedError(f"P2a: how far SC moves {name} is not shown")
 
 
 def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
@@ -239,59 +263,92 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
 
 
 def _bounded(
-    problem: RestProblem,
-    z: int,
-    sign: arb,
-    by: float,
-    x: int,
-    rests: Range,
-    there: AtRest,
+    problem: RestProblem, z: int, sign: arb, by: float, rests: Ranges, there: AtRest
 ) -> bool:
-    """Whether z grows (`sign` 1), or falls (-1), by at most `by`, by V of x."""
-    size = exact(max(abs(rests[0]), abs(rests[1])))
-    if not size > 0:
-        return False
-    c = exact(by) / size
-    for side, far in zip((-ONE, ONE), there.states[x], strict=True):
-        if not side * far > 0:
-            continue
-        falls = True
-        for k in range(-1, PARTS):
-            ends = [far * max(k + i, 0) / PARTS for i in (0, 1)]
-            span = (ends[0].min(ends[1]), ends[0].max(ends[1]))
-            terms, phi, own = _phi(
-                problem, z, x, (sign, side * c), AtRest({**there.states, x: span}, there.commands)
-            )
-            if k < 0:
-                falls = bool(phi.high <= 0)
-                continue
-            try:
-                falls = falls and bool(side * slope(terms, phi, atom_of(own)) <= 0)
-            except NoSlopeError:
-                falls = False
-            if not (falls or phi.high <= 0):
-                return False
-    return True
+    """Whether z grows (`sign` 1), or falls (-1), by at most `by`."""
+    total, held = ZERO, there
+    for x in problem.own:
+        if _grows(problem, z, sign, held) <= 0:
+            break
+        c = _factor(problem, z, sign, x, held)
+        if c < inf:
+            total += exact(c) * exact(max(map(abs, rests[x])))
+            held = AtRest({**held.states, x: (ZERO, ZERO)}, held.commands)
+    return bool(_grows(problem, z, sign, held) <= 0 and total <= exact(by))
 
 
-def _phi(
-    problem: RestProblem,
-    z: int,
-    x: int,
-    factors: tuple[arb, arb],
-    there: AtRest,
-) -> tuple[Terms, Linear, Linear]:
-    """The terms, factors of z' and x' in them, and x; where that is 0 it is a number."""
+def _grows(problem: RestProblem, z: int, sign: arb, there: AtRest) -> arb:
+    """How fast at most."""
+    terms, _, rates = _rates(problem, there)
+    return terms.combine(((sign, rates[z]),)).high
+
+
+def _factor(problem: RestProblem, z: int, sign: arb, x: int, there: AtRest) -> float:
+    """A c that is enough for x, as all larger ones are, or 0; inf where none is found."""
+    found = [
+        _factor_beside(problem, (z, x), (sign, side), far, there)
+        for side, far in zip((-ONE, ONE), there.states[x], strict=True)
+        if side * far > 0
+    ]
+    return max(c for c, _ in found) if any(adds for _, adds in found) else 0.0
+
+
+def _factor_beside(
+    problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, there: AtRest
+) -> tuple[float, bool]:
+    """The same on one side of x = 0, `signs[1]`, as far as `far`, and whether x adds anything."""
+    (z, x), (sign, side) = of, signs
+
+    def within(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
+        return _rates(problem, AtRest({**there.states, x: span}, there.commands))
+
+    adds, by_slope, by_range, added = ZERO, [], [], []
+    for k in range(PARTS):
+        ends = [far * i / PARTS for i in (k, k + 1)]
+        terms, states, rates = within((ends[0].min(ends[1]), ends[0].max(ends[1])))
+        at = atom_of(states[x])
+        added.append(_most(side * sign * _slope(terms, rates[z], at)))
+        before, adds = adds, adds + exact(added[-1]) * abs(far) / PARTS
+        by_slope.append(_ratio(exact(added[-1]), -_slope(terms, rates[x], at)))
+        by_range.append(_ratio(before.max(adds), -terms.combine(((side, rates[x]),)).high))
+    terms, _, rates = within((ZERO, ZERO))
+    first = terms.combine(((side, rates[x]),)).high <= 0
+    last = PARTS if first else 0
+    c = min(max([*by_slope[:m], *by_range[m:]]) for m in range(last + 1))
+    return c, max(added) > 0
+
+
+def _slope(terms: Terms, x: Linear, at: int) -> arb:
+    try:
+        return slope(terms, x, at)
+    except NoSlopeError:
+        return arb.nan()
+
+
+def _most(x: arb) -> float:
+    return above(x.upper()) if x.is_finite() else inf
+
+
+def _ratio(adds: arb, falls: arb) -> float:
+    """How often at least what falls must be taken, so that it is no less than what is added."""
+    if not (adds.is_finite() and falls.is_finite()):
+        return inf
+    if adds <= 0 and falls >= 0:
+        return 0.0
+    return _most(adds / falls.lower()) if falls > 0 else inf
+
+
+def _rates(problem: RestProblem, there: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:
+    """Terms, states and their rates in them; a state that is 0 is a number."""
     facts, terms = problem.facts, Terms()
     states = []
     for s, state in enumerate(facts.states):
         low, high = there.states[s]
-        known = s == x and bool(low == 0 and high == 0)
+        known = bool(low == 0 and high == 0)
         states.append(terms.constant(0.0) if known else terms.input("state", state.name, low, high))
     controls = [
         terms.input("box", u.name, *r) for u, r in zip(facts.controls, there.commands, strict=True)
     ]
     model = RestModel(facts, (), facts.extents, far=False)
     rates, _ = model.rates(terms, states, controls)
-    phi = terms.combine(((factors[0], rates[z]), (factors[1], rates[x])))
-    return terms, phi, states[x]
+    return terms, states, rates

@@ -7,6 +7,11 @@ Non-goals: tubes (`tube_chains.py`), what is claimed (`rest_claims.py`).
 The argument: a state is followed if an answer of SC, a condition or the rate of a followed state
 depends on it. All others are not in what is asked: they only have to have a solution for as long as
 is asked, which they do where their rates are affine in them (Gronwall).
+
+C is the states at which `safe` holds and that lie in the sets of states, boxes of doubles; where
+more than a state is published, that it can be is asked too. Plants can publish all of that. A few
+real states between these doubles and what the declared sets leave are not in C: this is the
+theorem for a smaller C, of which every tube is asked that it stays there (`truths.py`).
 """
 
 from __future__ import annotations
@@ -32,7 +37,7 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.terms.arb_balls import greatest_below
+from soter.certificate.terms.arb_balls import above, below, exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.language.model.types import leaves
@@ -88,7 +93,7 @@ class RestProblem:
     followed: tuple[int, ...]
     leaves: dict[int, tuple[int, int]]
     sets: dict[int, Range]
-    """Of each state: where what shows it lies in its declared set."""
+    """Of each state: doubles between which what shows it lies in its declared set."""
     drifts: dict[int, Range]
     """How far below and above what it was SC moves a state that `moves` names; inf: anywhere."""
 
@@ -207,8 +212,8 @@ def shows(facts: Facts) -> dict[tuple[int, int], int]:
 def _sets(facts: Facts) -> dict[int, Range]:
     """Of each state; -inf and inf where nothing bounds it.
 
-    What is published is the state and an error, rounded, and lies in the declared set, or the plant
-    stops: then the state is in all that is left of every one of these sets.
+    A declared set less the error, of every topic that shows the state: what is in it can be
+    published with any error, also once the sum is rounded.
     """
     ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
     errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
@@ -216,9 +221,9 @@ def _sets(facts: Facts) -> dict[int, Range]:
         bound = facts.system.topics[topic].bounds[k]
         if bound is not None:
             low, high = ranges[s]
-            most = greatest_below(float(bound.high), errors.get((topic, k), 0.0))
-            least = -greatest_below(-float(bound.low), errors.get((topic, k), 0.0))
-            ranges[s] = max(low, least), min(high, most)
+            error = exact(errors.get((topic, k), 0.0))
+            least, most = exact(float(bound.low)) + error, exact(float(bound.high)) - error
+            ranges[s] = max(low, above(least)), min(high, below(most))
     return ranges
 
 
@@ -266,7 +271,10 @@ def _affine(terms: Terms, x: Linear, inputs: set[int]) -> bool:
 
 
 def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
-    """C: `safe`, and that what is published lies in its set; obligations are entered in `terms`."""
+    """C in the sets of states: `safe`, and that what is published lies in its set.
+
+    Obligations are entered in `terms`.
+    """
     held = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
     for topic in bounded_topics(model.facts):
         held = both(held, model.in_set(terms, states, topic))

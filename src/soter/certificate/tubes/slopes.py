@@ -60,14 +60,19 @@ def _of_one(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
     return lambda atom, slopes: factor(_range(atom.arguments[0])) * slopes[0]
 
 
+def _kinked(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
+    """The same of max(x, 0) and |x|: one of two functions where x keeps its sign."""
+
+    def rule(atom: Atom, slopes: list[arb]) -> arb:
+        (x,) = atom.arguments
+        return slopes[0] * (ONE if x.low >= 0 else beneath if x.high <= 0 else between)
+
+    return rule
+
+
 def _product(atom: Atom, slopes: list[arb]) -> arb:
     a, b = map(_range, atom.arguments)
     return a * slopes[1] + b * slopes[0]
-
-
-def _step(x: arb) -> arb:
-    """Of max(x, 0)."""
-    return ONE if x > 0 else ZERO if x < 0 else hull(ZERO, ONE)
 
 
 def _extreme(_: Atom, slopes: list[arb]) -> arb:
@@ -78,11 +83,12 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
     "product": _product,
     "min": _extreme,
     "max": _extreme,
-    "max0": _of_one(_step),
-    "abs": _of_one(lambda x: ONE if x > 0 else -ONE if x < 0 else UNIT),
+    "max0": _kinked(ZERO, hull(ZERO, ONE)),
+    "abs": _kinked(-ONE, UNIT),
     "square": _of_one(lambda x: 2 * x),
-    "inverse": _of_one(lambda x: -1 / (x * x)),
+    "inverse": _of_one(lambda x: -((1 / x) ** 2)),
     "sqrt": _of_one(lambda x: HALF / x.sqrt()),
+    "soft_sign": _of_one(lambda x: (1 / (1 + abs(x))) ** 2),
     "sin": _of_one(lambda x: x.cos()),
     "cos": _of_one(lambda x: -x.sin()),
     "exp": _of_one(lambda x: x.exp()),

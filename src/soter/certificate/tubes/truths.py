@@ -1,6 +1,6 @@
 """Conditions on true states, over boxes of some of them.
 
-Purpose: `Truths`: what is certain, and what is certainly not.
+Purpose: `Truths`: what is certain, and what is certainly not; nothing is, outside of their sets.
 Non-goals: which conditions (`rest_problem.py`).
 """
 
@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.operations import CERTAIN
 
@@ -35,9 +36,15 @@ class Truths:
         terms, states = model.new_terms()
         first = said(terms, states)
         own = [atom_of(states[i]) for i in members]
+        known = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
         boxes = boxes_of(model, states, members)
         self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
-        self._ends = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
+        self._ends = [
+            ends if i in model.facts.unbounded else (exact(low), exact(high))
+            for i, ends, (low, high) in zip(
+                members, known, (model.extents[i] for i in members), strict=True
+            )
+        ]
 
     def certain(self, box: Box) -> bool:
         """Whether it holds, and is defined, in all of a box."""

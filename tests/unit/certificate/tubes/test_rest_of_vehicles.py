@@ -1,0 +1,111 @@
+"""What vehicles ask of the rules of rest: friction, several potentials, states beside the rest.
+
+Each claim is confirmed of a small program, and not of one that differs where it matters.
+"""
+
+from __future__ import annotations
+
+from math import nextafter
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.terms.arb_balls import exact, greatest_below
+from soter.certificate.tubes import flight_verdict
+from soter.certificate.tubes.check_rest import recheck_rest, rest_of
+from unit.certificate.tubes.rest_entries import entry, flat_of
+from unit.certificate.tubes.test_forged_rest import DRIFTS, KEEPS, LEADS, changed, without
+
+if TYPE_CHECKING:
+    from soter.language.model.system import System
+
+ROVER = """soter 1;
+type Seen = { way: float, v: float, spin: float, front: float };
+type Drive = { brake: float, spin: float };
+topic seen: Seen in { v in [-2.0, 4.0], spin in [-1.0, 1.0], front in [-2.0, 47.0] } max_age 20ms;
+topic drive: Drive in { brake in [0.0, 1.0], spin in [-1.0, 1.0] } = { brake: 1.0, spin: 0.0 };
+node Ac period 20ms { publishes drive; step { publish drive = { brake: 0.0, spin: 0.5 }; } }
+node Sc period 20ms { publishes drive; step { publish drive = { brake: 1.0, spin: 0.0 }; } }
+rta Rover { ac Ac; sc Sc; period 20ms; safe seen.way < 100.0 && seen.front < 60.0;
+  rest abs(seen.v) < 0.3 && abs(seen.spin) < 0.1 moves seen.way by 0.045 within 2s; }
+plant Car period 10ms {
+  reads drive; drives seen = { way: way, v: v, spin: spin, front: front };
+  state way: float = 0.0; state v: float = 2.0; state spin: float = 0.0; state front: float = 1.0;
+  disturbance grip: float in [0.9, 1.1];
+  disturbance push: float in [0.0, 2.0]; disturbance hard: float in [0.0, 8.0];
+  der way = v + spin;
+  der v = -grip * 6.0 * drive.brake * v / (abs(v) + 0.1);
+  der spin = (drive.spin - spin) / 0.2;
+  der front = push * (1.0 - front / 45.0) - (0.1 + hard) * front / (abs(front) + 0.1);
+  measured seen.v within 0.1, seen.front within 0.3;
+}
+system S default { p: Car; module Rover; until 1s; }
+"""
+HIGH = nextafter(46.7, 0.0)
+"""47 less 0.3, which is no double; 46.7 and 0.3 are 47 once their sum is rounded."""
+BOX = {"p.v": (-0.305, 0.305), "p.spin": (-0.101, 0.101), "p.front": (-1.7, HIGH)}
+
+
+def rover(text: str = ROVER, **box: tuple[float, float]) -> tuple[System, dict[str, Any]]:
+    flat = flat_of(text)
+    own = BOX | {f"p.{name}": ends for name, ends in box.items()}
+    return flat, entry(flat, own, own)
+
+
+def test_friction_two_potentials_and_a_state_beside_them_are_confirmed() -> None:
+    _, report = recheck_rest(*rover())
+    assert report.decided
+    assert report.confirmed == ["P1a", "P1b", "P2a", "start"]
+
+
+OTHERS: dict[str, tuple[tuple[str, ...], tuple[str, str]]] = {
+    "both together drift farther": (DRIFTS, ("by 0.045", "by 0.04")),
+    "the brake lets go": (DRIFTS, ("brake: 1.0, spin: 0.0 }; } }", "brake: 0.0, spin: 0.0 }; } }")),
+    "the brake drives": (LEADS, ("-grip * 6.0", "grip * 6.0")),
+    "v is pushed": (LEADS, ("(abs(v) + 0.1);", "(abs(v) + 0.1) + 5.0 * (1.0 - grip);")),
+    "v is pushed hard": (LEADS, ("(abs(v) + 0.1);", "(abs(v) + 0.1) + 50.0 * (1.0 - grip);")),
+    "v turns it": (LEADS, ("/ 0.2;", "/ 0.2 + 3.0 * v;")),
+    "SC turns it": (LEADS, ("brake: 1.0, spin: 0.0 }; } }", "brake: 1.0, spin: 0.3 }; } }")),
+    "the other one leaves": (KEEPS, ("front / 45.0", "front / 55.0")),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_nothing_is_confirmed_where_it_is_otherwise(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts, change = OTHERS[name]
+    flat, made = rover(changed(ROVER, change))
+    made["claims"]["start"] = "undecided"
+    with pytest.raises(NotRecheckedError, match="P2a"):
+        recheck_rest(flat, made)
+    without(parts, monkeypatch)
+    assert "P2a" in recheck_rest(flat, made)[1].confirmed
+
+
+@pytest.mark.parametrize("ends", [(-1.7, nextafter(HIGH, 0.0)), (nextafter(-1.7, 0.0), HIGH)])
+def test_a_box_is_all_that_can_be_published(ends: tuple[float, float]) -> None:
+    flat, made = rover(front=ends)
+    with pytest.raises(NotRecheckedError, match=r"by p\.front"):
+        recheck_rest(flat, made)
+
+
+def test_what_a_tube_stays_in_is_what_rest_starts_from() -> None:
+    """A double of which no more than rounding makes a number that can be published is not in C."""
+    tube = rest_of(*rover())
+    beyond = greatest_below(47.0, 0.3)
+    assert beyond > HIGH
+    for front, there in ((HIGH, True), (beyond, False), (-1.7, True), (-1.75, False)):
+        box = [(exact(0.0),) * 2, (exact(0.0),) * 2, (exact(0.0),) * 2, (exact(front),) * 2]
+        assert tube.stays(box) == there
+
+
+def test_a_start_needs_the_ends_that_no_run_crosses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one that may stop at once the tube has less and less from below, but for the set."""
+    fast = ("[0.0, 8.0]", "[0.0, 80.0]"), ("front: float = 1.0", "front: float = 20.0")
+    flat, made = rover(changed(ROVER, *fast))
+    assert rest_of(flat, made).starts() is None
+    none = [(False, False)] * 4
+    monkeypatch.setattr(flight_verdict, "uncrossed_ends", lambda *_: none)
+    assert "out of C" in (rest_of(flat, made).starts() or "")

@@ -1,0 +1,67 @@
+"""Slopes of terms: two values of a function are no further apart than its slope says."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING
+
+import pytest
+from flint import arb
+
+from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
+from soter.certificate.terms.terms import Terms
+from soter.certificate.tubes.slopes import NoSlopeError, slope
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.certificate.terms.terms import Linear
+
+FUNCTIONS: dict[str, Callable[[arb], arb]] = {
+    "max0": lambda x: x.max(ZERO),
+    "abs": abs,
+    "square": lambda x: x * x,
+    "soft_sign": lambda x: x / (1 + abs(x)),
+    "sin": arb.sin,
+    "cos": arb.cos,
+    "exp": arb.exp,
+    "tanh": arb.tanh,
+    "atan": arb.atan,
+    "inverse": lambda x: 1 / x,
+    "sqrt": arb.sqrt,
+    "log": arb.log,
+}
+
+
+def over(name: str, low: float, high: float) -> arb:
+    terms = Terms()
+    x = terms.input("state", "x", exact(low), exact(high))
+    return slope(terms, terms.function(name, x), next(iter(x.terms)))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_slope_holds_between_any_two_places(name: str) -> None:
+    draw, f = random.Random(name), FUNCTIONS[name]  # noqa: S311
+    for _ in range(50):
+        low = draw.uniform(0.1, 3.0) * (1 if name in ("inverse", "sqrt", "log") else -1)
+        high = low + draw.uniform(0.01, 0.5)
+        found = over(name, low, high)
+        assert found.is_finite()
+        for _ in range(5):
+            a, b = (exact(draw.uniform(low, high)) for _ in range(2))
+            assert (found * (b - a)).overlaps(f(b) - f(a))
+
+
+def test_a_kink_at_an_end_is_none() -> None:
+    for name, below, above in (("max0", ZERO, ONE), ("abs", -ONE, ONE)):
+        assert over(name, -1.7, 0.0) == below
+        assert over(name, 0.0, 1.7) == above
+        assert over(name, -0.1, 1.7).contains(HALF)
+
+
+def test_what_jumps_has_none() -> None:
+    terms = Terms()
+    x: Linear = terms.input("state", "x", exact(-1.0), exact(1.0))
+    jump = terms.choose(terms.below(x), terms.constant(0.0), terms.constant(1.0))
+    with pytest.raises(NoSlopeError):
+        slope(terms, jump, next(iter(x.terms)))
