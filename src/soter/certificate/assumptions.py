@@ -165,7 +165,8 @@ def _timing(facts: Facts) -> Said:
         if facts.symbol.shield is not None:
             text = "AC runs in that instant, too: no command that it replaces there acts any more"
             yield "one instant of AC", text
-    if facts.jitter_ns and len(facts.controls) > 1:
+    # a chain lets each command begin by itself, and what rests is shown by chains alone
+    if facts.jitter_ns and len(facts.controls) > 1 and facts.symbol.rest is None:
         names = ", ".join(c.name for c in facts.controls)
         text = f"what SC publishes begins to act in all of these at one instant: {names}"
         yield f"together {names}", text

@@ -59,6 +59,14 @@ def test_friction_two_potentials_and_a_state_beside_them_are_confirmed() -> None
     assert report.confirmed == ["P1a", "P1b", "P2a", "start"]
 
 
+def test_commands_of_a_vehicle_need_not_begin_together() -> None:
+    late = ROVER.replace("within 2s; }", "within 2s; verify { acts within 1ms; } }")
+    facts, report = recheck_rest(*rover(late))
+    assert report.decided
+    assert facts.jitter_ns
+    assert not [a.key for a in report.assumptions if a.key.startswith("together")]
+
+
 OTHERS: dict[str, tuple[tuple[str, ...], tuple[str, str]]] = {
     "both together drift farther": (DRIFTS, ("by 0.045", "by 0.04")),
     "the brake lets go": (DRIFTS, ("brake: 1.0, spin: 0.0 }; } }", "brake: 0.0, spin: 0.0 }; } }")),
