@@ -43,6 +43,14 @@ BRANCHING = {
     "c_coverage_loop.c leases": "a list of calls",
     "main.c main": "an example's loop, to be read whole",
     "remote_policy_robot.c main": "a robot's loop, to be read whole",
+    "fall_back.h compared": "the definition of a fall-back run, read beside docs/proof.md",
+    "fall_back.h drawn_times": "the definition of a fall-back run, read beside docs/proof.md",
+    "fall_back.h fall_back": "the definition of a fall-back run, read beside docs/proof.md",
+    "tube_adversary.h a_start": "a case a kind of adversary",
+    "tube_adversary.h wanted": "a case a kind of adversary",
+    "tube_loop.c attack_late": "a closed loop, flat on purpose: read beside docs/semantics.md",
+    "tube_loop.c fly": "a closed loop, flat on purpose: read beside docs/semantics.md",
+    "tube_loop.c trusted": "a closed loop, flat on purpose: read beside docs/semantics.md",
 }
 """Functions of C that does not belong to src which are longer, or have more branches, and why."""
 

@@ -15,7 +15,6 @@ from soter.certificate.polytope.half_spaces import HalfSpaces
 from soter.certificate.polytope.sc_linear_law import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import ZERO, exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.verify.polytope import linear_group as polytope_model
 from soter.verify.polytope.ball_matrices import exact as ball
 from soter.verify.polytope.ball_matrices import exponential
@@ -133,13 +132,6 @@ def test_no_command_leaves_the_bounds_of_a_free_phase(seed: int) -> None:
             x = x @ e.mid.T + (group.control @ u + np.sign(aim) * group.drift_high) @ g.mid.T
             assert (x @ rows.T <= bound + 1e-9).all()
         assert ((bound - x @ rows.T)[:, k].min()) < 0.2, "and they are close"
-
-
-def test_an_sc_that_acts_after_half_its_period_is_not_rechecked() -> None:
-    group = random_group(np.random.default_rng(0), delay_ms=5, jitter_ms=0)
-    late = replace(group, jitter_ns=group.delta_ns // 2 + MS)
-    with pytest.raises(NotRecheckedError):
-        hold_of(late, np.ones(len(group.offset)))
 
 
 def test_bounds_by_multipliers_hold_at_random_points() -> None:
