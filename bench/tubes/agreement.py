@@ -19,7 +19,8 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.certificate.tubes.flight_verdict import Follower
+from soter.certificate.tubes.flight_verdict import ModuleTube
+from soter.certificate.tubes.rest_problem import read_rest
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.extract import extract
@@ -62,7 +63,9 @@ class Subject:
             ways = {names[s]: (r.low, r.high) for s, r in found.items()}
         of = {names.index(n): type(problem.states[0])(*r) for n, r in ways.items()}
         self.caller = Caller(check.in_flight(of))
-        self.arb = Follower(flat, module.name, ways)
+        own = read_rest(flat, module.name)
+        states = [s.name for s in own.facts.states]
+        self.arb = ModuleTube(own, {states.index(n): r for n, r in ways.items()})
         self.ranges = [problem.states[s] for s in check.states]
         assert self.arb.reads == [problem.leaf(s) for s in check.states]
 

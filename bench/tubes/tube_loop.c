@@ -229,7 +229,7 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
   memset(o, 0, sizeof *o);
   o->least = INFINITY;
   o->off = -INFINITY;
-  for (int64_t tries = 0; o->holds < count && tries < TRIES + count / 500; tries++) {
+  for (int64_t tries = 0; o->holds < count && tries < TRIES + count / 100; tries++) {
     policy p = policy_of(c, seed + (uint64_t)tries, false);
     double x[N];
     begin();

@@ -16,7 +16,7 @@ from __future__ import annotations
 import os
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from soter.certificate.flights.flight_log import read_flight
 from soter.certificate.flights.flight_report import UNCONFIRMED, Doubt, FlightReport
@@ -34,11 +34,12 @@ from soter.report.printable_text import visible
 from soter.report.run_log import metadata, require_log_package, unreadable
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Generator, Iterator, Sequence
 
     from soter.certificate.flights.flight_log import FlightLog, LoggedVerdict
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import Report
+    from soter.certificate.tubes.flight_verdict import ModuleTube
     from soter.language.model.system import System
 
     Progress = Callable[[float], None]
@@ -47,22 +48,6 @@ REST = "rest"
 OF_LOGS = ("D006", "D007", "D023")
 PARAMETER = "param "
 """What a log calls a parameter that is not at its default begins so."""
-
-
-class Follows(Protocol):
-    """What says whether an estimate is good."""
-
-    @property
-    def reads(self) -> list[str]:
-        """What an estimate is made of, as `topic.leaf`."""
-
-    def good(self, estimate: Mapping[str, float]) -> str | None:
-        """None where it is good, else why that is not certain."""
-
-
-def follower(flat: System, entry: dict[str, Any]) -> Follows:
-    """What follows SC of the module of an entry, in Arb; as `recheck` where they differ."""
-    return rest_of(flat, entry)
 
 
 def flights_of(folder: Path, logs: Sequence[str]) -> Flights | None:
@@ -97,7 +82,7 @@ class Flights:
             text = f"no decision module of the certificate `{where}` follows SC: nothing to confirm"
             raise SoterError((Diagnostic("D023", text),))
         self._flats: dict[str, System] = {}
-        self._followers: dict[tuple[str, str], Follows | str] = {}
+        self._followers: dict[tuple[str, str], ModuleTube | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
     def add_to(self, report: Report, progress: Progress) -> None:
@@ -159,13 +144,13 @@ class Flights:
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
             return in_words(error)
 
-    def _follower(self, system: str, module: str) -> Follows | str:
+    def _follower(self, system: str, module: str) -> ModuleTube | str:
         """What follows a module, read once; why there is none, where nothing is known of it."""
         key = system, module
         if key not in self._followers:
             entry = next(e for e in self._entries if (e["system"], e["module"]) == key)
             try:
-                self._followers[key] = follower(self._flats[system], entry)
+                self._followers[key] = rest_of(self._flats[system], entry)
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = in_words(error)
         return self._followers[key]

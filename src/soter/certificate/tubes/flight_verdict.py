@@ -1,6 +1,6 @@
 """Whether an estimate is good, by a tube in Arb.
 
-Purpose: `Follower`, `ModuleTube`: a module, read once; `good` follows SC from an estimate as
+Purpose: `ModuleTube`: a module, read once; `good` follows SC from an estimate as
 "Decisions by tubes" (docs/proof.md) has it, and gives a reason where it is not certain that SC ends
 at rest within C.
 Non-goals: what is shown beforehand (`rest_claims.py`).
@@ -29,7 +29,6 @@ from soter.certificate.tubes.rest_problem import (
     WIDE,
     RestModel,
     constraint,
-    read_rest,
 )
 from soter.certificate.tubes.truths import Truths
 from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
 
     from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.certificate.tubes.tube_chains import Box
-    from soter.language.model.system import System
 
 CUTS = 4
 """How often a part of the window is halved."""
@@ -174,13 +172,3 @@ class ModuleTube:
             return self.constraint.certain(moved)
         finally:
             flint.ctx.prec = precision
-
-
-class Follower(ModuleTube):
-    """A module of a system, read once; `ways`: Y by names of states, as its certificate has it."""
-
-    def __init__(self, flat: System, module: str, ways: Mapping[str, Range] | None = None) -> None:
-        """DiffersError where it has no `rest`, NotRecheckedError where it is not understood."""
-        problem = read_rest(flat, module)
-        names = {s.name: i for i, s in enumerate(problem.facts.states)}
-        super().__init__(problem, {names[n]: r for n, r in (ways or {}).items()})

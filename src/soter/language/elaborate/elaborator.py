@@ -568,26 +568,16 @@ class Elaborator(Topics):
             "`late sc`": verify.late_sc,
             "`response dm`": verify.response_dm,
             "`response sc`": verify.response_sc,
+            "the least time of `acts within`": verify.acts_least,
             "`acts within`": verify.acts,
             "`dropout`": verify.dropout,
             **{f"`late {n}`": e for n, e in verify.late_of.items()},
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
-        delay_values = [self.delay(expr, what) for what, expr in delays.items()]
-        if verify.acts_least is not None and verify.acts is not None:
-            self._in_order(verify.acts_least, verify.acts)
-        for block in (verify, *(v.block for v in verify.views)):
-            for axis in (a for group in block.groups for a in group.axes):
-                self._axis(axis)
-        for commands in verify.commands:
-            for value in commands.values:
-                self._command(commands, value)
-        return delay_values[0] or 0, levels or LEVELS_DEFAULT
-
-    def _in_order(self, least: typed.TypedExpr, most: typed.TypedExpr) -> None:
-        """V001 where `acts within a to b` is about no time."""
-        a, b = self.delay(least, "the least time of `acts within`"), self.delay(most, "`to`")
-        if a is not None and b is not None and a > b:
+        value_by_delay = {what: self.delay(expr, what) for what, expr in delays.items()}
+        least, most = verify.acts_least, verify.acts
+        a, b = (value_by_delay[w] for w in ("the least time of `acts within`", "`acts within`"))
+        if least is not None and most is not None and a is not None and b is not None and a > b:
             self.diagnostics.error(
                 "V001",
                 f"no command acts {show_ns(a)} to {show_ns(b)} after it",
@@ -595,6 +585,13 @@ class Elaborator(Topics):
                 "the least time is above the greatest one",
                 helps=(exchange(least.span, most.span, "the other way round"),),
             )
+        for block in (verify, *(v.block for v in verify.views)):
+            for axis in (a for group in block.groups for a in group.axes):
+                self._axis(axis)
+        for commands in verify.commands:
+            for value in commands.values:
+                self._command(commands, value)
+        return value_by_delay["`late dm`"] or 0, levels or LEVELS_DEFAULT
 
     def _axis(self, axis: typed.TypedGridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)

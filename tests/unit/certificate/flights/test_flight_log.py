@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @pytest.fixture(autouse=True)
 def _no_tube(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read; the tube has tests of its own."""
-    monkeypatch.setattr(flight_check, "follower", lambda *_: Standstill())
+    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
 
 
 @pytest.fixture(scope="module")
@@ -424,11 +424,11 @@ def test_what_the_tube_cannot_do_confirms_nothing(
     def fails(*_: object) -> Standstill:
         raise ValueError("no tube")
 
-    monkeypatch.setattr(flight_check, "follower", fails)
+    monkeypatch.setattr(flight_check, "rest_of", fails)
     report = judged(train, tmp_path, Flight())
     assert (report.verdict, report.confirmed, len(report.doubts)) == (NOT_RECHECKED, 0, 8)
     assert "no tube" in report.doubts[0].reason
-    monkeypatch.setattr(flight_check, "follower", lambda *_: Standstill())
+    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
     monkeypatch.setattr(Standstill, "good", fails)
     report = judged(train, tmp_path, Flight())
     assert (report.verdict, report.confirmed, len(report.doubts)) == (NOT_RECHECKED, 0, 8)

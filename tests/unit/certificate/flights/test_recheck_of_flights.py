@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 def train(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A certificate whose claims are taken for shown, and a tube that asks for little."""
     monkeypatch.setattr(check_rest, "_show", lambda *_: None)
-    monkeypatch.setattr(flight_check, "follower", lambda *_: Standstill())
+    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
     return certificate(tmp_path / "cert")
 
 

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.tubes.flight_verdict import Follower
+from soter.certificate.tubes.flight_verdict import ModuleTube
+from soter.certificate.tubes.rest_problem import read_rest
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
@@ -23,9 +24,11 @@ def flat(text: str) -> System:
     return system_to_prove(checked, next(iter(checked.systems)), {}, exact=False)
 
 
-def follower(text: str) -> Follower:
+def follower(text: str) -> ModuleTube:
     system = flat(text)
-    return Follower(system, system.modules[0].name, WAYS)
+    problem = read_rest(system, system.modules[0].name)
+    names = [s.name for s in problem.facts.states]
+    return ModuleTube(problem, {names.index(n): ends for n, ends in WAYS.items()})
 
 
 def test_estimates_are_good_where_a_brake_is_early_enough() -> None:
@@ -54,3 +57,15 @@ def test_no_estimate_is_good_where_sc_does_not_end_at_rest(old: str, new: str) -
     assert text.count(old) == 1
     train = follower(text.replace(old, new))
     assert train.good(dict(zip(train.reads, (4.0, 0.0, 5.0), strict=True))) is not None
+
+
+@pytest.mark.parametrize(
+    ("verify", "alpha"),
+    [("", 100), ("acts within 9ms;", 100), ("acts within 4ms to 9ms; late dm 3ms;", 101)],
+)
+def test_an_output_of_sc_acts_no_earlier_than_it_takes_at_least(verify: str, alpha: int) -> None:
+    """Delta - J_dm + L_min is the larger part of alpha here."""
+    text = FOLLOW.read_text(encoding="utf-8")
+    text = text.replace("within 5s;\n", f"within 5s;\n  verify {{ {verify} }}\n")
+    system = flat(text)
+    assert read_rest(system, system.modules[0].name).times.alpha == alpha * 1_000_000

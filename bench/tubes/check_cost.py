@@ -1,6 +1,6 @@
 """What one check of a decision module that follows SC costs, in C at -O2 on this machine.
 
-    .venv/bin/python bench/verify/tube_cost.py [--draws N] [PROGRAM ...]
+    .venv/bin/python bench/tubes/check_cost.py [--draws N] [PROGRAM ...]
 
 For each program with `rest` (examples/rest and examples/evidence/follow.soter) the check that flies
 is compiled and asked of estimates that are drawn in the ranges below: mean and largest microseconds
