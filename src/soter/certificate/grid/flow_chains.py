@@ -207,7 +207,11 @@ class FlowChain:
         return CommandRows(rows, ranges)
 
     def _sampled(self, start: OpenedForm, *, fresh: bool) -> StateRows:
-        """The states when the sample was taken; the first one was before a_0."""
+        """The states when the sample was taken; the first one was before a_0.
+
+        A read is never younger than the first component that answers it. So of a later sample the
+        latest old command acts from k delta - e on until a_k.
+        """
         way = self.layout.begun(start)
         if not self.depth:
             return way

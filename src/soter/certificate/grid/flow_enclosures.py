@@ -10,9 +10,10 @@ Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, 
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
 functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
 f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
-where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is larger by
-a hair on all sides: then no solution can leave it before it has left X + [s, t] F, and uniqueness
-is not used.
+where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is
+larger by a hair: where X + [s, t] F reaches beyond X on a side it does so at the end of the time
+alone, and where it does not, B is a hair wider than X there. So before the end every solution is
+inside of B, none can leave it, and uniqueness is not used. Ends that the flow keeps have no hair.
 
 Ends of axes that the flow keeps (`inward_flow.py`): there the derivative is that of the state
 projected onto the grid in these axes, which only ever asks for f on the projected box. As long as
