@@ -1,12 +1,13 @@
 """What one check of a decision module that follows SC costs, in C at -O2 on this machine.
 
-    .venv/bin/python bench/tubes/check_cost.py [--draws N] [PROGRAM ...]
+    .venv/bin/python bench/tubes/check_cost.py [--draws N] [--board mps2-an500] [PROGRAM ...]
 
 For each program with `rest` (examples/rest and examples/evidence/follow.soter) the check that flies
 is compiled and asked of estimates that are drawn in the ranges below: mean and largest microseconds
 of the processor, the share that is good, and how quick the machine is (`loop_s`). The largest of
 single calls holds what else the machine did meanwhile; so each call is tried three times, and its
-least time counts.
+least time counts. With `--board` the first thousand instants of each program fly in QEMU: what a
+step of the DM takes there, and what that comes to at `CLOCK_HZ` with `CLOCKS` an instruction.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ if str(ROOT) not in sys.path:
 
 from bench.running.campaign_cost import loop_s  # noqa: E402 - as above
 
-from soter.codegen.unit import generate  # noqa: E402 - needs the path
+import soter  # noqa: E402 - needs the path
+from soter.api.deploying import image_of, stack_bound  # noqa: E402
+from soter.codegen.unit import generate  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
 from soter.native.build import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
 from soter.native.compiler import compile_with, find  # noqa: E402
+from soter.report.terminal_tables import table  # noqa: E402
 from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
 from soter.verify.tubes.problem import TubeProblem  # noqa: E402
@@ -48,6 +52,8 @@ RANGES: dict[str, list[tuple[float, float]]] = {
     ],
 }  # fmt: skip
 """Of estimates, in the order of the states."""
+CLOCK_HZ, CLOCKS = 480e6, 2.0
+"""Of a Cortex-M7 as they are sold; what an instruction takes there is stated, not measured."""
 WRAP = """
 #include "probe.c"
 #include <time.h>
@@ -108,6 +114,31 @@ system Probing default {{ node Probe; until 1s; }}
     return ffi, ffi.dlopen(str(library)), n
 
 
+def on_board(path: Path, board: str) -> list[str]:
+    """A row: what a step of the DM takes, in instructions, bytes and shares of its period."""
+    program = soter.load(path)
+    with tempfile.TemporaryDirectory() as name:
+        package = program.build("cortex-m", Path(name) / "out", board=board)
+        stack = stack_bound(package, board)
+        image = image_of(package, board, stack)
+    assert image is not None
+    (step,) = [s for s in image.steps if s.name.endswith(".dm")]
+    (module,) = program.flat().modules
+    period_ms = module.period_ns / 1e6
+    most_ms = 1e3 * step.most * CLOCKS / CLOCK_HZ
+    return [
+        path.stem,
+        f"{step.mean:,}",
+        f"{step.most:,}",
+        f"{most_ms:.1f} ms",
+        f"{period_ms:.0f} ms",
+        "yes" if most_ms <= period_ms else "no",
+        f"{image.flash:,}",
+        f"{image.stack_used:,}",
+        "same" if image.same_as_host else "-",
+    ]
+
+
 def main() -> None:
     """One line a program."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -115,7 +146,13 @@ def main() -> None:
     every = [*sorted((ROOT / "examples" / "rest").glob("*.soter"))]
     every.append(ROOT / "examples" / "evidence" / "follow.soter")
     parser.add_argument("programs", type=Path, nargs="*", default=every)
+    parser.add_argument("--board", help="a board that QEMU emulates")
     given = parser.parse_args()
+    if given.board:
+        heads = ["a step of the DM", "on average", "at most", "takes", "period", "inside"]
+        rows = [on_board(path, given.board) for path in given.programs]
+        print(table([*heads, "flash", "stack", "trace"], rows))
+        return
     for path in given.programs:
         rng = random.Random(path.stem)  # noqa: S311 - drawn estimates
         with tempfile.TemporaryDirectory() as name:

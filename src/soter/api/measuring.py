@@ -95,11 +95,11 @@ def measure_on_board(
     """Instructions of single steps on a board that QEMU emulates, times a stated factor.
 
     `instruction`: how long one takes there at most, as whoever asks says (`"20ns"`).
-    `SoterError` as `Program.build` and `build_image`, U001 where a factor is none, X004 where no
+    `SoterError` as `Program.build` and `image_of`, U001 where a factor is none, X004 where no
     image can be made or run here.
     """
-    from soter.targets.cortex_m.board import read_board  # noqa: PLC0415 - of this function alone
-    from soter.targets.cortex_m.image import build_image  # noqa: PLC0415 - the same
+    from soter.api.deploying import image_of, stack_bound  # noqa: PLC0415 - of this function alone
+    from soter.targets.cortex_m.board import read_board  # noqa: PLC0415 - the same
 
     _require_margin(margin)
     instruction_ns = time_ns("instruction", instruction)
@@ -108,7 +108,8 @@ def measure_on_board(
     with TemporaryDirectory() as folder:
         package = program.build("cortex-m", Path(folder) / "out", system, params, board=board)
         place = read_board(board)
-        image = build_image(package, place)
+        image = image_of(package, board, stack_bound(package, board))
+    assert image is not None
     if not image.steps:
         help_ = 'docs/bare-metal.md, "What you need"'
         raise mistake("X004", f"no steps were counted on `{place.name}`: {image.why}", help_)

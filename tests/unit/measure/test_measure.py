@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import shutil
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from soter.api.measuring import document, measure, measure_on_board, written
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.sample_states import of_run, varied
-from soter.targets.cortex_m.board import read_board
+from soter.targets.cortex_m.board import BOARDS, read_board
 from soter.targets.cortex_m.image import build_image, missing_tools
 
 TEXT = """soter 1;
@@ -164,7 +165,8 @@ def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
         timed_program.check(times=path)
 
 
-CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+CART, LANE = EXAMPLES / "wall" / "cart.soter", EXAMPLES / "rest" / "lane.soter"
 
 
 def test_counts_of_a_board_are_times_only_by_a_stated_factor(tmp_path: Path) -> None:
@@ -185,6 +187,19 @@ def test_counts_of_a_board_are_times_only_by_a_stated_factor(tmp_path: Path) -> 
     assert timing.assumed == many.assumed
     assert "an instruction takes 20000 ns at most on mps2_an500: stated" in timing.assumed
     assert {r.name: r.wcet_ns for r in timing.rows} == {s.name: s.wcet_ns for s in many.steps}
+
+
+def test_what_needs_more_stack_than_the_board_gives_is_said_before_it_runs(tmp_path: Path) -> None:
+    text = (BOARDS / "mps2_an500.c").read_text(encoding="utf-8")
+    small = tmp_path / "small.c"
+    small.write_text(re.sub("(?<=STACK_BYTES )\\d+", "1024", text), encoding="utf-8")
+    if missing_tools(read_board(str(small))):
+        pytest.skip("there is no cross compiler")
+    with pytest.raises(SoterError) as caught:
+        measure_on_board(soter.load(LANE), str(small), "20ns")
+    (diagnostic,) = caught.value.diagnostics
+    assert diagnostic.code == "X015"
+    assert "bytes too many for its stack" in diagnostic.message
 
 
 @pytest.mark.parametrize("factor", ["0ns", "-1ns", "2ms", "soon", "20"])

@@ -61,7 +61,7 @@ def test_nothing_else_knows_a_board() -> None:
         ("BOARD_FLASH_BYTES 4194304", "BOARD_FLASH_BYTES 0", "flash of 0 bytes"),
         ("BOARD_RAM_AT 0x20000000", "BOARD_RAM_AT 0xfffff000", "beyond 4 GiB"),
         ("BOARD_RAM_BYTES 4194304", "BOARD_RAM_BYTES 4194301", "multiple of 8 bytes"),
-        ("BOARD_STACK_BYTES 8192", "BOARD_STACK_BYTES 8388608", "a stack of 8,388,608 bytes"),
+        ("BOARD_STACK_BYTES 131072", "BOARD_STACK_BYTES 8388608", "a stack of 8,388,608 bytes"),
         ("BOARD_CLOCK_HZ 25000000", "BOARD_CLOCK_HZ 0", "`BOARD_CLOCK_HZ` is 0"),
         ('"cortex-m7"', '"cortex-m9"', "`BOARD_CORE` has to be one of"),
         ("void soter_board_watchdog(void) {}", "", "`soter_board_watchdog` is not defined"),
@@ -112,7 +112,7 @@ def test_a_board_that_is_not_there_is_refused(given: str) -> None:
             "BOARD_FLASH_BYTES 8192",
             "bytes too many for flash of 8,192",
         ),
-        ("BOARD_RAM_BYTES 4194304", "BOARD_RAM_BYTES 8200", "bytes too many for RAM of 8,200"),
+        ("BOARD_RAM_BYTES 4194304", "BOARD_RAM_BYTES 131080", "bytes too many for RAM of 131,080"),
     ],
 )
 def test_a_program_that_does_not_fit_says_by_how_much(
@@ -160,7 +160,7 @@ def test_a_stack_that_is_too_small_says_by_how_much() -> None:
     (diagnostic,) = caught.value.diagnostics
     assert diagnostic.code == "X015"
     assert "24 bytes too many for its stack" in diagnostic.message
-    assert diagnostic.notes == ("8,216 bytes: soter_instant > step",)
+    assert diagnostic.notes == ("131,096 bytes: soter_instant > step",)
 
 
 TWO = """soter 1;

@@ -8,7 +8,7 @@
 #define BOARD_FLASH_BYTES 4194304
 #define BOARD_RAM_AT 0x20000000
 #define BOARD_RAM_BYTES 4194304
-#define BOARD_STACK_BYTES 8192
+#define BOARD_STACK_BYTES 131072
 #define BOARD_AC_BYTES 8192 /* memory of what is not trusted */
 #define BOARD_QEMU "mps2-an386"
 
