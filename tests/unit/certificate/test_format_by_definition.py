@@ -333,9 +333,7 @@ def test_each_part_rests_on_a_claim_that_is_made() -> None:
             wrong = (part == "S" and not computed) or claim not in rests.get(part, {claim})
             if part == "S" and computed:
                 wrong = False
-            found = claimed_parts.unclaimed(
-                {"kind": "grid", part: []}, {claim}, computed=computed
-            )
+            found = claimed_parts.unclaimed({"kind": "grid", part: []}, {claim}, computed=computed)
             assert found == ([part] if wrong else [])
             groups = [{"kind": "grid"}, {"kind": "grid", part: []}]
             if wrong:
@@ -480,7 +478,8 @@ def test_what_was_checked_is_what_is_sealed(tmp_path: Path, mark: bytes) -> None
 
 
 @pytest.mark.parametrize(
-    "text", [1.0, None, "1.0", "0x1p0", "0x1.0000000000000p+00", "inf", "nan", "-inf", "", "0x1p9999"]
+    "text",
+    [1.0, None, "1.0", "0x1p0", "0x1.0000000000000p+00", "inf", "nan", "-inf", "", "0x1p9999"],
 )
 def test_a_number_that_is_not_written_in_the_one_way(text: object) -> None:
     with pytest.raises(RejectedError, match="hexadecimal|not written"):
