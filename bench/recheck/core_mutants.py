@@ -77,7 +77,16 @@ TESTED_BY = {
     "": ("recheck_progress", "claims_without_tables", "certificates", "ways"),
 }
 """By the folder of a file the files of quick tests that judge its mutants, in this order."""
-OF_ALL = ("at_the_bounds", "terms_at_the_bounds", "single_refusals", "single_facts")
+OF_ALL = (
+    "at_the_bounds",
+    "terms_at_the_bounds",
+    "single_refusals",
+    "single_facts",
+    "entries_of_a_manifest",
+    "reading_by_evaluation",
+    "format_by_definition",
+    "times_by_enumeration",
+)
 """Files of tests of single functions, in seconds: they come first."""
 OTHERS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Lt: (ast.LtE, ast.Gt), ast.LtE: (ast.Lt, ast.GtE), ast.Gt: (ast.GtE, ast.Lt),

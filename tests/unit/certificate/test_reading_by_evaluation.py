@@ -521,6 +521,73 @@ def test_rows_are_alike_or_refused() -> None:
         assert at(terms, found, [1.0]) == 2.0
 
 
+def test_a_table_of_one_entry_and_rows_of_unlike_parts() -> None:
+    terms = Terms()
+    make = Operations(terms, rounded=True)
+    (x,) = inputs_of(terms, (0.0, 0.0))
+    assert at(terms, make.selected([5.0], x), [0.0]) == 5.0
+    assert at(terms, make.selected_twice(Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
+    assert [at(terms, v, [0.0]) for v in make.row(Rows([(1.0, 6.0)], x))] == [1.0, 6.0]
+    first, rows = make.selected([(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
+    assert at(terms, first, [0.0]) == 1.0
+    assert isinstance(rows, Rows)
+
+
+def test_the_least_int_has_no_opposite_and_no_size() -> None:
+    make = Operations(Terms(), rounded=True)
+    for of in (make.negated, lambda x: make.builtin("abs", x)):
+        with pytest.raises(StepFault):
+            of(-(2**63))
+    assert make.negated(2**63 - 1) == 1 - 2**63
+    assert str(make.builtin("abs", -0.0)) == "0.0"
+
+
+@pytest.mark.parametrize("rounded", [True, False])
+def test_only_a_machine_rounds(rounded: bool) -> None:
+    terms = Terms()
+    make = Operations(terms, rounded=rounded)
+    x, y = inputs_of(terms, (1.0, 2.0), (1.0, 3.0))
+    values: list[Any] = [make.arithmetic(op, x, y) for op in "+-*/"] + [make.builtin("sqrt", x)]
+    assert [v.radius > 0 for v in values] == [rounded] * 5
+
+
+def test_a_root_and_a_size_are_not_negative() -> None:
+    terms = Terms()
+    make = Operations(terms, rounded=True)
+    (x,) = inputs_of(terms, (0.0, 4.0))
+    assert make.builtin("sqrt", x).nonnegative
+    assert make.builtin("abs", x).nonnegative
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "nonnegative", "made"),
+    [(0.0, 3.0, False, 1), (0.5, 3.0, False, 1), (-0.5, 3.0, True, 1), (-0.5, 3.0, False, 4)],
+)
+def test_what_is_not_negative_is_cut_off_by_floor(
+    low: float, high: float, nonnegative: bool, made: int
+) -> None:
+    """Else there are two floors, their difference where one is chosen, and the choice."""
+    terms = Terms()
+    (x,) = inputs_of(terms, (low, high))
+    x.nonnegative = nonnegative
+    Operations(terms, rounded=True).builtin("int", x)
+    assert len(terms.atoms) - 1 <= made
+    assert (len(terms.atoms) == 2) is (made == 1)
+
+
+def test_a_function_may_be_off_near_zero_and_beyond_the_doubles(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    terms = Terms()
+    (x,) = inputs_of(terms, (0.0, 0.0))
+    Operations(terms, rounded=True).prelude("atan", x)
+    assert terms.atoms[-1].extra > 0
+    bound = ErrorBound(((-math.inf, math.inf),), ulps=1.0, absolute=0.25)
+    monkeypatch.setitem(BOUNDS, "exp", bound)
+    (x,) = inputs_of(terms, (0.0, 2000.0))
+    assert Operations(terms, rounded=True).prelude("exp", x).radius > 0.2
+
+
 def test_floor_of_floor_is_no_more() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
