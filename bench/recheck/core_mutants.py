@@ -86,6 +86,7 @@ OF_ALL = (
     "reading_by_evaluation",
     "format_by_definition",
     "times_by_enumeration",
+    "problem_by_definition",
 )
 """Files of tests of single functions, in seconds: they come first."""
 OTHERS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {

@@ -480,7 +480,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     groups = [
         SimpleNamespace(
             check=lambda _, kept, k=k: asked.append(f"kept {k} {kept}") or check(k),
-            part=lambda errors: "part",
+            part=lambda **_: "part",
             states=(k,),
         )
         for k in range(2)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -35,9 +36,10 @@ from soter.language.model.types import FLOAT
 from soter.language.prelude.function_error_bounds import BOUNDS, ErrorBound
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
     from pathlib import Path
 
+Point = Sequence[float] | Mapping[int, float]
 FUNCTIONS: dict[str, Callable[[float], float]] = {
     "max0": lambda x: max(x, 0.0),
     "square": lambda x: x * x,
@@ -49,7 +51,7 @@ FUNCTIONS: dict[str, Callable[[float], float]] = {
 }
 
 
-def at(terms: Terms, x: Linear | float, point: Sequence[float]) -> float:
+def at(terms: Terms, x: Linear | float, point: Point) -> float:
     """The value of a form at a point of the first inputs, its radius left out."""
     if not isinstance(x, Linear):
         return float(x)
@@ -59,10 +61,10 @@ def at(terms: Terms, x: Linear | float, point: Sequence[float]) -> float:
     return total
 
 
-def atom_at(terms: Terms, k: int, point: Sequence[float]) -> float:
-    if k < len(point):
-        return point[k]
+def atom_at(terms: Terms, k: int, point: Point) -> float:
     atom = terms.atoms[k]
+    if atom.kind in ("state", "box"):
+        return point[k]
     of = atom.arguments
     if atom.kind == "spread":
         return 0.0
@@ -87,7 +89,7 @@ def atom_at(terms: Terms, k: int, point: Sequence[float]) -> float:
         return math.nan
 
 
-def holds(terms: Terms, of: Proposition, point: Sequence[float]) -> bool:
+def holds(terms: Terms, of: Proposition, point: Point) -> bool:
     if of.kind == "constant":
         return of.value
     if of.kind == "below":
@@ -699,10 +701,10 @@ def test_what_is_not_understood_is_refused(program: Any) -> None:
         reader._variable(read, frame)
     assert reader._variable(read, CallFrame({parameter: 2.0})) == 2.0
     for body, words in ((None, "extern"), ((), "not rechecked yet")):
+        extern: Any = SimpleNamespace(
+            body=body, name="f", parameters=(), result=FLOAT, prelude=False
+        )
         with pytest.raises(NotRecheckedError, match=words):
-            extern: Any = SimpleNamespace(
-                body=body, name="f", parameters=(), result=FLOAT, prelude=False
-            )
             reader.called(extern, ())
 
 
