@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 from concurrent.futures import BrokenExecutor
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,8 @@ from soter.certificate.format.errors import (
     NotRecheckedError,
     RejectedError,
 )
-from soter.certificate.proof_methods import GROUPS
+from soter.certificate.format.folder import MANIFEST_KEYS
+from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.time.claimed_times import TIME_KEYS
@@ -204,7 +206,8 @@ def test_the_dm_has_a_table_for_each_group() -> None:
     ]
     rechecker.compare_tables(none, none, cases, [{"n": 1}, {"n": 2}])
     assert asked == [("a", ["a", "c"], {"n": 1}), ("b", ["b", "d"], {"n": 2})]
-    for entries in ([{}], [{}, {}, {}], []):
+    counts: tuple[list[Any], ...] = ([{}], [{}, {}, {}], [])
+    for entries in counts:
         with pytest.raises(RejectedError, match="one for each group"):
             rechecker.compare_tables(none, none, cases, entries)
     cases[1].reverse()
@@ -270,7 +273,7 @@ class Checked:
         return said
 
     def check(self, unused: list[str], **first: str) -> Report:
-        keys = dict.fromkeys(rechecker.MANIFEST_KEYS.split(), "")
+        keys = dict.fromkeys(MANIFEST_KEYS.split(), "")
         modules = [
             {"module": f"M{k}", "system": "S", **(first if k == 0 else {})} for k in range(2)
         ]
@@ -309,7 +312,7 @@ def test_where_one_module_is_not_rechecked_the_other_is(
     assert not checked.looked_at
 
 
-@pytest.mark.parametrize("error", [RejectedError("wrong"), SoterError([])])
+@pytest.mark.parametrize("error", [RejectedError("wrong"), SoterError(())])
 def test_what_is_wrong_of_one_module_is_so_of_all(
     monkeypatch: pytest.MonkeyPatch, error: Exception
 ) -> None:
@@ -355,16 +358,16 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
     monkeypatch.setattr(rechecker, "otherwise_in_program", lambda *_: (["a"], ["b"]))
     monkeypatch.setattr(rechecker, "_module", lambda *_: pytest.fail("no groups there"))
     asked = []
-    for key in rechecker.MODULES:
+    for key in MODULES:
 
         def check(system: Any, entry: Any) -> Any:
             asked.append((system, entry))
             return facts, SimpleNamespace()
 
-        monkeypatch.setitem(rechecker.MODULES, key, SimpleNamespace(check=check))
+        monkeypatch.setitem(MODULES, key, SimpleNamespace(check=check))
         known: list[Any] = []
         none: Any = None
-        report = rechecker._entry(none, none, none, known, {key: 1}, none, 1)
+        report: Any = rechecker._entry(none, none, none, known, {key: 1}, none, 1)
         assert asked[-1] == ("system", {key: 1})
         assert known == [facts]
         assert (report.parameters, report.otherwise, report.contradicted) == (
@@ -372,18 +375,19 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
             ["a"],
             ["b"],
         )
-    for wrong in (None, [], "text"):
+    others: tuple[Any, ...] = (None, [], "text")
+    for wrong in others:
         with pytest.raises(RejectedError, match="a module is not"):
-            rechecker._entry(none, none, none, [], wrong, none, 1)  # type: ignore[arg-type]
+            rechecker._entry(none, none, none, [], wrong, none, 1)
 
 
 @pytest.mark.parametrize("why", ["", "`near` is left out"])
 def test_a_module_is_proved_in_all_its_views(monkeypatch: pytest.MonkeyPatch, why: str) -> None:
     def of(name: str, view: str, system: str = "S") -> Any:
-        facts = Facts.__new__(Facts)
-        facts.flying: Any = SimpleNamespace(name=system)
-        facts.flying_module: Any = SimpleNamespace(name=name)
-        facts.view, facts.whole = view, f"all of {name}"  # type: ignore[assignment]
+        facts: Any = Facts.__new__(Facts)
+        facts.flying = SimpleNamespace(name=system)
+        facts.flying_module = SimpleNamespace(name=name)
+        facts.view, facts.whole = view, f"all of {name}"
         return facts
 
     asked: list[Any] = []
@@ -408,11 +412,15 @@ def test_a_module_is_proved_in_all_its_views(monkeypatch: pytest.MonkeyPatch, wh
 
 def test_a_system_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    monkeypatch.setattr(
-        rechecker, "system_to_prove", lambda *of, exact: asked.append((of, exact)) or "flat"
-    )
+
+    def prepared(*of: object, exact: bool) -> str:
+        asked.append((of, exact))
+        return "flat"
+
+    monkeypatch.setattr(rechecker, "system_to_prove", prepared)
     checked: Any = SimpleNamespace(systems={"S": None})
-    assert rechecker._system(checked, {"a": 1}, {"system": "S"}) == "flat"
+    flat: Any = rechecker._system(checked, {"a": 1}, {"system": "S"})
+    assert flat == "flat"
     assert asked == [((checked, "S", {"a": 1}), False)]
     with pytest.raises(RejectedError, match="no system `T`"):
         rechecker._system(checked, {}, {"system": "T"})
@@ -442,7 +450,8 @@ def test_when_the_start_of_sc_is_asked_about(
     for name in ("read_above", "check_supported", "survives_the_start"):
         monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))
     none: Any = None
-    assert rechecker.facts_of(none, {"module": "M"}) is facts
+    found: Any = rechecker.facts_of(none, {"module": "M"})
+    assert found is facts
     wanted = ["read_above"] * (tower > 1) + ["check_supported"]
     assert done == wanted + ["survives_the_start"] * (above is not None or first != phase)
 
@@ -464,22 +473,26 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     """A case with two groups, and what it asks them."""
     asked: list[str] = []
 
+    def noted(what: str, answer: Any = ()) -> Any:
+        asked.append(what)
+        return answer
+
     def check(k: int) -> Any:
         return SimpleNamespace(
             sees_rates=k == 1,
-            free=lambda h: asked.append(f"free {k} {h}") or [],
-            levels=lambda ns: asked.append(f"levels {k} {ns}") or [],
-            core=lambda: asked.append(f"core {k}") or [],
+            free=lambda h: noted(f"free {k} {h}"),
+            levels=lambda ns: noted(f"levels {k} {ns}"),
+            core=lambda: noted(f"core {k}"),
             safe=lambda cells: asked.append(f"safe {k} {cells}"),
-            admits=lambda name, expr, admits: asked.append(f"{name} {k} {expr} {admits}") or [],
-            published=lambda t, cells, _: asked.append(f"published {k} {t} {cells}") or k == 0,
-            home=lambda cells: asked.append(f"home {k} {cells}") or [],
+            admits=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
+            published=lambda t, cells, _: noted(f"published {k} {t} {cells}", k == 0),
+            home=lambda cells: noted(f"home {k} {cells}"),
             holds=k + 1,
         )
 
     groups = [
         SimpleNamespace(
-            check=lambda _, kept, k=k: asked.append(f"kept {k} {kept}") or check(k),
+            check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
             part=lambda **_: "part",
             states=(k,),
         )
@@ -645,10 +658,12 @@ def test_every_task_has_to_say_nothing(
         facts = SimpleNamespace(parameters=parameters if named else [])
         model: Any = SimpleNamespace(facts=facts, parameter=(1, 2) if named else ())
         made = CaseCheck(model, [], set(), {}, shares.append, workers)
-        made.tasks = [
-            (lambda k=k, text=text: order.append(k) or text, k + 1.0)
-            for k, text in enumerate(failed)
-        ]
+
+        def task(k: int, text: str) -> str:
+            order.append(k)
+            return text
+
+        made.tasks = [(partial(task, k, text), k + 1) for k, text in enumerate(failed)]
         made._show()
         return shares, order
 

@@ -89,7 +89,7 @@ def atom_at(terms: Terms, k: int, point: Point) -> float:
         return math.nan
 
 
-def holds(terms: Terms, of: Proposition, point: Point) -> bool:
+def holds(terms: Terms, of: Any, point: Point) -> bool:
     if of.kind == "constant":
         return of.value
     if of.kind == "below":

@@ -50,8 +50,28 @@ def start_of(s: TimingSetting, t: int) -> int:
     return max([t + s.sc.late, *verdicts])
 
 
-def act_of(s: TimingSetting, start: int) -> int:
-    return start + s.sc.response + max(e.most for e in s.effects)
+class Defaults(TopicPath):
+    """Shows what was made of a default before it shows a state, and a state that is older."""
+
+    def may_publish_nothing(self, silent: int = 0) -> bool:
+        del silent
+        return True
+
+    def lag(self, silent: int) -> int:
+        return 2 + silent
+
+
+class Missed(Effect):
+    """Acts at once only on what is published in the instant of its release."""
+
+    def last(self, published: int, *, at_once: bool) -> int:
+        return published + self.most + (0 if at_once else 1)
+
+
+def act_of(s: TimingSetting, release: int, start: int) -> int:
+    published = start + s.sc.response
+    missed = published != release
+    return published + max(e.most + (isinstance(e, Missed) and missed) for e in s.effects)
 
 
 def defined(s: TimingSetting) -> dict[str, Any]:
@@ -63,17 +83,22 @@ def defined(s: TimingSetting) -> dict[str, Any]:
     if s.instants:
         stamps = {}
     else:
-        age = max((r.max_age for r in s.by_dm), default=0)
+        lags = [
+            r.max_age + (2 + s.silent if isinstance(p, Defaults) else 0)
+            for r in s.by_dm
+            for p in r.paths
+        ]
+        age = max(lags, default=0)
         for t in steady:
             end = start_of(s, t)
-            delay = max(delay, act_of(s, end) - end)
+            delay = max(delay, act_of(s, t, end) - end)
             for r, time in itertools.product(s.by_sc, range(t, end + 1)):
                 for path in r.paths:
                     old = time - last_until(path.sensor, time)
                     stamps[r.name] = max(stamps[r.name], old)
                     age_sc = max(age_sc, old + s.silent)
-                    delay = max(delay, act_of(s, time) - time + old + s.silent)
-        jitter = max(act_of(s, start_of(s, t)) - t for t in steady)
+                    delay = max(delay, act_of(s, t, time) - time + old + s.silent)
+        jitter = max(act_of(s, t, start_of(s, t)) - t for t in steady)
         jitter -= min(e.least for e in s.effects)
 
     def there(reads: Any, silent: int) -> list[int]:
@@ -81,7 +106,7 @@ def defined(s: TimingSetting) -> dict[str, Any]:
 
     def acts_from(time: int) -> int:
         release = first_from(s.sc, time)
-        return act_of(s, start_of(s, release))
+        return act_of(s, release, start_of(s, release))
 
     known = [r.name for r in s.by_dm]
     others = there([r for r in s.by_sc if r.name not in known], s.silent)
@@ -91,7 +116,15 @@ def defined(s: TimingSetting) -> dict[str, Any]:
         if is_release(s.dm, t)
     ]
     h_0 = acts_from(max([0, *there(s.by_sc, 0)]))
-    start = acts_from(max([0, *there(s.by_sc, s.silent)]))
+    said = [  # "AC" on a default is in force until the next one is due
+        due + s.dm.period
+        for certain in (
+            p.sensor.phase + s.silent for r in s.by_dm for p in r.paths if isinstance(p, Defaults)
+        )
+        for due in range(s.dm.phase, certain)
+        if is_release(s.dm, due)
+    ]
+    start = acts_from(max([0, *there(s.by_sc, s.silent), *said]))
     return {
         "age": age,
         "age_sc": age_sc,
@@ -123,7 +156,8 @@ def drawn(dice: random.Random) -> TimingSetting:
         return Clock(name, period, *times)
 
     def sensor() -> TopicPath:
-        return TopicPath(Clock("sensor", dice.choice((1, 2, 3, 4, 5)), dice.randrange(12)))
+        kind = dice.choice((TopicPath, Defaults))
+        return kind(Clock("sensor", dice.choice((1, 2, 3, 4, 5)), dice.randrange(12)))
 
     reads = [
         TopicReading(n, tuple(sensor() for _ in range(dice.choice((1, 1, 2)))), dice.randrange(9))
@@ -132,7 +166,7 @@ def drawn(dice: random.Random) -> TimingSetting:
     effects = []
     for _ in range(dice.choice((1, 1, 2))):
         least = dice.choice((0, 1, 2))
-        effects.append(Effect(least, least + dice.choice((0, 1, 3))))
+        effects.append(dice.choice((Effect, Missed))(least, least + dice.choice((0, 1, 3))))
     return TimingSetting(
         clock("the DM", 4, 6, 8),
         clock("SC", 2, 3, 4, 6, slow=1),
@@ -168,6 +202,8 @@ def test_a_clock_is_due_at_its_releases() -> None:
             times = [t for t in range(time, end) if (t - other) % period == 0]
             assert list(clock.times_in(time, end, other)) == times
     assert Clock("c", 9, late=2, response=3).slow == 5
+    assert Clock("c", 9) == Clock("c", 9, 0, 0, 0)
+    assert list(releases(Clock("c", 2), [3])) == [0, 2, 4]
 
 
 def test_a_read_is_oldest_before_a_publication() -> None:
@@ -181,6 +217,7 @@ def test_a_read_is_oldest_before_a_publication() -> None:
         assert max(ages[t] for t in turns) == max(ages.values())
         assert turns == [t for t in range(start, end) if ages[t] == period - 1] + [end]
         assert path.clocks == (path.sensor,)
+        assert path.certain_from() == phase
         for silent in (0, 5):
             assert path.lag(silent) == 0
             assert path.certain_from(silent) == phase + silent
@@ -193,6 +230,8 @@ def test_an_output_acts_between_its_bounds() -> None:
         assert (effect.first(7), effect.last(7, at_once=at_once)) == (9, 12)
     assert effect.clocks == ()
     assert (Effect().least, Effect().most) == (0, 0)
+    plain = TimingSetting(Clock("the DM", 4), Clock("SC", 4), (), ())
+    assert (plain.silent, plain.instants, plain.effects) == (0, False, (Effect(),))
 
 
 def test_as_many_releases_as_are_gone_through(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -209,7 +248,7 @@ def test_as_many_releases_as_are_gone_through(monkeypatch: pytest.MonkeyPatch) -
 
 def test_as_many_releases_of_the_dm_as_are_gone_through(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = TimingSetting(Clock("the DM", 4), Clock("SC", 4), (), ())
-    derive(plain)  # settled after 16: so 1 + 4 + 1 releases
+    assert derive(plain).h_star == 4  # settled after 16: so 1 + 4 + 1 releases
     for most in (1, 2, 3):
         monkeypatch.setattr(derived_times, "RELEASES_MAX", most)
         if most == 3:
@@ -252,14 +291,14 @@ def test_a_run_may_last_until_the_next_one_is_due() -> None:
 def map_setting(**more: Any) -> tuple[Any, Any]:
     """Facts with two maps, and a setting that is fine beside them."""
     sensor = Clock("s", more.pop("sensor", 10), more.pop("sensor_phase", 0))
-    follows = more.pop("follows", ())
+    nodes: tuple[Clock, ...] = more.pop("follows", ())
 
     class Path(TopicPath):
         @property
         def clocks(self) -> tuple[Clock, ...]:
-            return (self.sensor, *follows)
+            return (self.sensor, *nodes)
 
-    behind = more.pop("behind", ())
+    behind: tuple[Clock, ...] = more.pop("behind", ())
 
     class Behind(Effect):
         @property
@@ -271,9 +310,9 @@ def map_setting(**more: Any) -> tuple[Any, Any]:
     least, most = more.pop("acts", (0, 0))
     plain = TopicReading("y", (TopicPath(Clock("s", 10)),), 5)
     read = TopicReading("x", (Path(sensor),), age)
-    reads = {"by_dm": (plain,), "by_sc": (plain, read)}
+    reads: dict[str, Any] = {"by_dm": (plain,), "by_sc": (plain, read)}
     if more.pop("dm_reads", False):
-        reads = {"by_dm": (read,), "by_sc": (plain,)}
+        reads: dict[str, Any] = {"by_dm": (read,), "by_sc": (plain,)}
     clocks = {name: Clock(name, *more.pop(name, (20, 0, 0, 0))) for name in ("dm", "sc")}
     setting = TimingSetting(
         clocks["dm"],

@@ -148,7 +148,7 @@ def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None)
     for wrong in (True, 10.0, "10", None):
         facts, _ = timed()
         with pytest.raises(RejectedError, match="is no time"):
-            compare_times(facts, {**own, key: wrong})  # type: ignore[dict-item]
+            compare_times(facts, {**own, key: wrong})
     for keys in (set(own) - {key}, {*own, "X_ns"}):
         facts, _ = timed()
         with pytest.raises(RejectedError, match="`times` has"):
@@ -245,7 +245,13 @@ def test_a_node_between_is_seen(of: dict[str, Any], queues: str, between: bool) 
 
 
 def test_an_sc_is_nothing_but_its_step() -> None:
-    plain = {"extern": False, "takeover": None, "subscribes": [], "bursts": {}, "step": []}
+    plain: dict[str, Any] = {
+        "extern": False,
+        "takeover": None,
+        "subscribes": [],
+        "bursts": {},
+        "step": [],
+    }
     topic = SimpleNamespace(name="x")
     queued, latest = (SimpleNamespace(queue=q, topic=topic) for q in (3, None))
     for change, words in (
