@@ -285,6 +285,24 @@ def test_topics_show_the_state_and_estimates_their_errors(facts: Facts) -> None:
         assert ranges == [(-0.125, 0.125)] * errors
 
 
+@pytest.mark.parametrize("name", ["u + v", "w + v", "wind"])
+def test_a_name_for_what_no_topic_shows_is_left_alone(tmp_path: Path, name: str) -> None:
+    """What a plant is told and what disturbs it is known where it moves."""
+    facts = facts_with(
+        tmp_path,
+        ("let shown = p;", f"let shown = p; let push = {name};"),
+        ("der p = v;", "der p = push;"),
+    )
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    model.topics(terms, states, errors=True)
+    u = terms.input("box", "u", exact(-1.0), exact(2.0))
+    move = model.rates(terms, states, [u])[0][0]
+    values = {"p.p": 9.0, "p.v": 0.5, "u": 0.25, "w": 0.125, "p.wind": -0.5}
+    wanted = {"u + v": 0.75, "w + v": 0.625, "wind": -0.5}[name]
+    assert at(terms, move, point(terms, values)) == wanted
+
+
 def test_a_command_is_what_sc_makes_of_an_estimate(facts: Facts) -> None:
     model = model_of(facts)
     terms, states = model.new_terms()
@@ -367,7 +385,7 @@ def test_what_moves_a_group_from_outside_is_a_disturbance(facts: Facts) -> None:
 
 
 def matrix(*rows_of: list[float]) -> Any:
-    return [[exact(x) for x in row] for row in rows_of]
+    return [[exact(float(x)) for x in row] for row in rows_of]
 
 
 SPANS = [Fraction(0), Fraction(1, 3), Fraction(-1, 2), Fraction(3)]
@@ -473,6 +491,48 @@ def test_a_solution_is_linear_in_state_command_and_constant(constant: float) -> 
         wanted = [math.exp(-2.0 * float(t)), 3.0 * grown, constant * grown]
         assert [float(x) for x in found] == pytest.approx(wanted, abs=1e-9)
         assert [len(x) for x in (solution.state[0], solution.control[0])] == [1, 1]
+
+
+def test_what_a_scheme_adds_is_as_much_as_it_may_be() -> None:
+    """By trying all ends: the extra rate less what goes with the row's own commands and noise."""
+    dice = np.random.default_rng(31)
+    for position in (0, 1):
+        for _ in range(12):
+            a, b, c, w = (dice.uniform(-2, 2, shape) for shape in ((2, 2), (2, 2), 2, (2, 2)))
+            of_x, of_v = dice.uniform(-1, 1, (2, 2)), dice.uniform(-1, 1, (2, 2))
+            of_v[position, 1 - position] *= dice.integers(2)
+            ends = dice.uniform(0.5, 3, 4)
+            model: Any = SimpleNamespace(
+                extents={7: (-ends[0], ends[0]), 9: (-ends[1], ends[1])},
+                facts=SimpleNamespace(
+                    controls=[SimpleNamespace(low=-e, high=e) for e in map(float, ends[2:])]
+                ),
+            )
+            rows_of = {
+                j: linear_flows.FlowRow(
+                    *matrix(list(a[k]), list(b[k])),
+                    exact(float(c[k])),
+                    matrix(list(w[k]))[0],
+                )
+                for k, j in enumerate((7, 9))
+            }
+            scheme = (matrix(*map(list, of_x)), matrix(*map(list, of_v)))
+            row = linear_flows._row_as_stepped(model, rows_of, scheme, position)
+            other = 1 - position
+            most = max(
+                abs(
+                    of_x[position] @ (ends[:2] * signs[:2])
+                    + of_v[position, other]
+                    * (c[other] + b[other] @ (ends[2:] * signs[2:4]) + w[other] @ signs[4:])
+                )
+                for signs in map(np.array, itertools.product((-1.0, 1.0), repeat=6))
+            )
+            assert float(row.error) == pytest.approx(most)
+            own = 1 + of_v[position, position]
+            found = [float(x) for x in (*row.a, *row.b, row.constant, *row.noise)]
+            assert found == pytest.approx(
+                [*a[position], *(own * b[position]), own * c[position], *(own * w[position])]
+            )
 
 
 def test_what_moves_depends_on_what_moves_it() -> None:

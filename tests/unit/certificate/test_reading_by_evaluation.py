@@ -91,7 +91,7 @@ def atom_at(terms: Terms, k: int, point: Point) -> float:
 
 def holds(terms: Terms, of: Any, point: Point) -> bool:
     if of.kind == "constant":
-        return of.value
+        return bool(of.value)
     if of.kind == "below":
         assert of.argument is not None
         x = at(terms, of.argument, point)

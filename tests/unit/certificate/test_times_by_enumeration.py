@@ -312,7 +312,7 @@ def map_setting(**more: Any) -> tuple[Any, Any]:
     read = TopicReading("x", (Path(sensor),), age)
     reads: dict[str, Any] = {"by_dm": (plain,), "by_sc": (plain, read)}
     if more.pop("dm_reads", False):
-        reads: dict[str, Any] = {"by_dm": (read,), "by_sc": (plain,)}
+        reads = {"by_dm": (read,), "by_sc": (plain,)}
     clocks = {name: Clock(name, *more.pop(name, (20, 0, 0, 0))) for name in ("dm", "sc")}
     setting = TimingSetting(
         clocks["dm"],
