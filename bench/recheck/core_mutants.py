@@ -61,8 +61,11 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": ("operations", "recheck_enclosures", "beyond_doubles"),
+    "terms": ("reading_by_evaluation", "operations", "recheck_enclosures", "beyond_doubles"),
     "time": (
+        "times_by_enumeration",
+        "what_is_let_through",
+        "problem_by_definition",
         "times",
         "ways",
         "nodes_that_take_time",
@@ -72,9 +75,25 @@ TESTED_BY = {
     ),
     "cells": ("certain_cells", "recheck_walks"),
     "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
-    "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),
-    "format": ("hostile_certificates", "certificates"),
-    "": ("recheck_progress", "claims_without_tables", "certificates", "ways"),
+    "reading": (
+        "reading_by_evaluation",
+        "problem_by_definition",
+        "what_is_let_through",
+        "recheck_enclosures",
+        "ways",
+        "local_chains",
+        "what_plants_publish",
+    ),
+    "format": ("format_by_definition", "hostile_certificates", "certificates"),
+    "": (
+        "entries_of_a_manifest",
+        "what_is_let_through",
+        "problem_by_definition",
+        "recheck_progress",
+        "claims_without_tables",
+        "certificates",
+        "ways",
+    ),
 }
 """By the folder of a file the files of quick tests that judge its mutants, in this order."""
 OF_ALL = ("at_the_bounds", "terms_at_the_bounds", "single_refusals", "single_facts")

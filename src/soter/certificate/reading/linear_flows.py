@@ -143,12 +143,7 @@ def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
 
 def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
     """e^{A middle} times what is around it; what is 0 or 1 by structure is exactly that."""
-    e = product((arb_mat(a) * exact(middle)).exp().tolist(), around)
-    reach = _reach(a)
-    return [
-        [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
-        for i, row in enumerate(e)
-    ]
+    return _cleaned(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
 
 
 def _around(a: Rows, width: Fraction) -> Rows:

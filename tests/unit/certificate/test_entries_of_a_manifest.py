@@ -1,0 +1,679 @@
+"""Each figure of a manifest beside that of the program; what is asked of which group and case."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from concurrent.futures import BrokenExecutor
+from functools import partial
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from soter.certificate import case_check, rechecker
+from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.format.errors import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    NotRecheckedError,
+    RejectedError,
+)
+from soter.certificate.format.folder import MANIFEST_KEYS
+from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.reading.module_facts import Facts
+from soter.certificate.report import RecheckedModule, Report
+from soter.certificate.time.claimed_times import TIME_KEYS
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from unit.certificate.test_single_refusals import facts_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Facts:
+    return facts_of(tmp_path_factory.mktemp("two"))
+
+
+def entry_of(facts: Facts) -> dict[str, Any]:
+    """The figures of a manifest as the program has them."""
+
+    def row(x: Any, low: float, high: float) -> dict[str, Any]:
+        return {"name": x.name, "kind": x.kind, "low": low.hex(), "high": high.hex()}
+
+    others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
+    rows = [row(s, *facts.axes.get(i, (-9.0, 9.0))) for i, s in enumerate(facts.states)]
+    rows += [row(x, x.low, x.high) for x in others]
+    return {
+        "plants": [c.name for c in facts.plants],
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in facts.parameters],
+        "times": {key: facts.times[key] for key in TIME_KEYS},
+        "inputs": rows,
+    }
+
+
+# ---------------------------------------------------------------- figures
+
+
+def test_the_figures_of_the_program_are_let_through(two: Facts) -> None:
+    facts = copy.copy(two)
+    rechecker.compare(facts, entry_of(two))
+    assert facts.extents == tuple(two.axes[i] for i in range(2))
+
+
+def test_an_extent_that_is_open_is_that_of_the_manifest(two: Facts) -> None:
+    facts = copy.copy(two)
+    facts.axes = {1: two.axes[1]}
+    rechecker.compare(facts, entry_of(facts))
+    assert facts.extents == ((-9.0, 9.0), two.axes[1])
+
+
+WRONG: dict[str, Callable[[dict[str, Any]], object]] = {
+    "plants are others": lambda e: e["plants"].reverse(),
+    "plants are others (one)": lambda e: e["plants"].pop(),
+    "parameters are others": lambda e: e["parameters"].append({"name": "x", "values": []}),
+    "`inputs` is not": lambda e: e.update(inputs={}),
+    "inputs are others": lambda e: e["inputs"].pop(),
+    "inputs are others (more)": lambda e: e["inputs"].append(e["inputs"][-1]),
+    "by the program": lambda e: e["inputs"].reverse(),
+    "by the program (name)": lambda e: e["inputs"][0].update(name="other"),
+    "by the program (kind)": lambda e: e["inputs"][0].update(kind="control"),
+    "the grid of": lambda e: e["inputs"][0].update(low=(-2.5).hex()),
+    "the grid of (high)": lambda e: e["inputs"][1].update(high=(0.5).hex()),
+    "the range of": lambda e: e["inputs"][2].update(low=(-0.5).hex()),
+    "the range of (high)": lambda e: e["inputs"][2].update(high=(0.5).hex()),
+    "an input has": lambda e: e["inputs"][2].update(unit="m"),
+    "an input has (no)": lambda e: e["inputs"][2].pop("kind"),
+    "an input is not": lambda e: e["inputs"].__setitem__(0, []),
+    "no hexadecimal": lambda e: e["inputs"][0].update(low=-3.0),
+}
+
+
+@pytest.mark.parametrize("word", WRONG)
+def test_another_figure_is_rejected(two: Facts, word: str) -> None:
+    entry = copy.deepcopy(entry_of(two))
+    WRONG[word](entry)
+    with pytest.raises(RejectedError, match=word.split(" (", maxsplit=1)[0]):
+        rechecker.compare(copy.copy(two), entry)
+
+
+# ---------------------------------------------------------------- groups
+
+
+def group_entry(*axes: tuple[str, list[float]], **more: Any) -> dict[str, Any]:
+    return {
+        "kind": "grid",
+        "axes": [{"state": name, "edges": edges} for name, edges in axes],
+        "K": "sets/K",
+        **more,
+    }
+
+
+P, Q = ("p.p", [-3.0, 0.0, 3.0]), ("q.q", [-1.0, 1.0])
+
+
+def read_groups(
+    facts: Facts, entries: list[Any], monkeypatch: pytest.MonkeyPatch, **kinds: Any
+) -> list[Any]:
+    """With groups that hold what they are given."""
+
+    def method(kind: str) -> Any:
+        return SimpleNamespace(
+            required=("kind", "axes", "K"),
+            optional=("R",),
+            read=lambda _, __, entry, axes: SimpleNamespace(
+                kind=kind, entry=entry, states=axes.states, grid=axes.grid
+            ),
+        )
+
+    monkeypatch.setattr(rechecker, "GROUPS", {k: method(k) for k in GROUPS})
+    facts = copy.copy(facts)
+    facts.extents = ((-3.0, 3.0), (-1.0, 1.0))
+    for name, value in kinds.items():
+        setattr(facts, name, value)
+    certificate: Any = SimpleNamespace(edges=tuple)
+    return rechecker.groups_of(certificate, facts, entries)
+
+
+def test_groups_hold_each_state_once(two: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = read_groups(two, [group_entry(Q, P, R="sets/R")], monkeypatch)
+    assert [(g.states, g.grid.edges) for g in one] == [((1, 0), (tuple(Q[1]), tuple(P[1])))]
+    both = read_groups(two, [group_entry(P), group_entry(Q)], monkeypatch)
+    assert [g.states for g in both] == [(0,), (1,)]
+    assert not both[0].grid.unbounded
+    for wrong in ([], [group_entry(P)], [group_entry(P, Q), group_entry(Q)], [group_entry(P, P)]):
+        with pytest.raises(RejectedError, match="exactly once"):
+            read_groups(two, wrong, monkeypatch)
+
+
+def test_groups_stand_in_the_order_of_their_methods(
+    two: Facts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kinds = list(GROUPS)
+    for first, second in itertools.product(kinds, repeat=2):
+        entries = [group_entry(P) | {"kind": first}, group_entry(Q) | {"kind": second}]
+        found = read_groups(two, entries, monkeypatch)
+        assert [g.kind for g in found] == sorted((first, second), key=kinds.index)
+        if first == second:
+            assert [g.states for g in found] == [(0,), (1,)]
+
+
+def test_axes_without_ends_are_those_of_the_program(
+    two: Facts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for open_states in (set(), {0}, {1}, {0, 1}):
+        found = read_groups(two, [group_entry(Q, P)], monkeypatch, unbounded=open_states)
+        ends = tuple(s in open_states for s in (1, 0))
+        assert found[0].grid.unbounded == (ends if open_states else ())
+
+
+WRONG_GROUPS: dict[str, tuple[type[Exception], dict[str, Any]]] = {
+    "`ring` groups": (NotRecheckedError, group_entry(P, Q) | {"kind": "ring"}),
+    "`None` groups": (NotRecheckedError, {"axes": []}),
+    "a group has an unknown": (RejectedError, group_entry(P, Q, X=1)),
+    "a group has no `K`": (RejectedError, {"kind": "grid", "axes": []}),
+    "an axis has an unknown": (
+        RejectedError,
+        {"kind": "grid", "K": "", "axes": [{"state": "p.p", "edges": [], "ends": 1}]},
+    ),
+    "no state `r.r`": (RejectedError, group_entry(P, ("r.r", [0.0, 1.0]))),
+    "edges of p.p": (RejectedError, group_entry(("p.p", [-2.5, 3.0]), Q)),
+    "edges of q.q": (RejectedError, group_entry(P, ("q.q", [-1.0, 0.0, 0.5]))),
+}
+
+
+@pytest.mark.parametrize("words", WRONG_GROUPS)
+def test_groups_that_are_none(two: Facts, monkeypatch: pytest.MonkeyPatch, words: str) -> None:
+    error, entry = WRONG_GROUPS[words]
+    with pytest.raises(error, match=words):
+        read_groups(two, [entry], monkeypatch)
+
+
+def test_the_dm_has_a_table_for_each_group() -> None:
+    asked: list[Any] = []
+
+    def group(kind: str, name: str) -> Any:
+        return SimpleNamespace(kind=kind, compare=lambda _, __, same, entry: asked.append(
+            (name, [s.name for s in same], entry)
+        ), name=name)  # fmt: skip
+
+    none: Any = None
+    cases: list[list[Any]] = [
+        [group("grid", "a"), group("polytope", "b")],
+        [group("grid", "c"), group("polytope", "d")],
+    ]
+    rechecker.compare_tables(none, none, cases, [{"n": 1}, {"n": 2}])
+    assert asked == [("a", ["a", "c"], {"n": 1}), ("b", ["b", "d"], {"n": 2})]
+    counts: tuple[list[Any], ...] = ([{}], [{}, {}, {}], [])
+    for entries in counts:
+        with pytest.raises(RejectedError, match="one for each group"):
+            rechecker.compare_tables(none, none, cases, entries)
+    cases[1].reverse()
+    with pytest.raises(RejectedError, match="other groups"):
+        rechecker.compare_tables(none, none, cases, [{}, {}])
+
+
+# ---------------------------------------------------------------- modules and reports
+
+
+def test_why_something_is_not_rechecked() -> None:
+    for error, words in (
+        (NotRecheckedError("as it is"), "as it is"),
+        (StepFault(FaultKind.INDEX), "a step that faults"),
+        (BrokenExecutor("gone"), "the system ended a part of it: gone"),
+        (OSError("gone"), "the system ended a part of it: gone"),
+        (RecursionError("deep"), "recursionerror: deep"),
+        (MemoryError("much"), "memoryerror: much"),
+        (ValueError("odd"), "the re-checker itself failed (ValueError: odd)"),
+    ):
+        assert rechecker.in_words(error).startswith(words)
+        assert ("itself failed" in rechecker.in_words(error)) is isinstance(error, ValueError)
+
+
+@pytest.mark.parametrize("reasons", [[""], ["", ""], ["x"], ["", "x"], ["x", "y"]])
+def test_all_modules_are_rechecked_or_it_is_not_accepted(reasons: list[str]) -> None:
+    report = Report()
+    report.modules = [RecheckedModule(f"M{k}", {}, not_rechecked=r) for k, r in enumerate(reasons)]
+    rechecker._conclude(report)
+    left = [f"M{k}: {r}" for k, r in enumerate(reasons) if r]
+    assert report.verdict == (NOT_RECHECKED if left else ACCEPTED)
+    assert report.reason == "; ".join(left)
+
+
+def test_the_share_that_is_done() -> None:
+    said: list[float] = []
+    for k in range(3):
+        for done in (0.0, 0.5, 1.0):
+            rechecker._share(said.append, k, 3, done)
+    thirds = [0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0, 2.5, 3.0]
+    assert said == pytest.approx([x / 3 for x in thirds])
+
+
+class Checked:
+    """What `_entry` does, said by a list."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, says: list[Any]) -> None:
+        self.says = iter(says)
+        self.looked_at: list[Any] = []
+        program = SimpleNamespace(sha256="hash")
+        checked = SimpleNamespace(program=program)
+        monkeypatch.setattr(rechecker, "program_of", lambda _: (checked, {}))
+        monkeypatch.setattr(rechecker, "_entry", self.entry)
+        monkeypatch.setattr(rechecker, "of_those_above", lambda _: None)
+        monkeypatch.setattr(rechecker, "uncovered", lambda *_: [])
+        monkeypatch.setattr(rechecker, "_in_all_views", lambda f, _: self.looked_at.append(f))
+
+    def entry(self, _: object, __: object, ___: object, covered: list[Any], *____: object) -> Any:
+        said = next(self.says)
+        if isinstance(said, Exception):
+            raise said
+        covered.append(said.name)
+        return said
+
+    def check(self, unused: list[str], **first: str) -> Report:
+        keys = dict.fromkeys(MANIFEST_KEYS.split(), "")
+        modules = [
+            {"module": f"M{k}", "system": "S", **(first if k == 0 else {})} for k in range(2)
+        ]
+        certificate: Any = SimpleNamespace(manifest={**keys, "modules": modules}, unused=unused)
+        report = Report()
+        rechecker._check(certificate, report, lambda _: None, 1)
+        return report
+
+
+def module(name: str, system: str = "S") -> RecheckedModule:
+    return RecheckedModule(name, {}, system=system)
+
+
+def test_each_module_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    for second, told in ((module("M1"), 2), (module("M0"), 1), (module("M0", "T"), 2)):
+        checked = Checked(monkeypatch, [module("M0"), second])
+        report = checked.check([])
+        assert len(report.modules) == told
+        assert len(checked.looked_at) == 2
+        assert report.program_sha256 == "hash"
+    checked = Checked(monkeypatch, [module("M0"), module("M1")])
+    with pytest.raises(RejectedError, match="no claim rests on `sets/x`"):
+        checked.check(["sets/x"])
+
+
+@pytest.mark.parametrize("view", ["", "near"])
+def test_where_one_module_is_not_rechecked_the_other_is(
+    monkeypatch: pytest.MonkeyPatch, view: str
+) -> None:
+    checked = Checked(monkeypatch, [ValueError("odd"), module("M1")])
+    report = checked.check(["sets/x"], **({"view": view} if view else {}))
+    first, second = report.modules
+    assert (first.name, first.system) == (f"M0{' as near' * bool(view)}", "S")
+    assert "odd" in first.not_rechecked
+    assert not second.not_rechecked
+    assert not checked.looked_at
+
+
+@pytest.mark.parametrize("error", [RejectedError("wrong"), SoterError(())])
+def test_what_is_wrong_of_one_module_is_so_of_all(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    with pytest.raises(type(error)):
+        Checked(monkeypatch, [error, module("M1")]).check([])
+
+
+def test_a_module_stands_there_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def covered(system: str, name: str, view: str | None) -> Any:
+        own: Any = SimpleNamespace() if view is None else Facts.__new__(Facts)
+        own.flying, own.flying_module = SimpleNamespace(name=system), SimpleNamespace(name=name)
+        if view is not None:
+            own.view = view
+        return own
+
+    rows = [("S", "M", ""), ("S", "M", "near"), ("T", "M", ""), ("S", "N", ""), ("S", "M", None)]
+    for name in ("_system", "parameters_of"):
+        monkeypatch.setattr(rechecker, name, lambda *_: None)
+    monkeypatch.setattr(rechecker, "otherwise_in_program", lambda *_: ([], []))
+    monkeypatch.setattr(rechecker, "_module", lambda *_: SimpleNamespace())
+    entry: Any = dict.fromkeys(rechecker.MODULE_KEYS.split())
+    none: Any = None
+    for one, other in itertools.product(rows[:4], rows):
+        known = [covered(*other)]
+        monkeypatch.setattr(rechecker, "facts_of", lambda *_, one=one: covered(*one))
+        same = (one[0], one[1], one[2]) == (other[0], other[1], other[2] or "")
+        if same:
+            with pytest.raises(RejectedError, match="twice"):
+                rechecker._entry(none, none, none, known, entry, none, 1)
+        else:
+            rechecker._entry(none, none, none, known, entry, none, 1)
+            assert len(known) == 2
+
+
+def test_a_module_of_a_whole_proof_is_checked_by_its_method(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    facts = SimpleNamespace(
+        flying=SimpleNamespace(name="S"), flying_module=SimpleNamespace(name="M")
+    )
+    monkeypatch.setattr(rechecker, "_system", lambda *_: "system")
+    monkeypatch.setattr(rechecker, "parameters_of", lambda of: of)
+    monkeypatch.setattr(rechecker, "otherwise_in_program", lambda *_: (["a"], ["b"]))
+    monkeypatch.setattr(rechecker, "_module", lambda *_: pytest.fail("no groups there"))
+    asked = []
+    for key in MODULES:
+
+        def check(system: Any, entry: Any) -> Any:
+            asked.append((system, entry))
+            return facts, SimpleNamespace()
+
+        monkeypatch.setitem(MODULES, key, SimpleNamespace(check=check))
+        known: list[Any] = []
+        none: Any = None
+        report: Any = rechecker._entry(none, none, none, known, {key: 1}, none, 1)
+        assert asked[-1] == ("system", {key: 1})
+        assert known == [facts]
+        assert (report.parameters, report.otherwise, report.contradicted) == (
+            facts.flying,
+            ["a"],
+            ["b"],
+        )
+    others: tuple[Any, ...] = (None, [], "text")
+    for wrong in others:
+        with pytest.raises(RejectedError, match="a module is not"):
+            rechecker._entry(none, none, none, [], wrong, none, 1)
+
+
+@pytest.mark.parametrize("why", ["", "`near` is left out"])
+def test_a_module_is_proved_in_all_its_views(monkeypatch: pytest.MonkeyPatch, why: str) -> None:
+    def of(name: str, view: str, system: str = "S") -> Any:
+        facts: Any = Facts.__new__(Facts)
+        facts.flying = SimpleNamespace(name=system)
+        facts.flying_module = SimpleNamespace(name=name)
+        facts.view, facts.whole = view, f"all of {name}"
+        return facts
+
+    asked: list[Any] = []
+
+    def left_out(whole: object, views: object) -> str:
+        asked.append((whole, views))
+        return why
+
+    monkeypatch.setattr(rechecker, "left_out", left_out)
+    covered = [of("M", "near"), of("M", "far"), of("N", "near"), of("M", "near", "T"), of("O", "")]
+    covered.append(SimpleNamespace())
+    if why:
+        with pytest.raises(RejectedError, match="left out"):
+            rechecker._in_all_views(covered[0], covered)
+    else:
+        rechecker._in_all_views(covered[0], covered)
+    assert asked == [("all of M", ["near", "far"])]
+    for facts in covered[-2:]:
+        rechecker._in_all_views(facts, covered)
+    assert len(asked) == 1
+
+
+def test_a_system_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def prepared(*of: object, exact: bool) -> str:
+        asked.append((of, exact))
+        return "flat"
+
+    monkeypatch.setattr(rechecker, "system_to_prove", prepared)
+    checked: Any = SimpleNamespace(systems={"S": None})
+    flat: Any = rechecker._system(checked, {"a": 1}, {"system": "S"})
+    assert flat == "flat"
+    assert asked == [((checked, "S", {"a": 1}), False)]
+    with pytest.raises(RejectedError, match="no system `T`"):
+        rechecker._system(checked, {}, {"system": "T"})
+
+
+@pytest.mark.parametrize("error", [KeyError("x"), TypeError(), AttributeError(), IndexError()])
+def test_a_manifest_that_is_not_understood_is_at_fault(error: Exception) -> None:
+    with pytest.raises(RejectedError, match="not as it should be"), rechecker._understood("it"):
+        raise error
+
+
+@pytest.mark.parametrize("above", [None, "a module"])
+@pytest.mark.parametrize(("first", "phase"), [(0, 0), (5, 0), (3, 3), (3, 4)])
+@pytest.mark.parametrize("tower", [1, 2])
+def test_when_the_start_of_sc_is_asked_about(
+    monkeypatch: pytest.MonkeyPatch, above: str | None, first: int, phase: int, tower: int
+) -> None:
+    done: list[str] = []
+    reads = [SimpleNamespace()]
+    setting = SimpleNamespace(
+        by_sc=reads,
+        sc=SimpleNamespace(phase=phase),
+        first_available=lambda after, of: first if (after, of) == (0, reads) else -1,
+    )
+    facts = SimpleNamespace(tower=(None,) * tower, above=above, setting=setting)
+    monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
+    for name in ("read_above", "check_supported", "survives_the_start"):
+        monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))
+    none: Any = None
+    found: Any = rechecker.facts_of(none, {"module": "M"})
+    assert found is facts
+    wanted = ["read_above"] * (tower > 1) + ["check_supported"]
+    assert done == wanted + ["survives_the_start"] * (above is not None or first != phase)
+
+
+# ---------------------------------------------------------------- cases
+
+
+def test_ranges_are_those_of_the_grids() -> None:
+    def part(states: tuple[int, ...], *edges: tuple[float, ...]) -> Any:
+        return SimpleNamespace(states=states, grid=SimpleNamespace(edges=edges))
+
+    extents = ((0.0, 1.0), (2.0, 3.0), (4.0, 5.0))
+    assert narrowed(extents, []) == extents
+    found = narrowed(extents, [part((2, 0), (6.0, 7.0, 8.0), (9.0, 10.0)), part(())])
+    assert found == ((9.0, 10.0), (2.0, 3.0), (6.0, 8.0))
+
+
+def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tuple[Any, list[str]]:
+    """A case with two groups, and what it asks them."""
+    asked: list[str] = []
+
+    def noted(what: str, answer: Any = ()) -> Any:
+        asked.append(what)
+        return answer
+
+    def check(k: int) -> Any:
+        return SimpleNamespace(
+            sees_rates=k == 1,
+            free=lambda h: noted(f"free {k} {h}"),
+            levels=lambda ns: noted(f"levels {k} {ns}"),
+            core=lambda: noted(f"core {k}"),
+            safe=lambda cells: asked.append(f"safe {k} {cells}"),
+            admits=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
+            published=lambda t, cells, _: noted(f"published {k} {t} {cells}", k == 0),
+            home=lambda cells: noted(f"home {k} {cells}"),
+            holds=k + 1,
+        )
+
+    groups = [
+        SimpleNamespace(
+            check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
+            part=lambda **_: "part",
+            states=(k,),
+        )
+        for k in range(2)
+    ]
+    symbol = SimpleNamespace(safe="safe", safer="safer", verify=SimpleNamespace(recover=None))
+    known = {"unbounded": set(), "times": {"H_ns": 7}, "computed": False, "between_ns": 3}
+    own = SimpleNamespace(symbol=symbol, ttf="ttf", in_sets={}, **{**known, **facts})
+    monkeypatch.setattr(case_check, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
+    monkeypatch.setattr(case_check, "rates_are_defined", lambda _, s: asked.append(f"rates {s}"))
+    monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
+    monkeypatch.setattr(case_check, "published", lambda *_: ["c0", "c1"])
+    model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
+    made = CaseCheck(model, groups, claims, {"recover_ns": None}, lambda _: None, 1)  # type: ignore[arg-type]
+    monkeypatch.setattr(
+        CaseCheck, "_certain", lambda _, expr, errors: [f"{expr} {errors} {k}" for k in range(2)]
+    )
+    monkeypatch.setattr(CaseCheck, "_start", lambda _: asked.append("start"))
+    return made, asked
+
+
+KERNEL = ["safe 0 safe False 0", "safe 1 safe False 1"]
+KERNEL += ["published 0 t c0", "published 1 t c1", "core 0", "core 1"]
+FREE = ["free 0 7", "free 1 7"]
+HOME = ["home 0 safer True 0", "home 1 safer True 1"]
+TTF, SAFER = ([f"{n} {k} {n} {a}" for k in range(2)] for n, a in (("ttf", False), ("safer", True)))
+
+
+@pytest.mark.parametrize(
+    ("claims", "wanted"),
+    [
+        ({"P1a"}, []),
+        ({"P2a"}, KERNEL),
+        ({"P2b"}, KERNEL + HOME),
+        ({"P3"}, KERNEL + FREE + TTF + SAFER),
+        ({"ttf"}, KERNEL + FREE + TTF),
+        ({"safer"}, KERNEL + FREE + SAFER),
+        ({"start"}, [*KERNEL, "start"]),
+        ({"P1a", "P2a", "P2b", "P3"}, KERNEL + FREE + TTF + SAFER + HOME),
+    ],
+)
+def test_what_is_asked_of_each_group(
+    monkeypatch: pytest.MonkeyPatch, claims: set[str], wanted: list[str]
+) -> None:
+    made, asked = case(monkeypatch, claims)
+    made._collect()
+    assert asked == ["kept 0 None", "kept 1 None", "rates [(1,)]", *wanted]
+    assert made.model.facts.in_sets == ({"t": False} if claims != {"P1a"} else {})
+
+
+def test_of_computed_predicates_levels_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    made, asked = case(monkeypatch, {"P3"}, computed=True, unbounded={0})
+    made.lawful = ["l0", "l1"]
+    made._collect()
+    assert asked[:4] == ["kept 0 l0", "kept 1 l1", "reads 2", "rates [(1,)]"]
+    assert asked[4:] == [*KERNEL, *FREE, "levels 0 3", "levels 1 3"]
+
+
+@pytest.mark.parametrize("before", [None, False, True])
+@pytest.mark.parametrize("now", [False, True])
+def test_a_topic_is_in_its_set_where_it_is_in_all_cases(
+    monkeypatch: pytest.MonkeyPatch, before: bool | None, now: bool
+) -> None:
+    made, _ = case(monkeypatch, {"P2a"})
+    made.model.facts.in_sets = {} if before is None else {"t": before}
+    made.checks = [
+        SimpleNamespace(safe=lambda _: None, published=lambda *_, k=k: now or k == 0, core=list)
+        for k in range(2)
+    ]
+    made._kernel()
+    assert made.model.facts.in_sets == {"t": now and before is not False}
+
+
+def test_predicates_that_are_not_there_are_not_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    for missing, claims in (("ttf", {"ttf"}), ("safer", {"safer"}), ("safer", {"P3"})):
+        made, _ = case(monkeypatch, claims)
+        setattr(made.model.facts if missing == "ttf" else made.model.facts.symbol, missing, None)
+        made.checks = []
+        with pytest.raises(NotRecheckedError, match="computed predicates"):
+            made._predicates()
+
+
+@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("decide", [0, 2])
+def test_the_time_to_return_is_the_longest_way(
+    monkeypatch: pytest.MonkeyPatch, late: int, decide: int
+) -> None:
+    made, _ = case(monkeypatch, {"P2b"}, times={"delta_ns": 10}, jitter_ns=late, decide_ns=decide)
+    monkeypatch.setattr(case_check, "number_of", lambda _, declared: declared)
+    made._recover()  # none is declared
+    made.entry = {"recover_ns": 25}
+    with pytest.raises(RejectedError, match="declares no time"):
+        made._recover()
+    for holds in ((), (2,), (1, 2), (2, 1)):
+        made.checks = [SimpleNamespace(holds=h) for h in holds]
+        longest = 10 * max(holds, default=0) + late + decide
+        for declared in (longest - 1, longest, longest + 1):
+            made.model.facts.symbol.verify.recover = declared
+            made.entry = {"recover_ns": declared}
+            if declared >= longest:
+                made._recover()
+            else:
+                with pytest.raises(RejectedError, match="longer to return"):
+                    made._recover()
+            for other in (declared + 1, None):
+                made.entry = {"recover_ns": other}
+                with pytest.raises(RejectedError, match="another one"):
+                    made._recover()
+
+
+@pytest.mark.parametrize("default", [-2.0, -1.0, 0.5, 2.0, 2.5])
+def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
+    topics = [SimpleNamespace(default=(9.0, default))]
+    control = SimpleNamespace(low=-1.0, high=2.0, owner=0, leaf=1, name="u")
+    facts = SimpleNamespace(
+        above=None,
+        parameters=[],
+        controls=[control],
+        start_ns=7,
+        system=SimpleNamespace(topics=topics),
+    )
+    made: Any = SimpleNamespace(
+        model=SimpleNamespace(facts=facts, parameter=()), checks=[], _ask=list
+    )
+    if -1.0 <= default <= 2.0:
+        CaseCheck._start(made)
+    else:
+        with pytest.raises(RejectedError, match="the default of `u`"):
+            CaseCheck._start(made)
+
+
+def test_below_a_module_the_start_is_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(case_check, "require_entered", lambda *of: asked.append(of))
+    facts = SimpleNamespace(above="a module")
+    made: Any = SimpleNamespace(model=SimpleNamespace(facts=facts), groups=["g"], claims={"P3"})
+    CaseCheck._start(made)
+    assert asked == [(made.model, ["g"], {"P3"})]
+
+
+@pytest.mark.parametrize("fork", [False, True])
+@pytest.mark.parametrize("workers", [1, 2, 9])
+def test_every_task_has_to_say_nothing(
+    monkeypatch: pytest.MonkeyPatch, fork: bool, workers: int
+) -> None:
+    used: list[int] = []
+
+    class Processes:
+        def __init__(self, count: int, task: Callable[[int], str], workers: int) -> None:
+            used.append(workers)
+            self.done = ((k, task(k)) for k in range(count))
+
+        def answers(self) -> Any:
+            yield from self.done
+
+    monkeypatch.setattr(case_check, "TaskProcesses", Processes)
+    monkeypatch.setattr(case_check, "can_fork", lambda: fork)
+    parameters = [SimpleNamespace(name="a"), SimpleNamespace(name="b")]
+
+    def show(*failed: str, named: bool = True) -> tuple[list[float], list[int]]:
+        shares: list[float] = []
+        order: list[int] = []
+        facts = SimpleNamespace(parameters=parameters if named else [])
+        model: Any = SimpleNamespace(facts=facts, parameter=(1, 2) if named else ())
+        made = CaseCheck(model, [], set(), {}, shares.append, workers)
+
+        def task(k: int, text: str) -> str:
+            order.append(k)
+            return text
+
+        made.tasks = [(partial(task, k, text), k + 1) for k, text in enumerate(failed)]
+        made._show()
+        return shares, order
+
+    shares, order = show("", "", "")
+    assert order == [2, 1, 0]
+    assert shares == [3 / 6, 5 / 6, 1.0]
+    assert used == ([min(workers, 3)] if fork and workers > 1 else [])
+    assert show() == ([], [])
+    for k in range(3):
+        with pytest.raises(RejectedError, match=r"^wrong \(a = 1, b = 2\)$"):
+            show(*("wrong" if k == i else "" for i in range(3)))
+    with pytest.raises(RejectedError, match=r"^wrong$"):
+        show("wrong", named=False)

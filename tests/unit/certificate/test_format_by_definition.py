@@ -1,0 +1,515 @@
+"""What a folder, a table and a text of a certificate may be, each at the bounds it is held to."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import math
+import os
+import struct
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from soter.certificate.format import certificate_program, claimed_parts
+from soter.certificate.format import folder as folders
+from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.format.folder import (
+    FORMAT,
+    Certificate,
+    NotACertificateError,
+    canonical,
+    read_certificate,
+)
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file
+from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+def of_files(folder: Path, **contents: bytes) -> Certificate:
+    """A certificate with these tables."""
+    return Certificate(folder, {}, {f"sets/{n}": data for n, data in contents.items()}, set())
+
+
+# ---------------------------------------------------------------- tables
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        (),
+        (1.0,),
+        (1.0, 1.0),
+        (2.0, 1.0),
+        (1.0, math.inf),
+        (-math.inf, 1.0),
+        (1.0, math.nan),
+        (math.nan, 1.0),
+        (0.0, 1.0, 1.0),
+        (0.0, 0.0, 1.0),
+        (0.0, 2.0, 1.0),
+    ],
+)
+def test_edges_that_are_none(tmp_path: Path, numbers: tuple[float, ...]) -> None:
+    data = struct.pack(f"<{len(numbers)}d", *numbers)
+    with pytest.raises(RejectedError):
+        of_files(tmp_path, x=data).edges("sets/x")
+
+
+def test_edges_are_eight_bytes_each_and_rise(tmp_path: Path) -> None:
+    for numbers in ((1.0, 2.0), (-1e300, 0.0, 5e-324, 1e300)):
+        data = struct.pack(f"<{len(numbers)}d", *numbers)
+        assert of_files(tmp_path, x=data).edges("sets/x") == numbers
+        for other in (data + b"\0", data[:-1], data + b"\0" * 7):
+            with pytest.raises(RejectedError, match="no breakpoints"):
+                of_files(tmp_path, x=other).edges("sets/x")
+
+
+def test_a_table_has_a_number_for_each_cell(tmp_path: Path) -> None:
+    for shape, (kind, size) in itertools.product(
+        ((4,), (2, 3), (3, 1, 2)), (("<u1", 1), ("<u2", 2))
+    ):
+        count = math.prod(shape)
+        numbers = [(7 * k) % 256 for k in range(count)]
+        data = b"".join(n.to_bytes(size, "little") for n in numbers)
+        table = of_files(tmp_path, x=data).numbers("sets/x", shape, kind)
+        assert table.shape == shape
+        assert table.ravel().tolist() == numbers
+        for other in (data[:-1], data + b"\0", b""):
+            with pytest.raises(RejectedError, match="size"):
+                of_files(tmp_path, x=other).numbers("sets/x", shape, kind)
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (8,), (9,), (3, 5), (2, 2, 2), (4, 4)])
+def test_a_set_has_a_bit_for_each_cell(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    count = math.prod(shape)
+    for pattern in (0, 1, 1 << (count - 1), 0b10110 % (1 << count), (1 << count) - 1):
+        size = (count + 7) // 8
+        found = of_files(tmp_path, x=pattern.to_bytes(size, "little")).bits("sets/x", shape)
+        assert found.shape == shape
+        assert found.ravel().tolist() == [bool(pattern >> k & 1) for k in range(count)]
+        for bit in range(count, 8 * size):
+            data = (pattern | 1 << bit).to_bytes(size, "little")
+            with pytest.raises(RejectedError, match="behind the last cell"):
+                of_files(tmp_path, x=data).bits("sets/x", shape)
+
+
+def test_a_table_is_named_as_it_is_and_noted(tmp_path: Path) -> None:
+    contents = {"sets/a": b"a", "sets/b": b"b", "program/c": b"c", "sets/d": b"d"}
+    certificate = Certificate(tmp_path, {}, contents, set())
+    assert certificate.plain("sets/b") == b"b"
+    assert certificate.unused == ["sets/a", "sets/d"]
+    for path in ("program/c", "sets/e", "a", 3, None, ["sets/a"], b"sets/a"):
+        with pytest.raises(RejectedError, match="no table"):
+            certificate.plain(path)
+    assert certificate.unused == ["sets/a", "sets/d"]
+
+
+# ---------------------------------------------------------------- the manifest
+
+
+def test_canonical_is_one_way_to_write_it() -> None:
+    assert canonical({"b": [1, "\xe9"], "a": None}) == b'{"a":null,"b":[1,"\\u00e9"]}\n'
+    with pytest.raises(ValueError, match="JSON"):
+        canonical(math.nan)
+
+
+@pytest.mark.parametrize(
+    "raw",
+    [
+        b"",
+        b"\xff",
+        b"[]\n",
+        b'"text"\n',
+        b"{}",
+        b"{} \n",
+        b'{"b":1,"a":2}\n',
+        b'{"a":NaN}\n',
+        b'{"a":1,"a":1}\n',
+        b"[" * 200_000,
+    ],
+)
+def test_a_manifest_that_is_none(raw: bytes) -> None:
+    with pytest.raises(RejectedError, match="manifest"):
+        folders._parsed(raw)
+
+
+def test_a_manifest_is_what_it_says() -> None:
+    manifest = {"a": [1, {"b": 2.5}], "c": ""}
+    assert folders._parsed(canonical(manifest)) == manifest
+
+
+@pytest.mark.parametrize("given", [True, False, "2", 2.0, None, [], 0, -1])
+def test_a_format_that_is_no_version(given: object) -> None:
+    with pytest.raises(RejectedError, match="version"):
+        folders._require_this_format(given)
+
+
+def test_another_version_is_not_known() -> None:
+    folders._require_this_format(FORMAT)
+    for given in {1, 2, 3, 99} - {FORMAT}:
+        with pytest.raises(NotRecheckedError, match="older" if given < FORMAT else "newer"):
+            folders._require_this_format(given)
+
+
+# ---------------------------------------------------------------- the folder
+
+
+def sealed(folder: Path, contents: dict[str, bytes], **manifest: Any) -> Path:
+    """A certificate whose hashes are right."""
+    hashes = {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+    for name, data in contents.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+    raw = canonical({"schema": FORMAT, "files": hashes, **manifest})
+    (folder / "manifest.json").write_bytes(raw)
+    (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+    return folder
+
+
+RIGHT = {"program/a": b"1", "sets/b": b"22", "sets/c/d": b""}
+
+
+def test_a_folder_is_read_as_it_is(tmp_path: Path) -> None:
+    certificate = read_certificate(sealed(tmp_path, RIGHT))
+    assert certificate.contents == RIGHT
+    assert certificate.used == set()
+    seal = (tmp_path / "SEAL").read_text().strip()
+    assert certificate.seal == seal
+
+
+@pytest.mark.parametrize("left_out", ["manifest.json", "SEAL", "both", "the folder"])
+def test_what_is_no_certificate(tmp_path: Path, left_out: str) -> None:
+    folder = sealed(tmp_path, RIGHT)
+    for name in ("manifest.json", "SEAL"):
+        if left_out in (name, "both"):
+            (folder / name).unlink()
+    if left_out == "the folder":
+        folder = folder / "SEAL"
+    with pytest.raises(NotACertificateError):
+        read_certificate(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [("program/a", "missing"), ("sets/e", "not listed"), ("other", "not listed")],
+)
+def test_files_are_those_that_are_listed(tmp_path: Path, name: str, word: str) -> None:
+    folder = sealed(tmp_path, RIGHT)
+    if word == "missing":
+        (folder / "sets/more").write_bytes(b"")
+        sealed(folder, {**RIGHT, "sets/more": b""})
+        (folder / name).rename(folder / "program/b")
+        (folder / "program/b").unlink()
+        (folder / "program").rmdir()
+    else:
+        (folder / name).write_bytes(b"")
+    with pytest.raises(RejectedError, match=word):
+        read_certificate(folder)
+
+
+@pytest.mark.parametrize("name", ["other", "sets2/x", "programs/x", "SETS/x"])
+def test_files_lie_below_two_folders(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RejectedError, match="outside"):
+        read_certificate(sealed(tmp_path, {**RIGHT, name: b"x"}))
+
+
+@pytest.mark.parametrize("name", sorted(RIGHT))
+def test_each_file_is_covered(tmp_path: Path, name: str) -> None:
+    folder = sealed(tmp_path, RIGHT)
+    (folder / name).write_bytes(b"3")
+    with pytest.raises(RejectedError, match="was changed"):
+        read_certificate(folder)
+
+
+@pytest.mark.parametrize("text", ["", "no newline", "two newlines"])
+def test_the_seal_is_one_line(tmp_path: Path, text: str) -> None:
+    folder = sealed(tmp_path, RIGHT)
+    seal = (folder / "SEAL").read_text()
+    written = {"": "", "no newline": seal[:-1], "two newlines": seal + "\n"}[text]
+    (folder / "SEAL").write_text(written)
+    with pytest.raises(RejectedError, match="seal"):
+        read_certificate(folder)
+
+
+def test_so_many_files_and_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Folders count as files do: three files and two folders."""
+    for name in ("a/x", "a/b/y", "z"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    for most in range(4, 7):
+        monkeypatch.setattr(folders, "ENTRIES_MAX", most)
+        if most >= 5:
+            assert list(folders._sizes(tmp_path)) == ["a/b/y", "a/x", "z"]
+        else:
+            with pytest.raises(NotRecheckedError, match="more than 4 files"):
+                folders._sizes(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "most"),
+    [("manifest.json", 3), ("program/x", 5), ("sets/x", 7), ("SEAL", 7), ("a/program/x", 7)],
+)
+def test_a_file_is_no_larger_than_its_kind_may_be(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, most: int
+) -> None:
+    for limit, value in (("MANIFEST_MAX", 3), ("PROGRAM_MAX", 5), ("FILE_MAX", 7)):
+        monkeypatch.setattr(folders, limit, value)
+    path = tmp_path / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for size in (most - 1, most, most + 1):
+        path.write_bytes(b"x" * size)
+        if size <= most:
+            assert folders._sizes(tmp_path) == {name: size}
+        else:
+            with pytest.raises(NotRecheckedError, match="too many to be read"):
+                folders._sizes(tmp_path)
+
+
+def test_all_files_together_are_so_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, size in (("a", 3), ("b", 4)):
+        (tmp_path / name).write_bytes(b"x" * size)
+    for most in (6, 7, 8):
+        monkeypatch.setattr(folders, "BYTES_MAX", most)
+        if most >= 7:
+            assert folders._sizes(tmp_path) == {"a": 3, "b": 4}
+        else:
+            with pytest.raises(NotRecheckedError, match="larger than 6"):
+                folders._sizes(tmp_path)
+
+
+def test_a_folder_is_needed_by_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a/b/c").mkdir(parents=True)
+    (tmp_path / "a/b/c/file").write_bytes(b"")
+    assert folders._sizes(tmp_path) == {"a/b/c/file": 0}
+    (tmp_path / "a/d").mkdir()
+    with pytest.raises(RejectedError, match="`a/d` is empty"):
+        folders._sizes(tmp_path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX has pipes and links that are files")
+@pytest.mark.parametrize("kind", ["pipe", "link", "folder"])
+def test_only_a_plain_file_is_read(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "x"
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link":
+        (tmp_path / "file").write_bytes(b"")
+        path.symlink_to("file")
+    else:
+        path.mkdir()
+        (path / "file").write_bytes(b"")
+    if kind != "folder":
+        with pytest.raises(RejectedError, match="neither a file nor a folder"):
+            folders._sizes(tmp_path)
+    with pytest.raises((RejectedError, NotRecheckedError)):
+        folders._read(tmp_path, "x", 0)
+
+
+def test_what_the_system_refuses_is_not_read(tmp_path: Path) -> None:
+    for ask in (
+        lambda: list(folders._entries(tmp_path / "none")),
+        lambda: folders._read(tmp_path, "none", 0),
+    ):
+        with pytest.raises(NotRecheckedError, match="cannot be read"):
+            ask()
+
+
+# ---------------------------------------------------------------- what claims rest on
+
+
+def test_each_part_rests_on_a_claim_that_is_made() -> None:
+    """By the list in docs/verification.md: R on P3, `ttf`, `safer`; Q and W on P2b."""
+    free, home = {"P3", "ttf", "safer"}, {"P2b"}
+    rests = {"R": free, "Q": home, "W": home, "W_N": home}
+    for part, claim in itertools.product((*rests, "K", "S"), (*sorted(free | home), "P2a", "P1a")):
+        for computed in (False, True):
+            wrong = (part == "S" and not computed) or claim not in rests.get(part, {claim})
+            if part == "S" and computed:
+                wrong = False
+            found = claimed_parts.unclaimed({"kind": "grid", part: []}, {claim}, computed=computed)
+            assert found == ([part] if wrong else [])
+            groups = [{"kind": "grid"}, {"kind": "grid", part: []}]
+            if wrong:
+                with pytest.raises(RejectedError, match=f"`{part}`"):
+                    claimed_parts.refuse_unclaimed(groups, {claim}, computed=computed)
+            else:
+                claimed_parts.refuse_unclaimed(groups, {claim}, computed=computed)
+
+
+@pytest.mark.parametrize("claim", ["P2a", "start", "P2b", "P3", "ttf", "safer", "P1a"])
+def test_k_and_the_time_to_return_rest_on_claims(claim: str) -> None:
+    def of(*members: bool) -> Any:
+        return SimpleNamespace(any=lambda: any(members))
+
+    for cells, back in itertools.product(
+        ([], [of(False)], [of(False), of(False, True)]), (None, 0, 5)
+    ):
+        held, returns = len(cells) == 2, back is not None
+        if (held and claim == "P1a") or (returns and claim != "P2b"):
+            with pytest.raises(RejectedError):
+                claimed_parts.refuse_cells(cells, {claim}, back)
+        else:
+            claimed_parts.refuse_cells(cells, {claim}, back)
+
+
+def test_an_entry_has_its_keys_and_no_others() -> None:
+    def ask(*keys: str) -> None:
+        claimed_parts.only_keys(dict.fromkeys(keys), "a b", "it", "c d")
+
+    for more in itertools.chain.from_iterable(itertools.combinations("cd", n) for n in range(3)):
+        ask("a", "b", *more)
+    for missing in ("a", "b"):
+        with pytest.raises(RejectedError, match=f"has no `{missing}`"):
+            ask(*({"a", "b"} - {missing}))
+    with pytest.raises(RejectedError, match="an unknown `e`"):
+        ask("a", "b", "e")
+    for entry in (["a", "b"], "a b", None):
+        with pytest.raises(RejectedError, match="not as it should be"):
+            claimed_parts.only_keys(entry, "a b", "it")
+
+
+# ---------------------------------------------------------------- the program
+
+PROGRAM = """soter 1;
+{imported}param speed: float = 1.0 in [0.0, 2.0];
+topic x: float max_age 20ms;
+topic u: float in [-1.0, 1.0];
+plant P period 10ms {{ reads u; drives x = p; state p: float; der p = speed * u; }}
+node Go period 20ms {{ publishes u; step {{ publish u = 1.0; }} }}
+system S {{ p: P; g: Go; }}
+"""
+
+
+def certificate_of(folder: Path, params: object, **more: Any) -> Certificate:
+    """A certificate of the program above, in its folder."""
+    program = folder / "program"
+    program.mkdir(exist_ok=True)
+    (program / "main.soter").write_text(PROGRAM.format(imported=more.pop("imported", "")))
+    for name, text in more.pop("files", {}).items():
+        (program / name).parent.mkdir(parents=True, exist_ok=True)
+        (program / name).write_text(text)
+    checked = check_file(str(program / "main.soter"), None, more.pop("values", {}))
+    assert checked.program is not None
+    digest = checked.program.sha256
+    manifest = {"main": "main.soter", "params": params, "program_sha256": digest, **more}
+    contents = {
+        f"program/{p.relative_to(program).as_posix()}": p.read_bytes()
+        for p in program.rglob("*")
+        if p.is_file()
+    }
+    return Certificate(folder, manifest, contents, set())
+
+
+def test_a_program_is_read_with_its_parameters(tmp_path: Path) -> None:
+    for params, values in (({}, {}), ({"speed": (1.5).hex()}, {"speed": 1.5})):
+        certificate = certificate_of(tmp_path, params, values=values)
+        checked, overrides = certificate_program.program_of(certificate)
+        assert overrides == values
+        assert checked.program is not None
+        assert checked.ok
+
+
+@pytest.mark.parametrize("main", [None, 3, "other.soter", "../main.soter", ""])
+def test_a_main_file_that_is_not_there(tmp_path: Path, main: object) -> None:
+    with pytest.raises(RejectedError, match="main file"):
+        certificate_program.program_of(certificate_of(tmp_path, {}, main=main))
+
+
+@pytest.mark.parametrize("params", [None, [], "speed", {"other": (1.0).hex()}, {"speed": 1.0}])
+def test_parameters_that_are_none(tmp_path: Path, params: object) -> None:
+    with pytest.raises(RejectedError, match=r"params|parameter|hexadecimal"):
+        certificate_program.program_of(certificate_of(tmp_path, params))
+
+
+def test_a_program_is_the_one_that_the_manifest_says(tmp_path: Path) -> None:
+    with pytest.raises(RejectedError, match="another one"):
+        certificate_program.program_of(certificate_of(tmp_path, {}, program_sha256="0" * 64))
+
+
+def test_a_program_with_errors_is_none(tmp_path: Path) -> None:
+    certificate = certificate_of(tmp_path, {})
+    path = tmp_path / "program/main.soter"
+    for text in ("soter 1; system", "soter 1; topic x: nothing;", ""):
+        path.write_text(text)
+        with pytest.raises(SoterError):
+            certificate_program.program_of(certificate)
+
+
+def test_every_file_below_the_program_is_read(tmp_path: Path) -> None:
+    files = {"more.soter": "soter 1;\n"}
+    imported = 'import "more.soter" as more;\n'
+    certificate_program.program_of(certificate_of(tmp_path, {}, files=files, imported=imported))
+    with pytest.raises(RejectedError, match=r"does not read `program/more\.soter`"):
+        certificate_program.program_of(certificate_of(tmp_path, {}, files=files))
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_what_is_read_lies_in_the_certificate(tmp_path: Path, inside: bool) -> None:
+    folder = tmp_path / "certificate"
+    folder.mkdir()
+    (tmp_path / "more.soter").write_text("soter 1;\n")
+    if inside:  # below the folder, and not one of its files
+        (folder / "program").mkdir()
+        (folder / "program/more.soter").write_text("soter 1;\n")
+    imported = f'import "{"" if inside else "../../"}more.soter" as more;\n'
+    certificate = certificate_of(folder, {}, imported=imported)
+    certificate.contents.pop("program/more.soter", None)
+    with pytest.raises(RejectedError, match="outside the certificate"):
+        certificate_program.program_of(certificate)
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+def test_what_was_checked_is_what_is_sealed(tmp_path: Path, mark: bytes) -> None:
+    certificate = certificate_of(tmp_path, {})
+    checked = check_file(str(tmp_path / "program/main.soter"))
+    (name,) = certificate.contents
+    certificate.contents[name] = mark + certificate.contents[name]
+    certificate_program._as_sealed(certificate, checked)
+    certificate.contents[name] += b" "
+    with pytest.raises(RejectedError, match="while it was being read"):
+        certificate_program._as_sealed(certificate, checked)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [1.0, None, "1.0", "0x1p0", "0x1.0000000000000p+00", "inf", "nan", "-inf", "", "0x1p9999"],
+)
+def test_a_number_that_is_not_written_in_the_one_way(text: object) -> None:
+    with pytest.raises(RejectedError, match=r"hexadecimal|not written"):
+        certificate_program.hexadecimal(text, "x")
+
+
+def test_a_number_is_written_in_one_way() -> None:
+    for value in (0.0, -0.0, 1.5, -2.75e-300, 5e-324, 1.7e308):
+        found = certificate_program.hexadecimal(value.hex(), "x")
+        assert json.dumps(found) == json.dumps(value)
+
+
+def kinds() -> list[tuple[object, object, bool]]:
+    """Types, values of them, and whether they are some."""
+    whole: Callable[..., Any] = SimpleNamespace
+    of: Any = {t: t.__new__(t) for t in (BoolType, IntType, DurationType, EnumType)}
+    object.__setattr__(of[EnumType], "members", ("A", "B"))
+    rows: list[tuple[object, object, bool]] = [(whole(), 1, False)]
+    for t, right in ((BoolType, True), (IntType, 7), (DurationType, 9)):
+        rows += [(of[t], right, True), (of[t], "1", False), (of[t], 1.0, False)]
+    rows += [(of[BoolType], 1, False), (of[IntType], True, False), (of[IntType], -3, True)]
+    rows += [(of[EnumType], k, 0 <= k < 2) for k in (-1, 0, 1, 2)]
+    rows += [(FloatType.__new__(FloatType), 1.0, False)]
+    return rows
+
+
+@pytest.mark.parametrize(("of", "value", "fine"), kinds())
+def test_a_value_is_one_of_its_type(of: object, value: object, fine: bool) -> None:
+    if fine:
+        assert certificate_program._value(of, value, "x") is value
+    else:
+        with pytest.raises(RejectedError):
+            certificate_program._value(of, value, "x")

@@ -1,0 +1,672 @@
+"""What is read off one program with all kinds of inputs, beside what a person reads there."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import math
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from soter.certificate.assumptions import assumptions_of, confirmed_of, p1c_of
+from soter.certificate.reading import linear_flows, problem
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.linear_flows import LinearFlow, exponential, integral, linear_flow
+from soter.certificate.reading.module_facts import DiffersError, Facts
+from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType
+from unit.certificate import small_proofs
+from unit.certificate.test_reading_by_evaluation import at, holds
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+arb = type(ZERO)
+TEXT = """soter 1;
+param GAIN: float = 2.0 in [0.5, 9.0];
+type Road = enum { DRY, WET, ICE };
+type V = { a: float, b: float };
+topic x: V max_age 20ms;
+topic y: float in [-4.0, 3.0] max_age 20ms;
+topic u: float in [-1.0, 2.0] = 0.0;
+input topic wish: float in [-0.5, 0.25] = 0.0 max_age 9s;
+input topic wind: float in [-0.75, 0.5] = 0.0;
+plant P period 10ms {
+  reads u, wind;
+  drives x = { b: 2.0 * v, a: shown };
+  drives y = p - v;
+  let shown = p;
+  state p: float in [-0.125, 0.375];
+  state v: float = 0.25;
+  state heavy: bool = true;
+  state road: Road = Road.WET;
+  state gear: int in [2, 4] = 3;
+  disturbance w: float in [-0.25, 0.75];
+  der p = v;
+  der v = (heavy ? 1.0 : 2.0) * u - 0.5 * v + w + 4.0 * wind + float(gear);
+  measured x.a within 0.25, y within 0.125;
+}
+node Fast period 20ms { subscribes x; publishes u; step { publish u = 1.0; } }
+node Slow period 20ms {
+  subscribes x, y, wish;
+  publishes u;
+  step { publish u = clamp(wish - GAIN * x.a - x.b - y, -1.0, 2.0); }
+}
+rta M {
+  ac Fast;
+  sc Slow;
+  period 40ms;
+  safe abs(x.a) < 3.0;
+  ttf abs(x.a) > 2.0;
+  safer abs(x.a) < 1.0;
+  verify { grid x.a in [-3.0, 3.0] / 100; }
+}
+system S { p: P; module M; }
+"""
+MAP = (
+    ("der p = v;", "next p = p + 0.5 * v;"),
+    ("der v = (heavy", "next v = (heavy"),
+    ("plant P period 10ms", "plant P period 20ms"),
+    ("max_age 20ms;\ntopic y", "max_age 15ms;\ntopic y"),
+    ("3.0] max_age 20ms", "3.0] max_age 15ms"),
+)
+
+
+def facts_with(folder: Path, *pairs: tuple[str, str], module: str = "M") -> Facts:
+    text = TEXT
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "all.soter").write_text(text)
+    return small_proofs.facts_of(folder / "all.soter", "S", module)
+
+
+@pytest.fixture(scope="module")
+def facts(tmp_path_factory: pytest.TempPathFactory) -> Facts:
+    return facts_with(tmp_path_factory.mktemp("all"))
+
+
+def rows(inputs: Any) -> list[tuple[Any, ...]]:
+    return [(x.kind, x.name, x.low, x.high, x.of_others) for x in inputs]
+
+
+def test_every_input_has_the_range_that_is_declared(facts: Facts) -> None:
+    assert rows(facts.states) == [
+        ("state", "p.p", -0.125, 0.375, False),
+        ("state", "p.v", 0.25, 0.25, False),
+    ]
+    assert rows(facts.controls) == [("control", "u", -1.0, 2.0, False)]
+    assert rows(facts.disturbances) == [
+        ("disturbance", "p.w", -0.25, 0.75, False),
+        ("disturbance", "p.wind", -0.75, 0.5, True),
+    ]
+    assert rows(facts.errors) == [
+        ("error", "x.a", -0.25, 0.25, False),
+        ("error", "y", -0.125, 0.125, False),
+    ]
+    assert rows(facts.others) == [("other", "wish", -0.5, 0.25, False)]
+    assert [(p.name, p.values, p.begins) for p in facts.parameters] == [
+        ("p.heavy", (0, 1), (1, 1)),
+        ("p.road", (0, 1, 2), (1, 1)),
+        ("p.gear", (2, 3, 4), (3, 3)),
+    ]
+    assert facts.axes == {0: (-3.0, 3.0)}
+    assert (facts.kind, facts.levels, facts.view, facts.unbounded) == ("flow", 3, "", set())
+    assert dict(facts.leaves.values()) == {
+        next(t.index for t in facts.system.topics if t.name == "x"): ("a",)
+    }
+
+
+def test_errors_are_those_of_what_is_read(tmp_path: Path) -> None:
+    no_x = ("wish - GAIN * x.a - x.b - y", "wish - y")
+    for pairs, names in (
+        ((no_x,), ["x.a", "y"]),  # ttf reads x.a
+        ((("- x.b - y", "- x.b"),), ["x.a"]),
+        ((no_x, ("ttf abs(x.a)", "ttf abs(y)"), ("safer abs(x.a)", "safer abs(y)")), ["y"]),
+    ):
+        facts = facts_with(tmp_path, *pairs)
+        assert [e.name for e in facts.errors] == names
+
+
+def test_the_error_of_a_state_is_that_of_its_axis(facts: Facts) -> None:
+    assert problem.error_of(facts, 0) == 0.25
+    with pytest.raises(NotRecheckedError, match=r"no topic carries `p\.v`"):
+        problem.error_of(facts, 1)
+    other = copy.copy(facts)
+    (topic,) = (t for t, _ in facts.leaves.values())
+    other.leaves = {1: (topic, ("b",))}
+    assert problem.error_of(other, 1) == 0.0
+
+
+def test_a_module_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DiffersError, match="no module `N`"):
+        facts_with(tmp_path, module="N")
+
+
+Z = """topic z: float max_age 20ms;
+plant Q period 10ms { drives z = q; state q: float; der q = -q; }
+system S { p: P; q: Q;"""
+Q = (("system S { p: P;", Z),)
+
+
+@pytest.mark.parametrize(
+    ("pair", "there"),
+    [
+        (("gear: int", "gear: int"), False),
+        (("subscribes x, y, wish;", "subscribes x, y, wish, z;"), False),
+        (("- x.b - y", "- x.b - y - z"), True),
+        (("safe abs(x.a) < 3.0", "safe abs(x.a) < 3.0 && z < 9.0"), True),
+        (("ttf abs(x.a) > 2.0", "ttf abs(x.a) > 2.0 || z > 9.0"), True),
+        (
+            (
+                "grid x.a in [-3.0, 3.0] / 100;",
+                "grid x.a in [-3.0, 3.0] / 100; grid z in [-9.0, 9.0] / 9;",
+            ),
+            True,
+        ),
+    ],
+)
+def test_a_plant_is_part_of_the_problem_where_it_is_read(
+    tmp_path: Path, pair: tuple[str, str], there: bool
+) -> None:
+    pairs = [*Q, pair]
+    if "- z" in pair[1] or "grid z" in pair[1]:
+        pairs.append(("subscribes x, y, wish;", "subscribes x, y, wish, z;"))
+    facts = facts_with(tmp_path, *pairs)
+    assert [c.name for c in facts.plants] == ["p", "q"][: 1 + there]
+
+
+def test_flows_and_maps_are_told_apart() -> None:
+    def of(*, extern: bool = False, der: Any = (), moves: Any = ()) -> Any:
+        plant = SimpleNamespace(extern=extern, der=der, next=moves)
+        return SimpleNamespace(name="P", plant=plant)
+
+    assert problem._kind(of()) == "flow"
+    assert problem._kind(of(der=[1])) == "flow"
+    assert problem._kind(of(moves=[1])) == "map"
+    with pytest.raises(NotRecheckedError, match="flows and maps"):
+        problem._kind(of(der=[1], moves=[1]))
+    with pytest.raises(NotRecheckedError, match="extern"):
+        problem._kind(of(extern=True, der=[1]))
+
+
+def test_a_parameter_has_all_values_of_its_type() -> None:
+    enum: Any = EnumType.__new__(EnumType)
+    object.__setattr__(enum, "members", ("A", "B", "C"))
+    assert problem._values_of(BoolType(), "x") == (0, 1)
+    assert problem._values_of(enum, "x") == (0, 1, 2)
+    assert problem._values_of(IntType(-1, 1), "x") == (-1, 0, 1)
+    assert problem._values_of(IntType(3, 3), "x") == (3,)
+    assert len(problem._values_of(IntType(1, 4096), "x")) == 4096
+    for of in (IntType(0, 4096), FloatType.__new__(FloatType)):
+        with pytest.raises(NotRecheckedError, match="too many values"):
+            problem._values_of(of, "x")
+
+
+# ---------------------------------------------------------------- the model
+
+CASES = list(itertools.product((0, 1), (0, 2), (2, 4)))
+STATES = [(-2.5, 0.5), (0.75, -1.0), (2.25, 1.25)]
+
+
+def model_of(facts: Facts, parameter: tuple[int, ...] = (1, 1, 3)) -> CaseModel:
+    return CaseModel(facts, parameter, ((-3.0, 3.0), (-1.0, 1.5)))
+
+
+def point(terms: Terms, values: dict[str, float]) -> dict[int, float]:
+    return {k: values[a.name] for k, a in enumerate(terms.atoms) if a.name in values}
+
+
+def test_states_lie_in_their_ranges_and_as_far_beyond(facts: Facts) -> None:
+    other = copy.copy(facts)
+    other.unbounded = {1}
+    for farthest in (None, exact(100.0)):
+        _, states = CaseModel(other, (1, 1, 3), ((-3.0, 3.0), (-1.0, 1.5))).new_terms(farthest)
+        ends = [(float(s.low), float(s.high)) for s in states]
+        assert ends == [(-9.0, 9.0), (-3.5, 4.0) if farthest is None else (-100.0, 100.0)]
+
+
+@pytest.mark.parametrize("kind", ["flow", "map"])
+def test_rates_are_those_of_the_plant(tmp_path: Path, kind: str) -> None:
+    facts = facts_with(tmp_path, *(MAP if kind == "map" else ()))
+    assert facts.kind == kind
+    for heavy, road, gear in CASES:
+        model = model_of(facts, (heavy, road, gear))
+        terms, states = model.new_terms()
+        u = terms.input("box", "u", exact(-1.0), exact(2.0))
+        if kind == "flow":
+            moved, noise = model.rates(terms, states, [u])
+            assert [(float(n.low), float(n.high)) for n in noise] == [(-0.25, 0.75), (-0.75, 0.5)]
+            assert all(m.radius.is_zero() for m in moved)
+        else:
+            moved = model.next_states(terms, states, [u])
+            assert all(m.radius > 0 for m in moved)
+        for p, v in STATES:
+            values = {"p.p": p, "p.v": v, "u": 0.5, "w": 0.25, "p.wind": -0.5}
+            found = [at(terms, m, point(terms, values)) for m in moved]
+            dv = (1.0 if heavy else 2.0) * 0.5 - 0.5 * v + 0.25 + 4.0 * -0.5 + gear
+            dp = v if kind == "flow" else p + 0.5 * v
+            assert found == pytest.approx([dp, dv])
+
+
+@pytest.mark.parametrize("kind", ["flow", "map"])
+def test_a_state_without_dynamics_stands_still(tmp_path: Path, kind: str) -> None:
+    still = ("der p = v;", "") if kind == "flow" else ("next p = p + 0.5 * v;", "")
+    facts = facts_with(tmp_path, *(MAP if kind == "map" else ()), still)
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    u = terms.input("box", "u", exact(-1.0), exact(2.0))
+    move = model._moved(terms, states, [u], rounded=False)[0][0]
+    values = point(terms, {"p.p": 0.75, "p.v": 1.0})
+    assert at(terms, move, values) == (0.0 if kind == "flow" else 0.75)
+
+
+def test_topics_show_the_state_and_estimates_their_errors(facts: Facts) -> None:
+    index = {t.name: t.index for t in facts.system.topics}
+    for errors in (False, True):
+        model = model_of(facts)
+        terms, states = model.new_terms()
+        topics = model.topics(terms, states, errors=errors)
+        assert topics.keys() == {index["x"], index["y"], index["wish"]}
+        for p, v in STATES:
+            values = {"p.p": p, "p.v": v, "x.a": 0.25, "y": -0.125, "wish": 0.125}
+            where = point(terms, values)
+            a, b = (at(terms, x, where) for x in topics[index["x"]])
+            off = (0.25, -0.125) if errors else (0.0, 0.0)
+            assert (a, b) == pytest.approx((p + off[0], 2 * v))
+            assert at(terms, topics[index["y"]], where) == pytest.approx(p - v + off[1])
+            assert at(terms, topics[index["wish"]], where) == 0.125
+        ranges = [(float(a.low), float(a.high)) for a in terms.atoms if a.name == "y"]
+        assert ranges == [(-0.125, 0.125)] * errors
+
+
+@pytest.mark.parametrize("name", ["u + v", "w + v", "wind"])
+def test_a_name_for_what_no_topic_shows_is_left_alone(tmp_path: Path, name: str) -> None:
+    """What a plant is told and what disturbs it is known where it moves."""
+    facts = facts_with(
+        tmp_path,
+        ("let shown = p;", f"let shown = p; let push = {name};"),
+        ("der p = v;", "der p = push;"),
+    )
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    model.topics(terms, states, errors=True)
+    u = terms.input("box", "u", exact(-1.0), exact(2.0))
+    move = model.rates(terms, states, [u])[0][0]
+    values = {"p.p": 9.0, "p.v": 0.5, "u": 0.25, "w": 0.125, "p.wind": -0.5}
+    wanted = {"u + v": 0.75, "w + v": 0.625, "wind": -0.5}[name]
+    assert at(terms, move, point(terms, values)) == wanted
+
+
+def test_a_command_is_what_sc_makes_of_an_estimate(facts: Facts) -> None:
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    (command,) = model.commands(terms, states)
+    for (p, v), ea, ey, wish in itertools.product(
+        STATES, (-0.25, 0.125), (-0.125, 0.0), (0.2, -0.5)
+    ):
+        where = point(terms, {"p.p": p, "p.v": v, "x.a": ea, "y": ey, "wish": wish})
+        wanted = min(max(wish - 2.0 * (p + ea) - 2 * v - (p - v + ey), -1.0), 2.0)
+        assert at(terms, command, where) == pytest.approx(wanted)
+        assert all(holds(terms, o, where) for o in terms.obligations)
+
+
+def test_a_command_lies_in_its_set_or_it_is_an_obligation(tmp_path: Path) -> None:
+    facts = facts_with(
+        tmp_path, ("clamp(wish - GAIN * x.a - x.b - y, -1.0, 2.0)", "x.a + x.b - y - wish")
+    )
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    model.commands(terms, states)
+    for p, v in itertools.product((-2.5, 0.5, 2.25), (-1.25, 0.5, 1.25)):
+        where = point(terms, {"p.p": p, "p.v": v, "x.a": 0.0, "y": 0.0, "wish": 0.0})
+        command = p + 2 * v - (p - v)
+        assert all(holds(terms, o, where) for o in terms.obligations) is (-1 <= command <= 2)
+
+
+@pytest.mark.parametrize("errors", [False, True])
+def test_a_predicate_is_about_topics_or_estimates(facts: Facts, errors: bool) -> None:
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    truth = model.predicate(terms, states, facts.symbol.ttf, errors=errors)  # type: ignore[arg-type]
+    for p, e in itertools.product((-2.5, -2.1, -1.9, 0.0, 1.9, 2.1), (-0.25, 0.0, 0.25)):
+        where = point(terms, {"p.p": p, "p.v": 0.0, "x.a": e, "y": 0.0})
+        assert holds(terms, truth, where) is (abs(p + (e if errors else 0.0)) > 2.0)
+
+
+def test_what_is_published_keeps_to_its_set(facts: Facts) -> None:
+    """The value lies so far within the set that with its error, rounded, it still does."""
+    index = {t.name: t.index for t in facts.system.topics}
+    model = model_of(facts)
+    terms, states = model.new_terms()
+    assert model.limits(terms, states, index["x"]) == []
+    ((value, low, high),) = model.limits(terms, states, index["y"])
+    assert low == pytest.approx(-3.875)
+    assert high == pytest.approx(2.875)
+    truth = model.in_set(terms, states, index["y"])
+    for p, v in itertools.product((-2.75, -2.0, 1.75, 2.5), (-1.0, 0.25, 1.25, 1.0)):
+        where = point(terms, {"p.p": p, "p.v": v})
+        assert at(terms, value, where) == pytest.approx(p - v)
+        assert holds(terms, truth, where) is (-3.875 <= p - v <= 2.875)
+
+
+# ---------------------------------------------------------------- linear flows
+
+
+def test_a_row_of_a_flow_is_its_factors(facts: Facts) -> None:
+    first, second = linear_flows._whole(model_of(facts, (0, 1, 4)))
+    assert first is not None
+    assert second is not None
+    assert [float(x) for x in (*first.a, *first.b, first.constant)] == [0.0, 1.0, 0.0, 0.0]
+    # w in [-0.25, 0.75] and 4 wind in [-3, 2]: middles 0.25 and -0.5
+    assert [float(x) for x in (*second.a, *second.b, second.constant)] == [0.0, -0.5, 2.0, 3.75]
+    assert [float(x) for x in second.noise] == [0.5, 2.5]
+    assert all(x.is_zero() for x in (*first.noise, first.error, second.error))
+
+
+def test_what_moves_a_group_from_outside_is_a_disturbance(facts: Facts) -> None:
+    model = model_of(facts, (1, 1, 2))
+    flow = linear_flow(model, [0])
+    assert [float(x) for x in (*flow.a[0], *flow.b[0])] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert float(flow.constant[0]) == pytest.approx(0.25, abs=1e-4)  # v in [-1, 1.5]
+    assert sum(abs(float(x)) for x in flow.noise[0]) == pytest.approx(1.25, abs=1e-4)
+    both = linear_flow(model, [1, 0])
+    assert both.members == (1, 0)
+    found = [[float(x) for x in (*a, *b)] for a, b in zip(both.a, both.b, strict=True)]
+    assert np.allclose(found, [[-0.5, 0.0, 1.0], [1.0, 0.0, 0.0]], atol=1e-6)
+    assert [float(c) for c in both.constant] == pytest.approx([1.75, 0.0], abs=1e-4)
+    assert sum(abs(float(x)) for x in both.noise[0]) == pytest.approx(3.0, abs=1e-3)
+    assert [(float(a), float(b)) for a, b in both.ranges] == [(-1.0, 2.0)]
+
+
+def matrix(*rows_of: list[float]) -> Any:
+    return [[exact(float(x)) for x in row] for row in rows_of]
+
+
+SPANS = [Fraction(0), Fraction(1, 3), Fraction(-1, 2), Fraction(3)]
+
+
+@pytest.mark.parametrize(
+    ("start", "end"), list(itertools.combinations_with_replacement(sorted(SPANS), 2))
+)
+def test_exponentials_of_matrices_that_are_known(start: Fraction, end: Fraction) -> None:
+    nilpotent, turning = matrix([0.0, 1.0], [0.0, 0.0]), matrix([0.0, 1.0], [-1.0, 0.0])
+    shear, turn = (exponential(a, start, end) for a in (nilpotent, turning))
+    half = float(end - start) / 2
+    for k in range(9):
+        t = float(start) + float(end - start) * k / 8
+        exactly = [[math.cos(t), math.sin(t)], [-math.sin(t), math.cos(t)]]
+        for i, j in itertools.product(range(2), repeat=2):
+            assert abs(turn[i][j] - exactly[i][j]).lower() < 1e-12
+        assert abs(shear[0][1] - t).lower() < 1e-12
+    assert (shear[0][0], shear[1][1]) == (1, 1)
+    assert shear[1][0].is_zero()
+    assert float(shear[0][1].rad()) == pytest.approx(half, rel=1e-6)
+    # by a series of terms that are each as large as they may be
+    assert all(float(x.rad()) <= 2 * (math.exp(half) - 1) + 1e-9 for row in turn for x in row)
+
+
+def test_so_long_a_span_is_summed_up() -> None:
+    """For rates of 1 per s: as many terms as halve the rest, 256 at most."""
+    one = matrix([1.0])
+    for half in (Fraction(1, 2), Fraction(12), Fraction(13), Fraction(40), Fraction(257, 2)):
+        ((x,),) = linear_flows._around(one, half)
+        most = math.exp(float(half))
+        assert float(x.upper()) >= most * (1 - 1e-12)
+        assert float(x.upper()) <= most * (1 + 1e-2)
+        assert float(x.lower()) <= 1 / most
+        assert float(x.lower()) >= 1 - math.sinh(float(half)) * (1 + 1e-2) - 1e-12
+    with pytest.raises(NotRecheckedError, match="too long"):
+        linear_flows._around(one, Fraction(129))
+    assert linear_flows._around([], Fraction(1)) == []
+
+
+@pytest.mark.parametrize("time", [Fraction(1, 4), Fraction(2), Fraction(-1)])
+def test_integrals_of_exponentials_that_are_known(time: Fraction) -> None:
+    t = float(time)
+    found = integral(matrix([0.0, 1.0], [0.0, 0.0]), time)
+    wanted = [[t, t * t / 2], [0.0, t]]
+    assert np.allclose([[float(x) for x in row] for row in found], wanted, atol=1e-12)
+    ((decay,),) = integral(matrix([-2.0]), time)
+    assert float(decay) == pytest.approx((1 - math.exp(-2 * t)) / 2)
+
+
+def test_entries_that_differ_lie_on_paths() -> None:
+    dice = np.random.default_rng(29)
+    for n in (1, 2, 3, 5):
+        for _ in range(20):
+            links = dice.random((n, n)) < 0.3
+            steps, reach = links.copy(), links.copy()
+            for _ in range(n):
+                steps = (steps.astype(int) @ links.astype(int)) > 0
+                reach |= steps
+            a = matrix(*([float(x) for x in row] for row in links))
+            assert linear_flows._reach(a) == reach.tolist()
+            seven = [[exact(7.0)] * n for _ in range(n)]
+            cleaned = linear_flows._cleaned(a, seven)
+            for i, j in itertools.product(range(n), repeat=2):
+                assert cleaned[i][j] == (7 if reach[i, j] else int(i == j))
+
+
+def test_a_size_is_bounded_in_three_ways() -> None:
+    of, share = linear_flows._absolute_integral, exact(0.5)
+    for values in itertools.product((-2.0, 0.0, 3.0), repeat=3):
+        whole = exact(sum(values) / 2)
+        found = of(whole, [exact(v) for v in values], share)
+        assert float(found) == pytest.approx(sum(map(abs, values)) / 2)
+    wide = arb(0, 1)
+    assert float(of(ZERO, [wide], share)) == pytest.approx(0.5)
+    mostly = arb(0.95, 1.05)  # [-0.1, 2]: the whole and twice what is below zero
+    assert float(of(exact(0.5), [mostly], share)) == pytest.approx(0.6)
+    assert float(of(exact(-0.5), [-mostly], share)) == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("rate", [-2.0, 0.5])
+def test_what_is_added_over_a_span(rate: float) -> None:
+    columns = matrix([1.5, -0.5])
+    flow = LinearFlow((0,), matrix([rate]), [[]], [ZERO], columns, ())
+    for start, end in ((0, 1), (-1, 0), (-2, 1), (0, 0), (1, 2)):
+        (most,) = flow.added(columns, Fraction(start), Fraction(end))
+        wanted = max(abs(math.expm1(rate * t) / rate) * 2 for t in (min(start, 0), max(end, 0)))
+        assert wanted - 1e-9 <= float(most) <= wanted * 1.001 + 1e-9
+    assert flow.added([[]], Fraction(-1), Fraction(1)) == [ZERO]
+    turning = LinearFlow((0, 1), matrix([0.0, 1.0], [-1.0, 0.0]), [[], []], [ZERO] * 2, [], ())
+    found = turning.added(matrix([1.0], [0.0]), Fraction(0), Fraction(3))
+    for x, y in zip(found, (2 - math.sin(3), 1 - math.cos(3)), strict=True):
+        assert y - 1e-9 <= float(x) <= 1.2 * y
+
+
+@pytest.mark.parametrize("constant", [0.0, 1.0, -3.0, 1e6])
+def test_a_solution_is_linear_in_state_command_and_constant(constant: float) -> None:
+    flow = LinearFlow((0,), matrix([-2.0]), matrix([3.0]), [exact(constant)], [[]], ((ZERO, ZERO),))
+    for t in (Fraction(1, 2), Fraction(-1, 4)):
+        solution = flow.solution(t, t)
+        grown = -math.expm1(-2.0 * float(t)) / 2.0
+        found = [solution.state[0][0], solution.control[0][0], solution.constant[0]]
+        wanted = [math.exp(-2.0 * float(t)), 3.0 * grown, constant * grown]
+        assert [float(x) for x in found] == pytest.approx(wanted, abs=1e-9)
+        assert [len(x) for x in (solution.state[0], solution.control[0])] == [1, 1]
+
+
+def test_what_a_scheme_adds_is_as_much_as_it_may_be() -> None:
+    """By trying all ends: the extra rate less what goes with the row's own commands and noise."""
+    dice = np.random.default_rng(31)
+    for position in (0, 1):
+        for _ in range(12):
+            a, b, c, w = (dice.uniform(-2, 2, shape) for shape in ((2, 2), (2, 2), 2, (2, 2)))
+            of_x, of_v = dice.uniform(-1, 1, (2, 2)), dice.uniform(-1, 1, (2, 2))
+            of_v[position, 1 - position] *= dice.integers(2)
+            ends = dice.uniform(0.5, 3, 4)
+            model: Any = SimpleNamespace(
+                extents={7: (-ends[0], ends[0]), 9: (-ends[1], ends[1])},
+                facts=SimpleNamespace(
+                    controls=[SimpleNamespace(low=-e, high=e) for e in map(float, ends[2:])]
+                ),
+            )
+            rows_of = {
+                j: linear_flows.FlowRow(
+                    *matrix(list(a[k]), list(b[k])),
+                    exact(float(c[k])),
+                    matrix(list(w[k]))[0],
+                )
+                for k, j in enumerate((7, 9))
+            }
+            scheme = (matrix(*map(list, of_x)), matrix(*map(list, of_v)))
+            row = linear_flows._row_as_stepped(model, rows_of, scheme, position)
+            other = 1 - position
+            most = max(
+                abs(
+                    of_x[position] @ (ends[:2] * signs[:2])
+                    + of_v[position, other]
+                    * (c[other] + b[other] @ (ends[2:] * signs[2:4]) + w[other] @ signs[4:])
+                )
+                for signs in map(np.array, itertools.product((-1.0, 1.0), repeat=6))
+            )
+            assert float(row.error) == pytest.approx(most)
+            own = 1 + of_v[position, position]
+            found = [float(x) for x in (*row.a, *row.b, row.constant, *row.noise)]
+            assert found == pytest.approx(
+                [*a[position], *(own * b[position]), own * c[position], *(own * w[position])]
+            )
+
+
+def test_what_moves_depends_on_what_moves_it() -> None:
+    def row(*a: float) -> Any:
+        return SimpleNamespace(a=[exact(x) for x in a])
+
+    chain: list[Any] = [row(0, 1, 0, 0), row(0, 0, 1, 0), row(0, 0, 0, 0), None]
+    for members, wanted in (
+        ([0], [0, 1, 2]),
+        ([1], [1, 2]),
+        ([2], [2]),
+        ([3], [3]),
+        ([3, 1], [1, 2, 3]),
+        ([], []),
+    ):
+        assert linear_flows._moving(chain, members) == wanted
+
+
+# ---------------------------------------------------------------- what is said
+
+ALWAYS = {"wait", "order", "fresh", "binary64", "no dropout"}
+OF_FLOWS = {"scheme", "sensors on time"}
+UNDECLARED = {f"undeclared {w}" for w in (
+    "late dm", "late sc", "response dm", "response sc", "acts within"
+)}  # fmt: skip
+INPUTS = {
+    "disturbance p.w in [-0.25, 0.75]",
+    "disturbance p.wind in [-0.75, 0.5]",
+    "error x.a 0.25",
+    "error y 0.125",
+    "exact x.b",
+    "set y",
+    "other wish",
+    "world p",
+    *(f"changes p.{n}" for n in ("heavy", "road", "gear")),
+}
+
+
+def keys(facts: Facts) -> set[str]:
+    found = [a.key for a in assumptions_of(facts)]
+    assert len(found) == len(set(found))
+    return set(found)
+
+
+def test_everything_that_is_taken_for_granted_is_said(facts: Facts) -> None:
+    wanted = ALWAYS | OF_FLOWS | UNDECLARED | INPUTS | {"one instant SC: x, y"}
+    assert keys(facts) - {"exact wish"} == wanted
+    assert p1c_of(facts) == "assumed"
+
+
+def test_of_a_map_other_things_are_said(tmp_path: Path) -> None:
+    wanted = ALWAYS | INPUTS | {"one instant"}
+    assert keys(facts_with(tmp_path, *MAP)) - {"exact wish"} == wanted
+
+
+DECLARED = (
+    "verify {",
+    "verify { late dm 2ms, sc 1ms; response dm 1ms, sc 1ms; acts within 1ms; dropout 0ms;",
+)
+
+
+def test_times_that_are_declared_are_said(tmp_path: Path) -> None:
+    facts = facts_with(tmp_path, DECLARED)
+    found = keys(facts) - INPUTS - ALWAYS - OF_FLOWS - {"one instant SC: x, y", "exact wish"}
+    assert found == {
+        "declared late dm 2 ms",
+        "declared late sc 1 ms",
+        "declared response dm 1 ms",
+        "declared response sc 1 ms",
+        "declared acts within 1 ms",
+    }
+    assert p1c_of(facts) == "proved"
+    silent = facts_with(tmp_path, (DECLARED[0], DECLARED[1].replace("dropout 0ms", "dropout 20ms")),
+                        ("max_age 20ms", "max_age 90ms"))  # fmt: skip
+    assert "dropout 20 ms" in keys(silent)
+    assert "no dropout" not in keys(silent)
+
+
+def test_only_all_times_make_p1c_proved(tmp_path: Path) -> None:
+    facts = facts_with(tmp_path, DECLARED)
+    for above, declared in ((None, True), (SimpleNamespace(declared=True), True),
+                            (SimpleNamespace(declared=False), False)):  # fmt: skip
+        facts.above = above  # type: ignore[assignment]
+        assert p1c_of(facts) == ("proved" if declared else "assumed")
+    facts.above = None
+    facts.ways.undeclared = {"N": None}
+    assert p1c_of(facts) == "assumed"
+    assert "undeclared N" in keys(facts)
+
+
+def test_what_keeps_to_its_set_is_no_assumption(facts: Facts) -> None:
+    own = copy.copy(facts)
+    (index,) = (t.index for t in facts.system.topics if t.name == "y")
+    for inside, said, confirmed in (({}, True, False), ({index: False}, True, False),
+                                    ({index: True}, False, True)):  # fmt: skip
+        own.in_sets = inside
+        assert ("set y" in keys(own)) is said
+        assert [c.key for c in confirmed_of(own, {})] == ["set y"] * confirmed
+
+
+@pytest.mark.parametrize("function", ["sin", "exp", "clamp", "sign"])
+@pytest.mark.parametrize("place", ["SC", "safer", "plant"])
+def test_bounds_of_functions_are_said(tmp_path: Path, function: str, place: str) -> None:
+    of = {"clamp": "clamp({}, -1.0, 1.0)"}.get(function, f"{function}({{}})")
+    pair = {
+        "SC": ("wish - GAIN * x.a", f"wish - GAIN * {of.format('x.a')}"),
+        "safer": ("safer abs(x.a) < 1.0", f"safer abs(x.a) < 1.0 && {of.format('x.a')} < 9.0"),
+        "plant": ("der p = v;", f"der p = {of.format('v')};"),
+    }[place]
+    found = {k for k in keys(facts_with(tmp_path, pair)) if k.startswith("bound")}
+    assert found == ({f"bound of {function}"} if function in ("sin", "exp") else set())
+
+
+def test_an_open_end_is_said(facts: Facts) -> None:
+    own = copy.copy(facts)
+    own.open_ends = {0}
+    assert "open p.p 3.0" in keys(own)
+
+
+def test_commands_that_act_together_are_said(facts: Facts) -> None:
+    own = copy.copy(facts)
+    for jitter, count, rest in itertools.product((0, 5), (1, 2), (None, "rest")):
+        own.own = SimpleNamespace(jitter=jitter)  # type: ignore[assignment]
+        own.times = {**facts.times, "j_ns": jitter}
+        own.controls = facts.controls * count
+        own.flying_module = copy.copy(facts.flying_module)
+        symbol = copy.copy(facts.symbol)
+        object.__setattr__(symbol, "rest", rest)
+        own.module = copy.copy(facts.module)
+        object.__setattr__(own.module, "symbol", symbol)
+        together = [a.key for a in assumptions_of(own) if a.key.startswith("together")]
+        assert bool(together) is (jitter > 0 and count > 1 and rest is None)
+
+
+def test_a_value_may_be_a_number_or_a_form() -> None:
+    assert at(Terms(), 2.5, []) == 2.5
+    assert isinstance(Terms().constant(1.0), Linear)
