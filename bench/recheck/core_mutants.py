@@ -61,7 +61,13 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": ("operations", "recheck_enclosures", "beyond_doubles"),
+    "terms": (
+        "lines_over_functions",
+        "terms_by_points",
+        "operations",
+        "recheck_enclosures",
+        "beyond_doubles",
+    ),
     "time": (
         "times",
         "ways",
