@@ -76,7 +76,7 @@ TESTED_BY = {
         "one_instant",
         "refused_times",
     ),
-    "cells": ("certain_cells", "recheck_walks"),
+    "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
     "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
     "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),
     "format": ("hostile_certificates", "certificates"),
