@@ -130,8 +130,8 @@ def test_propositions_are_what_they_say_and_constants_do_not_stay_in_them() -> N
     for m in written:
         check(negation(m), [not a for a in values(m)])
         assert (negation(negation(m)) is m) is (m.kind != "not")
-        for known, wanted in ((TRUE, p), (FALSE, m)):
-            assert choice_of_truths(known, p, m) is wanted
+        assert values(choice_of_truths(TRUE, p, m)) == values(p)
+        assert values(choice_of_truths(FALSE, p, m)) == values(m)
     assert conjuncts(FALSE) == [FALSE]
 
 
@@ -154,6 +154,11 @@ def test_bits_of_propositions_at_points_and_on_boxes() -> None:
         for truth, of in table:
             may = {of(m, n) for m in of_a for n in of_b}
             assert bits(terms, truth, [a, b]) == 2 * (True in may) + (False in may)
+    # p open, q certain: what it is in either case needs no p
+    for sure, box in ((True, (-1.0, 0.0)), (False, (0.5, 1.0))):
+        known = TRUE if sure else FALSE
+        for truth in (choice_of_truths(p, known, q), choice_of_truths(p, q, known)):
+            assert bits(terms, truth, [(-1.0, 0.0), box]) == (2 if sure else 1)
 
 
 def test_a_proposition_is_strict_and_false_unless_it_says_else() -> None:
@@ -242,6 +247,7 @@ def test_numbers_that_are_not_negative() -> None:
         number = terms.constant(factor)
         assert terms.multiply(kept[sign], number).nonnegative is (sign and factor >= 0)
         assert terms.multiply(number, kept[sign]).nonnegative is (sign and factor >= 0)
+        assert terms.atoms[-1].kind != "product"
     assert terms.multiply(x, x).nonnegative is True
     assert terms.function("square", x).nonnegative is False
     assert terms.rounded(kept[True]).nonnegative is True
@@ -276,6 +282,8 @@ def test_a_number_that_may_be_too_large_has_to_be_a_double() -> None:
             assert not holds(terms, demand, low + high)
             assert holds(terms, demand, (low + high) / 2)
             at = (low + high) / 2
+            (weight,) = terms.atoms[-1].weights
+            assert exact(2.0**-53) * (1 + exact(2.0**-53)) <= weight <= exact(2.0**-52)
             least, most = ends(terms, r, at)
             assert 2.0**-53 <= (at - least) / abs(at) <= 2.0**-51
             assert 2.0**-53 <= (most - at) / abs(at) <= 2.0**-51
@@ -340,6 +348,7 @@ def test_what_is_divided_by_is_not_zero(divisor: float) -> None:
     if divisor:
         assert terms.obligations == []
         assert ends(terms, made, 3.0) == (3.0 / divisor,) * 2
+        assert len(terms.atoms) == 2
     else:
         assert terms.obligations == [FALSE]
     terms.obligations.clear()
@@ -404,6 +413,13 @@ def test_what_is_no_soft_sign_is_not_taken_for_one() -> None:
         (terms.function("square", y), plus, lambda _, v: v * v / (1 + abs(v))),
         (terms.function("abs", y), plus, lambda _, v: abs(v) / (1 + abs(v))),
         (terms.constant(2.0), plus, lambda _, v: 2 / (1 + abs(v))),
+        (y, size, lambda _, v: v / abs(v)),
+        (
+            terms.combine(((ONE, terms.multiply(x, y)),), ONE),
+            plus,
+            lambda u, v: (u * v + 1) / (1 + abs(v)),
+        ),
+        (terms.choose(terms.below(x), y, x), plus, lambda u, v: (v if u < 0 else u) / (1 + abs(v))),
     ]
     for a, b, of in cases:
         made = terms.divide(a, b)
@@ -413,6 +429,11 @@ def test_what_is_no_soft_sign_is_not_taken_for_one() -> None:
     for a, b, by in ((noisy, plus, 2.5), (noisy, plus, 1.5)):
         low, high = ends(terms, terms.divide(a, b), 0.0, 2.0)
         assert low <= by / 3.0 <= high
+    times = terms.multiply(x, y)
+    noisy = replace(times, radius=half, low=times.low - half, high=times.high + half)
+    low, high = ends(terms, terms.divide(noisy, plus), 1.0, 2.0)
+    assert low <= 1.5 / 3.0
+    assert high >= 2.5 / 3.0
     wide = replace(plus, radius=half, low=plus.low - half, high=plus.high + half)
     low, high = ends(terms, terms.divide(y, wide), 0.0, 2.0)
     assert low <= 2.0 / 3.5
@@ -429,6 +450,8 @@ def test_the_lesser_and_the_greater_one(name: str, tight: bool) -> None:
         (x, terms.constant(1.0), lambda u, _: of(u, 1.0)),
         (terms.constant(1.0), x, lambda u, _: of(u, 1.0)),
         (terms.combine(((ONE, x),), exact(-2.0)), y, lambda u, v: of(u - 2.0, v)),
+        (y, terms.combine(((ONE, x),), exact(-2.0)), lambda u, v: of(u - 2.0, v)),
+        (y, terms.combine(((ONE, x),), exact(2.0)), lambda u, v: of(u + 2.0, v)),
     ]
     for a, b, wanted in pairs:
         made = getattr(terms, name)(a, b, tight=tight)
@@ -440,10 +463,16 @@ def test_the_lesser_and_the_greater_one(name: str, tight: bool) -> None:
         at = at_points(terms, made)
         for u, v in POINTS:
             assert at(u, v) == pytest.approx((wanted(u, v),) * 2, abs=1e-12)
-    # a number is never passed, whatever is enclosed
-    limit = getattr(terms, name)(x, terms.constant(1.0))
-    low, high = image(terms, limit, [(-6.0, 6.0), (0.0, 0.0)])[1]
-    assert (high if name == "minimum" else low) == 1.0
+    # a number is never passed, whatever is enclosed; and what is not asked for is not read
+    one = terms.constant(1.0)
+    for limit in (getattr(terms, name)(x, one), getattr(terms, name)(one, x)):
+        low, high = image(terms, limit, [(-6.0, 6.0), (0.0, 0.0)])[1]
+        assert (high if name == "minimum" else low) == 1.0
+        assert terms.atoms[-1].kind == "max0"
+    getattr(terms, name)(x, y)
+    assert terms.atoms[-1].kind == "max0"
+    getattr(terms, name)(x, y, tight=True)
+    assert terms.atoms[-1].kind == name[:3]
     apart = terms.combine(((ONE, y),), exact(20.0))
     made = getattr(terms, name)(x, apart, tight=True)
     low, high = image(terms, made, [(-6.0, 6.0), (-6.0, 6.0)])[1]
