@@ -77,7 +77,7 @@ TESTED_BY = {
         "refused_times",
     ),
     "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
-    "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
+    "grid": ("flows_by_solutions", "ranks", "recheck_walks", "local_chains", "deployed_tables"),
     "reading": ("recheck_enclosures", "ways", "local_chains", "what_plants_publish"),
     "format": ("hostile_certificates", "certificates"),
     "": ("recheck_progress", "claims_without_tables", "certificates", "ways"),

@@ -145,6 +145,16 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
     assert follows((0.0, 6.0), (-3.0, 7.0)) is True
     assert follows((0.0, 6.0), (-3.1, 7.0)) is False
     assert follows((0.0, 6.0), (-3.0, 7.1)) is False
+    hair = exact(2.0**-60)  # of what is no double nothing is rounded
+    plane = [exact(0.0), exact(6.0)]
+    for start, box, fine in (
+        ((exact(4.0) + hair, exact(6.0)), [1.0, 6.0], False),
+        ((exact(4.0) - hair, exact(6.0)), [1.0, 6.0], True),
+        ((exact(0.0), exact(1.0) - hair), [0.0, 2.0], False),
+        ((exact(0.0), exact(1.0) + hair), [0.0, 2.0], True),
+        ((exact(0.0) + hair, exact(6.0) - hair), [-9.0, 9.0], True),
+    ):
+        assert grid.followed_beyond([start, tuple(plane)], [*box, -50.0, 50.0]) is fine
     second = Grid((EDGES, EDGES), (False, True))
     start = [(exact(0.0), exact(6.0)), (exact(3.0), exact(6.0))]
     assert second.followed_beyond(start, [-50.0, 50.0, 0.0, 6.0]) is True
