@@ -61,7 +61,15 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": ("reading_by_evaluation", "operations", "recheck_enclosures", "beyond_doubles"),
+    "terms": (
+        "lines_over_functions",
+        "terms_by_points",
+        "truths_of_terms",
+        "reading_by_evaluation",
+        "operations",
+        "recheck_enclosures",
+        "beyond_doubles",
+    ),
     "time": (
         "times_by_enumeration",
         "what_is_let_through",
@@ -73,8 +81,17 @@ TESTED_BY = {
         "one_instant",
         "refused_times",
     ),
-    "cells": ("certain_cells", "recheck_walks"),
-    "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
+    "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
+    "grid": (
+        "claims_on_grids",
+        "walks_by_cells",
+        "forms_by_corners",
+        "flows_by_solutions",
+        "ranks",
+        "recheck_walks",
+        "local_chains",
+        "deployed_tables",
+    ),
     "reading": (
         "reading_by_evaluation",
         "problem_by_definition",

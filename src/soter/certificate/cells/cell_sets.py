@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.certificate.cells.unbounded_axes import FARTHEST
-from soter.certificate.terms.arb_balls import HALF, above, below, exact
+from soter.certificate.terms.arb_balls import HALF, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -89,12 +89,11 @@ class Grid:
         if not boxes:
             return True
         for k in (k for k in range(len(self.edges)) if self.has_no_ends(k)):
-            edges = self.edges[k]
-            low, high = below(start[k][0]), above(start[k][1])
+            edges, (low, high) = self.edges[k], start[k]
             least, most = min(boxes[2 * k :: width]), max(boxes[2 * k + 1 :: width])
-            if high >= edges[-1] and not exact(low) - exact(least) <= _width(edges, -2):
+            if not high < edges[-1] and not low - exact(least) <= _width(edges, -2):
                 return False
-            if low <= edges[0] and not exact(most) - exact(high) <= _width(edges, 0):
+            if not low > edges[0] and not exact(most) - high <= _width(edges, 0):
                 return False
         return True
 

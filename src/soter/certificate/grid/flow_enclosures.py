@@ -298,11 +298,8 @@ class LocalFlow(KeptEnds):
         """Where a state of the box may be in [start, end] with these rates, clipped."""
         intervals = []
         for (low, high), (least, most) in zip(box, rates, strict=True):
-            down = (end * least).min(ZERO)
-            up = (end * most).max(ZERO)
-            if start < 0:
-                down = down.min(start * most)
-                up = up.max(start * least)
+            down = (end * least).min(start * most).min(ZERO)
+            up = (end * most).max(start * least).max(ZERO)
             intervals.append(outwards(low + down, high + up))
         return self.clipped(intervals)
 
@@ -356,7 +353,7 @@ class LocalFlow(KeptEnds):
         integral = integral_of(a, time)
         return Solution(
             plus(units(self.n), product(a, integral)),
-            product(integral, enclosure.b) if self.moves else enclosure.b,
+            product(integral, enclosure.b),
             times(integral, enclosure.constant),
         )
 

@@ -61,11 +61,11 @@ def below(x: arb) -> float:
 
 def greatest_below(bound: float, added: float) -> float:
     """The greatest double whose rounded sum with `added` does not exceed the bound."""
-    step = 4 * max(math.ulp(bound), math.ulp(added), math.ulp(bound - added))
+    step = 4 * max(math.ulp(bound), math.ulp(added))
     low, high = bound - added - step, bound - added + step
     while (middle := low / 2 + high / 2) not in (low, high):
         low, high = (middle, high) if middle + added <= bound else (low, middle)
-    return high if high + added <= bound else low
+    return low
 
 
 def above(x: arb) -> float:
@@ -129,9 +129,7 @@ def line_max0(low: arb, high: arb) -> Line:
 
 def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
     """max(x, 0) for x in [low, high], as `line_max0` has it."""
-    if low >= 0:
-        return low, high
-    return ZERO, ZERO if high <= 0 else high.max(ZERO)
+    return larger(low, ZERO), high.max(ZERO)
 
 
 def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
@@ -144,9 +142,9 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
         return ZERO, ZERO, ZERO
     if low - noise >= 0:
         return ONE, ZERO, noise
-    first, last = (low + noise).max(ZERO), (high + noise).max(ZERO)
-    slope = _share((last - first) / (high - low)) if high > low else ZERO
-    over = (first - slope * low).max(last - slope * high)
+    last = (high + noise).max(ZERO)
+    slope = _share(last / (high - low))  # of the chord: 1 where low + noise is above 0
+    over = (-slope * low).max(last - slope * high)
     nearest = noise.max(low).min(high)
     under = (nearest - noise).max(ZERO) - slope * nearest
     return slope, (over + under) * HALF, (over - under) * HALF
@@ -163,14 +161,15 @@ def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, a
     return ONE, offset, spread
 
 
+def _least_size(low: arb, high: arb) -> arb:
+    """The least |x|."""
+    return larger(-high, larger(low, ZERO))
+
+
 def line_abs(low: arb, high: arb) -> Line:
     """|x| = 2 max(x, 0) - x."""
-    if low >= 0:
-        return ONE, ZERO, ZERO, low, high
-    if high <= 0:
-        return -ONE, ZERO, ZERO, -high, -low
     slope, offset, spread, _, _ = line_max0(low, high)
-    return 2 * slope - 1, 2 * offset, 2 * spread, ZERO, (-low).max(high)
+    return 2 * slope - 1, 2 * offset, 2 * spread, _least_size(low, high), (-low).max(high)
 
 
 def line_square(low: arb, high: arb) -> Line:
@@ -178,13 +177,8 @@ def line_square(low: arb, high: arb) -> Line:
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     half = far * far * HALF
-    both = (low * low, high * high)
-    least = ZERO
-    if low >= 0:
-        least = both[0]
-    elif high <= 0:
-        least = both[1]
-    return 2 * middle, half - middle * middle, half, least, both[0].max(both[1])
+    least, most = _least_size(low, high), (-low).max(high)
+    return 2 * middle, half - middle * middle, half, least * least, most * most
 
 
 def line_floor(low: arb, high: arb) -> Line:
@@ -212,7 +206,7 @@ def _smooth(
     x, off_slope = hull(low, high), (slope(middle) - s) * far * UNIT
     value, rest = f(x), curve(x) * (far * far) * arb(0.5, 0.5) + off_slope
     offset = f(middle) - s * middle + rest.mid()
-    if not (rest.is_finite() and offset.is_finite()):
+    if not rest.is_finite():
         return ZERO, value.mid(), arb(value.rad()), value.lower(), value.upper()
     return s, offset, arb(rest.rad()), arb(value.lower()), arb(value.upper())
 
@@ -227,10 +221,8 @@ def line_inverse(low: arb, high: arb) -> Line:
 def line_sqrt(low: arb, high: arb) -> Line:
     """sqrt(x) for the x >= 0 of the interval."""
     low = larger(low, ZERO)
-    if high <= 0:
-        return ZERO, ZERO, ZERO, ZERO, ZERO
     if not low > 0:
-        top = high.upper().sqrt()
+        top = high.max(ZERO).upper().sqrt()
         half = top * HALF
         return ZERO, half, half, ZERO, top
     root = low.sqrt()
@@ -250,7 +242,7 @@ def line_soft_sign(low: arb, high: arb) -> Line:
     if not (low.is_finite() and high.is_finite()):
         return ZERO, ZERO, ONE, -ONE, ONE
     first, last = low / (1 + abs(low)), high / (1 + abs(high))
-    slope = _share((last - first) / (high - low)) if high > low else ZERO
+    slope = _share((last - first) / (high - low))
     ends, hump = (first - slope * low, last - slope * high), (1 - slope.sqrt()) ** 2
     over, under = ends[0].max(ends[1]), ends[0].min(ends[1])
     if not high <= 0:

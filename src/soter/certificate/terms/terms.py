@@ -127,8 +127,6 @@ def either(a: Proposition, b: Proposition) -> Proposition:
 
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
     """C ? a : b."""
-    if c.kind == "constant":
-        return a if c.value else b
     if a.kind == "constant":
         return either(c, b) if a.value else both(negation(c), b)
     if b.kind == "constant":
@@ -273,8 +271,10 @@ class Terms:
 
         y / b is a soft sign of k y / c, over k, and no more than 1 / k; y times an inverse is more.
         """
-        ((index, k),) = b.terms.items() if len(b.terms) == 1 else ((-1, ZERO),)
-        if self.atoms[index].kind != "abs" or not (b.radius.is_zero() and k > 0 and b.const > 0):
+        if len(b.terms) != 1 or not b.radius.is_zero():
+            return None
+        ((index, k),) = b.terms.items()
+        if self.atoms[index].kind != "abs" or not (k > 0 and b.const > 0):
             return None
         (y,) = self.atoms[index].arguments
         if same(a, y):

@@ -1,0 +1,208 @@
+"""Walks over the cells of a group: each cell against its own number of holds, rank and pieces."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.grid import group_claims
+from soter.certificate.grid.group_claims import (
+    ChainCheck,
+    FreeCheck,
+    GroupTables,
+    free,
+    holds_of,
+    ranked,
+    witnessed,
+)
+from soter.certificate.terms.arb_balls import exact
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import pytest
+
+LINE = Grid(((0.0, 1.0, 2.0, 3.0, 4.0),))
+
+
+def bools(*flags: int) -> Any:
+    return np.array(flags, dtype=np.bool_)
+
+
+def tables(core: list[int], **more: Any) -> GroupTables:
+    return GroupTables((0,), LINE, np.array(core, dtype=np.uint8), **more)
+
+
+class Shift:
+    """A chain that moves everything by so much a hold, followed in one box."""
+
+    def __init__(self, step: float, group: GroupTables) -> None:
+        self.step, self.group, self.calls = step, group, 0
+
+    def reached(self, box: Any, wanted: Any, within: Cells, *_: Any, **__: Any) -> Iterator[Any]:
+        low, high = (float(x) for x in box[0])
+        for k in range(1, max(wanted, default=0) + 1):
+            self.calls += 1
+            before, now = (
+                (low + (k - 1) * self.step, high + (k - 1) * self.step),
+                (
+                    low + k * self.step,
+                    high + k * self.step,
+                ),
+            )
+            if not within.contains([min(before[0], now[0]), max(before[1], now[1])]):
+                return
+            if k in wanted:
+                yield k, [now]
+
+    def leads_in_parts(self, box: Any, holds: int, within: Cells, target: Any) -> bool:
+        return any(n == holds and target(ends[0]) for n, ends in self.reached(box, [holds], within))
+
+
+def test_cells_of_which_a_chain_does_not_lead_back() -> None:
+    """Each cell against its own number of holds, one by one."""
+    for core in itertools.product((0, 1, 2), repeat=4):
+        group = tables(list(core))
+        kernel = Cells(LINE, group.core > 0)
+        for allowed in (bools(1, 1, 1, 1), bools(1, 1, 1, 0), bools(0, 1, 1, 1)):
+            check: Any = Shift(-1.0, group)
+            left = list(witnessed(check, group.core, Cells(LINE, allowed), kernel, LINE.whole))
+            wanted = []
+            for i, holds in enumerate(core):
+                way = range(max(i - holds, -1), i + 1)
+                fine = i - holds >= 0 and all(allowed[k] for k in way) and core[i - holds] > 0
+                if holds and not fine:
+                    wanted.append(i)
+            assert sorted(a for ((a, _),) in left) == wanted
+
+
+def test_cells_from_which_a_chain_does_not_come_nearer() -> None:
+    every = itertools.product((0, 1, 2, 3), (0, 1, 2, 3), (0, 2, 3), *[(0, 1, 2)] * 3)
+    for *rank, a, b, c in itertools.islice(every, 3, None, 7):
+        for holds in ((a, b, c),):
+            group = tables(
+                [1] * 4,
+                rank=np.array([1, *rank], dtype=np.uint16),
+                rank_holds=np.array([0, *holds], dtype=np.uint8),
+            )
+            check: Any = Shift(-1.0, group)
+            left = list(ranked(check, Cells(LINE, bools(1, 0, 0, 0)), LINE.whole))
+            order = [0, *(r or 10**6 for r in rank)]
+            wanted = [
+                i
+                for i in (1, 2, 3)
+                if rank[i - 1]
+                and not (holds[i - 1] and i >= holds[i - 1] and order[i - holds[i - 1]] < order[i])
+            ]
+            assert sorted(a for ((a, _),) in left) == wanted
+    grid = LINE
+    holds_, asked = np.array([3, 0, 1, 3], dtype=np.uint8), bools(1, 1, 0, 1)
+    assert holds_of(holds_, asked) == [3]
+    assert holds_of(holds_, bools(1, 1, 1, 1)) == [1, 3]
+    assert grid.whole == ((0, 4),)
+
+
+def test_cells_from_which_a_command_may_lead_out() -> None:
+    splits: list[int] = []
+
+    def keeps(box: Any, _within: Cells, often: int) -> bool:
+        splits.append(often)
+        return float(box[0][1]) <= 3.0
+
+    check: Any = SimpleNamespace(group=SimpleNamespace(grid=LINE), keeps=keeps)
+    every = Cells(LINE, bools(1, 1, 1, 1))
+    assert list(free(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
+    assert splits == [0, 0, 0, 0, group_claims.SPLITS] or splits[-1] in (0, group_claims.SPLITS)
+    assert splits[0] == 0
+    assert group_claims.SPLITS in splits
+    assert list(free(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
+
+
+def test_a_free_phase_stays_from_its_beginning_on() -> None:
+    """In a map the next step begins where the last one ended; else each begins at the start."""
+    begun: list[float] = []
+
+    def step(form: Any) -> Any:
+        begun.append(float(form[0]))
+        moved = tuple(x + 1 if k < 3 else x for k, x in enumerate(form))
+        return moved, [float(moved[0]), float(moved[1])]
+
+    group = tables([1] * 4)
+    for kind, start, members, stays, forms in (
+        ("flow", 0.0, (1, 1, 1, 1), True, [0.0, 0.0]),
+        ("map", 0.0, (1, 1, 1, 1), True, [0.0, 1.0]),
+        ("map", 2.0, (1, 1, 1, 1), False, [2.0, 3.0]),
+        ("flow", 0.0, (0, 1, 1, 1), False, []),
+        ("flow", 0.0, (1, 0, 1, 1), False, [0.0]),
+        ("map", 0.0, (1, 1, 0, 1), False, [0.0, 1.0]),
+    ):
+        begun.clear()
+        model: Any = SimpleNamespace(facts=SimpleNamespace(kind=kind))
+        check = FreeCheck(model, group, 5)
+        check._phases[4] = (step, step)
+        within = Cells(LINE, bools(*members))
+        assert check.stays([(exact(start), exact(start + 1))], within, 4) is stays
+        assert begun == forms
+    check._phases[4] = (lambda _: None,)
+    assert check.stays([(exact(0.0), exact(1.0))], Cells(LINE, bools(1, 1, 1, 1)), 4) is False
+
+
+def test_a_free_phase_is_cut_finer_where_it_may_be() -> None:
+    for fine_from, splits, wanted in (
+        (4, 0, True),
+        (16, 0, False),
+        (16, 2, True),
+        (64, 2, True),
+        (99, 2, False),
+    ):
+        asked: list[Any] = []
+
+        def stays(
+            box: Any, within: Cells, pieces: int, asked: list[Any] = asked, least: int = fine_from
+        ) -> bool:
+            del within
+            asked.append((pieces, float(box[0][1] - box[0][0])))
+            return pieces >= least
+
+        check: Any = SimpleNamespace(stays=stays)
+        assert FreeCheck.keeps(check, [(exact(0.0), exact(1.0))], None, splits) is wanted  # type: ignore[arg-type]
+        assert asked[0] == (4, 1.0)
+        assert (len(asked) > 1) is (splits > 0 and fine_from > 4)
+        assert min(w for _, w in asked) == (0.25 if (splits and fine_from > 16) else 1.0)
+
+
+def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Any way through all windows of one division shows a cell; no half-shown division does."""
+    monkeypatch.setattr(
+        group_claims, "windows", lambda *_, by_age=False: ("c", "d") if by_age else ("a", "b")
+    )
+    every = Cells(LINE, bools(1, 1, 1, 1))
+    group = tables([1] * 4)
+    whole = group_claims.EVERY
+    for good, wanted in (
+        ({whole}, True), ({"a", "b"}, True), ({"c", "d"}, True), ({"a", "d"}, False),
+        (set(), False), ({"a"}, False), ({"b", "c"}, False),
+    ):  # fmt: skip
+        check = ChainCheck(None, group)  # type: ignore[arg-type]
+        seen: set[Any] = set()
+
+        def leads(box: Any, holds: int, within: Any, target: Any, pieces: int, *, cuts: int,
+                  window: Any, good: Any = good, seen: set[Any] = seen) -> bool:  # fmt: skip
+            assert (holds, within, target, pieces) == (3, every, every.contains, 4)
+            seen.add((window, cuts, float(box[0][1] - box[0][0])))
+            return window in good
+
+        monkeypatch.setattr(check, "leads", leads)
+        box = [(exact(0.0), exact(1.0))]
+        assert check.leads_in_parts(box, 3, every, every.contains) is wanted
+        if not good:
+            tried = {
+                (cuts, min(w for v, c, w in seen if v == "c" and c == cuts)) for _, cuts, _ in seen
+            }
+            assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
+    monkeypatch.setattr(group_claims, "windows", lambda *_, **__: (whole,))
+    assert ChainCheck(None, group)._tried() == [(whole,)]  # type: ignore[arg-type]
