@@ -214,6 +214,19 @@ BENCHMARKS = (
         "arithmetic, its words and the doubles that nothing else needs. No hardware.",
     ),
     Benchmark(
+        "What a check of rest costs",
+        ("bench/tubes/check_cost.py",),
+        "The check of a DM that follows SC, compiled at `-O2` and asked of 2,000 estimates that "
+        "are drawn in the ranges of the bench; the least of three calls each.",
+    ),
+    Benchmark(
+        "A check of rest on a Cortex-M7",
+        ("bench/tubes/check_cost.py", "--board", "mps2-an500"),
+        "The first 1,000 instants of each program under `qemu -icount`: instructions of a step of "
+        "the DM that follows SC. `takes`: at 480 MHz with two clocks an instruction, which is "
+        "stated, not measured. Images at `-Os`, their plants included.",
+    ),
+    Benchmark(
         "Bad files and options",
         ("bench/hostile/bad_input.py", "--count", "1000", "--jobs", "2"),
         "1,000 mutants of every format that a command reads (bytes, numbers, types; pipes, devices,"
