@@ -16,15 +16,16 @@ from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.format.errors import (
     ACCEPTED,
     NOT_RECHECKED,
+    REJECTED,
     NotRecheckedError,
     RejectedError,
 )
-from soter.certificate.format.folder import MANIFEST_KEYS
+from soter.certificate.format.folder import MANIFEST_KEYS, NotACertificateError
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.time.claimed_times import TIME_KEYS
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from unit.certificate.test_single_refusals import facts_of
 
@@ -249,6 +250,69 @@ def test_the_share_that_is_done() -> None:
             rechecker._share(said.append, k, 3, done)
     thirds = [0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0, 2.5, 3.0]
     assert said == pytest.approx([x / 3 for x in thirds])
+
+
+def rechecked(monkeypatch: pytest.MonkeyPatch, says: object, **more: Any) -> tuple[Any, list[Any]]:
+    """The report where the check does this, and with what it is called."""
+    asked: list[Any] = []
+
+    def check(_: object, report: Report, progress: Callable[[float], None], workers: int) -> None:
+        progress(0.5)
+        asked.append(workers)
+        if isinstance(says, Exception):
+            raise says
+        report.modules.append(RecheckedModule("M", {}))
+
+    clock = iter((10.0, 12.5))
+    monkeypatch.setattr(rechecker, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    monkeypatch.setattr(rechecker, "read_certificate", lambda _: SimpleNamespace(seal="seal"))
+    monkeypatch.setattr(rechecker, "_check", check)
+    none: Any = None
+    return rechecker.recheck(none, **more), asked
+
+
+def program_error(*codes: Any) -> SoterError:
+    return SoterError(tuple(Diagnostic(code, f"what {code} says") for code in codes))
+
+
+@pytest.mark.parametrize("codes", [("D007",), ("D007", "N001"), ("N001", "D007"), ("N001",), ()])
+def test_a_program_with_errors_is_rejected_unless_nothing_is_known(
+    monkeypatch: pytest.MonkeyPatch, codes: tuple[str, ...]
+) -> None:
+    error = program_error(*codes)
+    if "D007" in codes:
+        with pytest.raises(SoterError):
+            rechecked(monkeypatch, error)
+    else:
+        report, _ = rechecked(monkeypatch, error)
+        assert report.verdict == REJECTED
+        assert report.reason.startswith("the program of the certificate")
+
+
+def test_whatever_is_raised_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
+    for error, verdict, reason in (
+        (RejectedError("wrong"), REJECTED, "wrong"),
+        (NotRecheckedError("odd"), NOT_RECHECKED, "odd"),
+        (ValueError("x"), NOT_RECHECKED, "the re-checker itself failed (ValueError: x)"),
+        (None, ACCEPTED, ""),
+    ):
+        report, _ = rechecked(monkeypatch, error)
+        assert (report.verdict, report.reason) == (verdict, reason)
+        assert (report.seal, report.seconds) == ("seal", 2.5)
+    with pytest.raises(NotACertificateError):
+        rechecked(monkeypatch, NotACertificateError("none"))
+
+
+@pytest.mark.parametrize("processors", [None, 1, 3])
+def test_as_many_processes_as_are_asked_for(
+    monkeypatch: pytest.MonkeyPatch, processors: int | None
+) -> None:
+    monkeypatch.setattr(rechecker, "os", SimpleNamespace(cpu_count=lambda: processors))
+    said: list[float] = []
+    for given, wanted in ((None, processors or 1), (2, 2), (1, 1)):
+        _, asked = rechecked(monkeypatch, None, workers=given, progress=said.append)
+        assert asked == [wanted]
+    assert said == [0.5] * 3
 
 
 class Checked:
