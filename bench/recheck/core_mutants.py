@@ -61,7 +61,13 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": ("reading_by_evaluation", "operations", "recheck_enclosures", "beyond_doubles"),
+    "terms": (
+        "reading_by_evaluation",
+        "operators_of_terms",
+        "operations",
+        "recheck_enclosures",
+        "beyond_doubles",
+    ),
     "time": (
         "times_by_enumeration",
         "what_is_let_through",
@@ -77,7 +83,9 @@ TESTED_BY = {
     "grid": ("ranks", "recheck_walks", "local_chains", "deployed_tables"),
     "reading": (
         "reading_by_evaluation",
+        "operators_of_terms",
         "problem_by_definition",
+        "linear_flows_by_formula",
         "what_is_let_through",
         "recheck_enclosures",
         "ways",
@@ -87,6 +95,7 @@ TESTED_BY = {
     "format": ("format_by_definition", "hostile_certificates", "certificates"),
     "": (
         "entries_of_a_manifest",
+        "what_a_case_asks",
         "what_is_let_through",
         "problem_by_definition",
         "recheck_progress",
