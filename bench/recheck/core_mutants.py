@@ -92,7 +92,12 @@ TESTED_BY = {
         "local_chains",
         "what_plants_publish",
     ),
-    "format": ("format_by_definition", "hostile_certificates", "certificates"),
+    "format": (
+        "format_by_definition",
+        "program_of_a_certificate",
+        "hostile_certificates",
+        "certificates",
+    ),
     "": (
         "entries_of_a_manifest",
         "what_a_case_asks",
