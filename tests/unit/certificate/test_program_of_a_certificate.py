@@ -1,4 +1,4 @@
-"""The program of a certificate: every file of it, its parameters, and values as they are written."""
+"""The program of a certificate: all its files, its parameters, and values as they are written."""
 
 from __future__ import annotations
 
