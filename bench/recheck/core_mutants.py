@@ -61,16 +61,17 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": (
-        "lines_over_functions",
-        "terms_by_points",
-        "truths_of_terms",
+    "terms": [
         "reading_by_evaluation",
+        "operators_of_terms",
         "operations",
         "recheck_enclosures",
         "beyond_doubles",
-    ),
-    "time": (
+        "lines_over_functions",
+        "terms_by_points",
+        "truths_of_terms",
+    ],
+    "time": [
         "times_by_enumeration",
         "what_is_let_through",
         "problem_by_definition",
@@ -80,37 +81,45 @@ TESTED_BY = {
         "recheck_towers",
         "one_instant",
         "refused_times",
-    ),
-    "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
-    "grid": (
-        "claims_on_grids",
-        "walks_by_cells",
-        "forms_by_corners",
-        "flows_by_solutions",
+    ],
+    "cells": ["certain_cells", "recheck_walks", "cells_by_enumeration"],
+    "grid": [
         "ranks",
         "recheck_walks",
         "local_chains",
         "deployed_tables",
-    ),
-    "reading": (
+        "claims_on_grids",
+        "walks_by_cells",
+        "forms_by_corners",
+        "flows_by_solutions",
+    ],
+    "reading": [
         "reading_by_evaluation",
+        "operators_of_terms",
         "problem_by_definition",
+        "linear_flows_by_formula",
         "what_is_let_through",
         "recheck_enclosures",
         "ways",
         "local_chains",
         "what_plants_publish",
-    ),
-    "format": ("format_by_definition", "hostile_certificates", "certificates"),
-    "": (
+    ],
+    "format": [
+        "format_by_definition",
+        "program_of_a_certificate",
+        "hostile_certificates",
+        "certificates",
+    ],
+    "": [
         "entries_of_a_manifest",
+        "what_a_case_asks",
         "what_is_let_through",
         "problem_by_definition",
         "recheck_progress",
         "claims_without_tables",
         "certificates",
         "ways",
-    ),
+    ],
 }
 """By the folder of a file the files of quick tests that judge its mutants, in this order."""
 OF_ALL = ("at_the_bounds", "terms_at_the_bounds", "single_refusals", "single_facts")
