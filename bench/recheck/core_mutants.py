@@ -80,6 +80,7 @@ TESTED_BY = {
     "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
     "grid": (
         "claims_on_grids",
+        "groups_on_grids",
         "walks_by_cells",
         "forms_by_corners",
         "flows_by_solutions",

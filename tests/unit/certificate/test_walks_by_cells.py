@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.grid import group_claims
 from soter.certificate.grid.group_claims import (
     ChainCheck,
@@ -20,21 +20,12 @@ from soter.certificate.grid.group_claims import (
     witnessed,
 )
 from soter.certificate.terms.arb_balls import exact
+from unit.certificate.grid_tables import LINE, bools, tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import pytest
-
-LINE = Grid(((0.0, 1.0, 2.0, 3.0, 4.0),))
-
-
-def bools(*flags: int) -> Any:
-    return np.array(flags, dtype=np.bool_)
-
-
-def tables(core: list[int], **more: Any) -> GroupTables:
-    return GroupTables((0,), LINE, np.array(core, dtype=np.uint8), **more)
 
 
 class Shift:
