@@ -82,6 +82,7 @@ TESTED_BY = {
         "claims_on_grids",
         "groups_on_grids",
         "walks_by_cells",
+        "windows_and_shields",
         "forms_by_corners",
         "flows_by_solutions",
         "ranks",
