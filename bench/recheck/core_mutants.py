@@ -61,17 +61,17 @@ KINDS = ("sets", "times", "inputs", "program of another", "overlooked", "sets of
 FORGED = 15
 """Forgeries: those that are rejected have to be rejected by a mutant, too."""
 TESTED_BY = {
-    "terms": [
+    "terms": (
         "reading_by_evaluation",
         "operators_of_terms",
-        "operations",
-        "recheck_enclosures",
-        "beyond_doubles",
         "lines_over_functions",
         "terms_by_points",
         "truths_of_terms",
-    ],
-    "time": [
+        "operations",
+        "recheck_enclosures",
+        "beyond_doubles",
+    ),
+    "time": (
         "times_by_enumeration",
         "what_is_let_through",
         "problem_by_definition",
@@ -81,19 +81,21 @@ TESTED_BY = {
         "recheck_towers",
         "one_instant",
         "refused_times",
-    ],
-    "cells": ["certain_cells", "recheck_walks", "cells_by_enumeration"],
-    "grid": [
-        "ranks",
-        "recheck_walks",
-        "local_chains",
-        "deployed_tables",
+    ),
+    "cells": ("cells_by_enumeration", "certain_cells", "recheck_walks"),
+    "grid": (
         "claims_on_grids",
         "walks_by_cells",
         "forms_by_corners",
         "flows_by_solutions",
-    ],
-    "reading": [
+        "groups_on_grids",
+        "windows_and_shields",
+        "ranks",
+        "recheck_walks",
+        "local_chains",
+        "deployed_tables",
+    ),
+    "reading": (
         "reading_by_evaluation",
         "operators_of_terms",
         "problem_by_definition",
@@ -103,14 +105,14 @@ TESTED_BY = {
         "ways",
         "local_chains",
         "what_plants_publish",
-    ],
-    "format": [
+    ),
+    "format": (
         "format_by_definition",
         "program_of_a_certificate",
         "hostile_certificates",
         "certificates",
-    ],
-    "": [
+    ),
+    "": (
         "entries_of_a_manifest",
         "what_a_case_asks",
         "what_is_let_through",
@@ -119,7 +121,7 @@ TESTED_BY = {
         "claims_without_tables",
         "certificates",
         "ways",
-    ],
+    ),
 }
 """By the folder of a file the files of quick tests that judge its mutants, in this order."""
 OF_ALL = ("at_the_bounds", "terms_at_the_bounds", "single_refusals", "single_facts")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -16,51 +15,21 @@ from soter.certificate.grid.grid_group import (
     BLOCKS,
     SMALL,
     GridCheck,
-    GridGroup,
     blocks,
     levels_of,
     packed,
 )
-from soter.certificate.grid.group_claims import (
-    GroupTables,
-)
 from soter.certificate.groups import LOOK
+from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-LINE = Grid(((0.0, 1.0, 2.0, 3.0, 4.0),))
+    from soter.certificate.grid.group_claims import (
+        GroupTables,
+    )
+
 Flags = list[int]
-
-
-def bools(*flags: int) -> Any:
-    return np.array(flags, dtype=np.bool_)
-
-
-def tables(core: Flags, **more: Any) -> GroupTables:
-    return GroupTables((0,), LINE, np.array(core, dtype=np.uint8), **more)
-
-
-def check_of(group: GroupTables, *, kept: bool = False, **facts: Any) -> Any:
-    check: Any = object.__new__(GridCheck)
-    state = SimpleNamespace(low=1.0, high=2.0, name="x")
-    known = {"states": [state], "levels": 3, "symbol": SimpleNamespace(shield=None)} | facts
-    check.model = SimpleNamespace(facts=SimpleNamespace(**known))
-    check.tables, check.grid, check.kept = group, group.grid, kept
-    check.kernel = Cells(group.grid, group.core > 0)
-    check.allowed = np.ones(group.grid.shape, dtype=np.bool_)
-    check.lawful = None
-    check.chains = None
-    return check
-
-
-def fails(made: Callable[[], Any]) -> str:
-    """What is said where it is rejected, else nothing."""
-    try:
-        list(made())
-    except RejectedError as error:
-        return str(error)
-    return ""
 
 
 # ---------------------------------------------------------------- bytes of the DM
@@ -165,11 +134,13 @@ def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
 
 
 def test_a_free_phase_is_shown_where_something_may_be_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(phase=lambda _: None))
+    cut: list[int] = []
+    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(phase=cut.append))
     every = bools(1, 1, 1, 1)
     assert "needs R" in fails(lambda: check_of(tables([1] * 4)).free(5))
     for core, kept, tasks in (([1] * 4, True, 0), ([1] * 4, False, 1), ([0, 1, 1, 1], True, 1)):
         assert len(list(check_of(tables(core, free=every), kept=kept).free(5))) == tasks
+    assert cut == [group_claims.FREE_PIECES[0]] * 2
 
 
 def test_where_ac_may_act_everywhere_nothing_is_left_to_show(
@@ -219,6 +190,47 @@ def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(grid_group, "to_show", lambda *_: shown)
     check = check_of(tables([1] * 4, free=free_, levels=good), symbol=SimpleNamespace(shield=1))
     assert len(list(check.levels(5))) == 4
+
+
+def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    levels = [bools(1, 1, 1, 0), bools(0, 1, 1, 0), bools(0, 1, 0, 0)]
+    group = tables([1] * 4, free=bools(1, 1, 1, 1), levels=levels)
+    shown: list[Any] = []
+
+    def noted(*of: Any) -> Iterator[Any]:
+        shown.append(of)
+        return iter(())
+
+    monkeypatch.setattr(grid_group, "FreeCheck", lambda *of: of)
+    monkeypatch.setattr(grid_group, "eroded", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(grid_group, "levels_hold", noted)
+    monkeypatch.setattr(grid_group, "drifts", noted)
+    check = check_of(group, levels=4)
+    assert [task() for task, _ in check.levels(7)] == [""] * 3
+    first, *others = shown
+    assert first[:2] == (check.model, group)
+    assert first[2] is levels[0]
+    assert first[3].members is group.free
+    for k, (phase, claimed, calm, block) in enumerate(others, 1):
+        assert phase == (check.model, group, 7)
+        assert claimed is levels[k]
+        assert calm.members is levels[k - 1]
+        assert block == LINE.whole
+
+
+def test_what_is_known_from_the_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grid_group, "points_inwards", lambda *_: True)
+    compiled: list[int] = []
+    monkeypatch.setattr(grid_group, "ChainCheck", lambda *_: SimpleNamespace(chain=compiled.append))
+    check = GridCheck(None, tables([0, 1, 2, 0]), None)  # type: ignore[arg-type]
+    assert check.kernel.members.tolist() == [False, True, True, False]
+    assert check.allowed.tolist() == [True] * 4
+    assert check.kept is True
+    assert check.chains is check.chains
+    assert compiled == [group_claims.PIECES[0]]
+    every, some = (Cells(LINE, bools(1, 1, 1, last)) for last in (1, 0))
+    for sets, fine in (((every,), True), ((some,), False), ((every, some), False)):
+        assert check._never_left(*sets) is fine
 
 
 # ---------------------------------------------------------------- ranks
@@ -313,163 +325,3 @@ def test_a_start_is_looked_at_unless_nothing_leaves(
         assert ("may leave K" in said) is (looked and not stays)
         finest = group_claims.FREE_PIECES[-1]
         assert asked == ([(1.0, high, sum(core), finest)] if looked else [])
-
-
-# ---------------------------------------------------------------- groups
-
-
-def test_what_a_group_says_of_itself() -> None:
-    group = GridGroup(tables([1, 0, 1, 0]))
-    assert group.states == (0,)
-    assert group.unentered == "there is no R(H)"
-    group.tables.free = bools(0, 0, 0, 0)
-    assert group.unentered == ""
-    told: Any = SimpleNamespace(cells=5)
-    group.tell(told)
-    assert told.cells == 9
-    assert group.never(iter(())) == ("", "")
-    group.tables.given_back = bools(0, 0, 0, 0)
-    assert "on no estimate" in group.never(iter(()))[0]
-    group.tables.given_back = bools(0, 1, 0, 0)
-    assert group.never(iter(())) == ("", "")
-    for members, said in ((bools(0, 0, 0, 0), True), (bools(0, 1, 0, 0), False)):
-        group.tables.levels = [members, bools(0, 0, 0, 0)]
-        assert ("in control on no estimate" in group.never(iter(()))[0]) is said
-    draws = group.drawn(None, np.random.default_rng(1))  # type: ignore[arg-type]
-    points = [next(draws)[0] for _ in range(200)]
-    assert all(0 <= x < 1 or 2 <= x < 3 for x in points)
-    assert {int(x) for x in points} == {0, 2}
-
-
-def test_the_law_is_looked_at_on_the_cells_of_sc() -> None:
-    own = GridGroup(tables([1, 1, 0, 0]))
-    law = GridGroup(tables([0, 2, 1, 0]))
-    others: Any = SimpleNamespace(tables=None)
-    assert own.kept_by([others, law]).members.tolist() == [False, True, True, False]
-    shifted = GroupTables((0,), Grid(((0.0, 1.0, 2.0, 3.0, 5.0),)), law.tables.core)
-    beside = GroupTables((1,), LINE, law.tables.core)
-    for wrong in ([], [others], [GridGroup(shifted)], [GridGroup(beside)]):
-        with pytest.raises(RejectedError, match="other cells"):
-            own.kept_by(wrong)
-
-
-def test_tables_are_read_where_they_are_named() -> None:
-    def numbers(path: Any, shape: Any, kind: str) -> Any:
-        return ("numbers", path, shape, kind)
-
-    certificate: Any = SimpleNamespace(
-        numbers=numbers, bits=lambda path, shape: ("bits", path, shape), count=lambda _: None
-    )
-    axes: Any = SimpleNamespace(states=(0,), grid=LINE)
-    entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
-    got = GridGroup.read(certificate, None, entry, axes).tables  # type: ignore[arg-type]
-    shape = (4,)
-    assert got.core == ("numbers", "k", shape, "<u1")
-    assert got.free == ("bits", "r", shape)
-    assert got.home == ("numbers", "q", shape, "<u1")
-    assert got.rank == ("numbers", "w", shape, "<u2")
-    assert got.rank_holds == ("numbers", "n", shape, "<u1")
-    assert got.levels == [("bits", "s", shape), ("bits", "t", shape)]
-    bare = GridGroup.read(certificate, None, {"K": "k"}, axes).tables  # type: ignore[arg-type]
-    assert (bare.free, bare.home, bare.rank, bare.rank_holds, bare.levels) == (None,) * 4 + ([],)
-
-
-def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
-    levels = [bools(1, 1, 1, 0), bools(1, 0, 0, 0)]
-    facts: Any = SimpleNamespace(
-        symbol=SimpleNamespace(shield=None), states=[SimpleNamespace(name="x")], leaves={0: None}
-    )
-    data = packed(np.array([2, 1, 1, 0], dtype=np.uint8))
-
-    def said(entry: Any, *groups: GroupTables, plain: bytes = data, edges: Any = None) -> str:
-        given: Any = SimpleNamespace(
-            plain=lambda _: plain, edges=lambda _: LINE.edges[0] if edges is None else edges
-        )
-        own = [GridGroup(g) for g in groups]
-        return fails(lambda: own[0].compare(given, facts, own, entry) or ())
-
-    axis = {"state": "x", "edges": "e"}
-    entry = {"axes": [axis], "levels": "l"}
-    group = tables([1] * 4, levels=levels)
-    more = tables([1] * 4, levels=[bools(1, 1, 1, 1)])
-    assert said(entry, group) == ""
-    assert group.given_back is not None
-    assert group.given_back.tolist() == [True, False, False, False]
-    assert said(entry, group, more) == ""
-    assert more.given_back is not None
-    assert more.given_back.tolist() == [True, False, False, False]
-    assert "as it should" in said(entry | {"more": 1}, group)
-    assert "as it should" in said({"axes": [axis]}, group)
-    assert "as it should" in said(entry | {"command": None, "commands": "c"}, group)
-    other = GroupTables((0,), Grid(((0.0, 1.0, 2.0, 3.0, 5.0),)), group.core, levels=levels)
-    assert "other grids" in said(entry, group, other)
-    other = GroupTables((1,), LINE, group.core, levels=levels)
-    assert "other grids" in said(entry, group, other)
-    assert "other axes" in said(entry | {"axes": [axis | {"state": "y"}]}, group)
-    assert "other axes" in said(entry | {"axes": []}, group)
-    assert "elsewhere" in said(entry | {"axes": [axis | {"more": 1}]}, group)
-    assert "elsewhere" in said(entry, group, edges=(0.0, 4.0))
-    assert "not that of S" in said(entry, group, plain=b"\x00")
-    facts.symbol.shield = 1
-    assert "as it should" in said(entry, group)
-    facts.controls = [SimpleNamespace(name="push"), SimpleNamespace(name="pull")]
-    shielded = entry | {"command": "turn", "commands": "c"}
-    assert "that there is not" in said(shielded, group)
-
-
-def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "cells_of", lambda _: 2)
-    monkeypatch.setattr(grid_group, "tops_of", lambda data, group, n: (data, group, n))
-    facts: Any = SimpleNamespace(controls=[SimpleNamespace(name=n) for n in ("push", "pull")])
-    given: Any = SimpleNamespace(plain=lambda path: path)
-    for name, index in (("push", 0), ("pull", 1), (None, None)):
-        group = tables([1] * 4)
-        grid_group._shield(given, facts, group, {"command": name, "commands": "c"})
-        assert group.command == index
-        assert group.tops == ("c", group, 2)
-
-
-def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-    monkeypatch.setattr(grid_group, "AdmitCheck", lambda *_, **k: asked.append(k))
-    model: Any = SimpleNamespace(facts=SimpleNamespace(states=[SimpleNamespace(name="x")]))
-    group = GridGroup(tables([1] * 4, free=bools(1, 0, 1, 1)))
-    for found, wanted in (([], ""), ([((1, 2),), ((2, 3),)], "outside R(H), at x in [1, 2]")):
-        monkeypatch.setattr(grid_group, "admitted", lambda *_, found=found: iter(found))
-        assert wanted in group.entered(model, "expr")  # type: ignore[arg-type]
-        assert bool(group.entered(model, "expr")) is bool(wanted)  # type: ignore[arg-type]
-    assert all(k == {"admits": True, "anywhere": True} for k in asked)
-
-
-@pytest.mark.parametrize("claims", [set(), {"P2a"}, set(grid_group.FREE)])
-def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    led: list[Any] = []
-    stayed: list[Any] = []
-    free_check = SimpleNamespace(
-        stays=lambda box, _w, pieces: stayed.append((float(box[0][0]), pieces))
-    )
-    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: free_check)
-    for core, wanted in (
-        ([0, 0, 0, 0], []),
-        ([0, 5, 0, 0], [(1.0, 2)]),
-        ([1, 0, 3, 0], [(0.0, 1), (2.0, 2)]),
-        ([1, 2, 3, 1], [(0.0, 1), (1.0, 2), (3.0, 1)]),
-    ):
-        led.clear()
-        stayed.clear()
-        check = check_of(tables(core), times={"H_ns": 5})
-        check.chains = SimpleNamespace(
-            leads=lambda box, holds, within, target, pieces: led.append(
-                (float(box[0][0]), holds, float(box[0][1]), within.size, target([0.0, 4.0]), pieces)
-            )
-        )
-        check.tried(claims)
-        assert [(a, n) for a, n, *_ in led] == wanted
-        assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
-        assert stayed == ([(a, 4) for a, _ in wanted] if claims & grid_group.FREE else [])
-
-
-def test_who_sees_rates(monkeypatch: pytest.MonkeyPatch) -> None:
-    for kept, linear in itertools.product((True, False), repeat=2):
-        monkeypatch.setattr(grid_group, "is_linear", lambda *_, linear=linear: linear)
-        assert check_of(tables([1] * 4), kept=kept).sees_rates is (not kept and not linear)

@@ -20,21 +20,12 @@ from soter.certificate.grid.group_claims import (
     witnessed,
 )
 from soter.certificate.terms.arb_balls import exact
+from unit.certificate.grid_tables import LINE, bools, tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import pytest
-
-LINE = Grid(((0.0, 1.0, 2.0, 3.0, 4.0),))
-
-
-def bools(*flags: int) -> Any:
-    return np.array(flags, dtype=np.bool_)
-
-
-def tables(core: list[int], **more: Any) -> GroupTables:
-    return GroupTables((0,), LINE, np.array(core, dtype=np.uint8), **more)
 
 
 class Shift:
@@ -199,6 +190,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setattr(check, "leads", leads)
         box = [(exact(0.0), exact(1.0))]
         assert check.leads_in_parts(box, 3, every, every.contains) is wanted
+        assert whole not in good or seen == {(whole, 0, 1.0)}
         if not good:
             tried = {
                 (cuts, min(w for v, c, w in seen if v == "c" and c == cuts)) for _, cuts, _ in seen
@@ -206,3 +198,53 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
             assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
     monkeypatch.setattr(group_claims, "windows", lambda *_, **__: (whole,))
     assert ChainCheck(None, group)._tried() == [(whole,)]  # type: ignore[arg-type]
+
+
+def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[Any] = []
+
+    def noted(*of: Any) -> Any:
+        compiled.append(of[2:])
+        return object()
+
+    monkeypatch.setattr(group_claims, "sc_chain", noted)
+    monkeypatch.setattr(group_claims, "free_phase", noted)
+    check: Any = ChainCheck(None, tables([1] * 4))  # type: ignore[arg-type]
+    assert check.chain(1) is check.chain(1)
+    assert check.chain(1) is not check.chain(4)
+    assert check.chain(1, "late") is not check.chain(1)
+    assert compiled == [(1, group_claims.EVERY), (4, group_claims.EVERY), (1, "late")]
+    compiled.clear()
+    phases = FreeCheck(None, tables([1] * 4), 7)  # type: ignore[arg-type]
+    assert phases.phase(4) is phases.phase(4)
+    assert phases.phase(16) is not phases.phase(4)
+    assert compiled == [(7, 4), (7, 16)]
+
+
+def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
+    """The last cell is 1 wide: what falls by more from the end says nothing of runs beyond."""
+    grid = Grid(LINE.edges, (True,))
+    cells = Cells(grid, bools(1, 1, 1, 1))
+    for fall, fine in ((1.0, True), (1.5, False)):
+        for place in ("way", "end", "last"):
+
+            def moved(form: Any, least: float) -> Any:
+                return (exact(least), exact(least + 0.5), *form[2:]), [least, least + 0.5]
+
+            def step(form: Any, place: str = place, fall: float = fall) -> Any:
+                after, _ = moved(form, 3.5 - (fall if place == "end" else 0.0))
+                return after, moved(form, 3.5 - fall)[1] if place == "way" else [3.5, 4.0]
+
+            def last(form: Any, fall: float = fall) -> Any:
+                return (), moved(form, 3.5 - fall)[1]
+
+            group: Any = tables([1] * 4)
+            group.grid = grid
+            check: Any = ChainCheck(None, group)  # type: ignore[arg-type]
+            chain = SimpleNamespace(first=step, later=step, last=last if place == "last" else None)
+            check._chains[1, group_claims.EVERY] = chain
+            box = [(exact(3.5), exact(4.0))]
+            found = list(check.reached(box, [1], cells, 1))
+            assert bool(found) is fine, (fall, place)
+            assert check.leads(box, 1, cells, cells.contains, 1) is fine
+            assert check.leads(box, 1, cells, lambda _: False, 1) is False

@@ -1,0 +1,180 @@
+"""Groups on grids: what they read, what they say of themselves, the bytes that a DM has of them."""
+
+from __future__ import annotations
+
+import itertools
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid import grid_group
+from soter.certificate.grid.grid_group import (
+    GridGroup,
+    packed,
+)
+from soter.certificate.grid.group_claims import (
+    GroupTables,
+)
+from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
+
+
+def test_what_a_group_says_of_itself() -> None:
+    group = GridGroup(tables([1, 0, 1, 0]))
+    assert group.states == (0,)
+    assert group.unentered == "there is no R(H)"
+    group.tables.free = bools(0, 0, 0, 0)
+    assert group.unentered == ""
+    told: Any = SimpleNamespace(cells=5)
+    group.tell(told)
+    assert told.cells == 9
+    assert group.never(iter(())) == ("", "")
+    group.tables.given_back = bools(0, 0, 0, 0)
+    assert "on no estimate" in group.never(iter(()))[0]
+    group.tables.given_back = bools(0, 1, 0, 0)
+    assert group.never(iter(())) == ("", "")
+    for members, said in ((bools(0, 0, 0, 0), True), (bools(0, 1, 0, 0), False)):
+        group.tables.levels = [members, bools(0, 0, 0, 0)]
+        assert ("in control on no estimate" in group.never(iter(()))[0]) is said
+    draws = group.drawn(None, np.random.default_rng(1))  # type: ignore[arg-type]
+    points = [next(draws)[0] for _ in range(200)]
+    assert all(0 <= x < 1 or 2 <= x < 3 for x in points)
+    assert {int(x) for x in points} == {0, 2}
+    assert max(x % 1 for x in points) > 0.9
+
+
+def test_the_law_is_looked_at_on_the_cells_of_sc() -> None:
+    own = GridGroup(tables([1, 1, 0, 0]))
+    law = GridGroup(tables([0, 2, 1, 0]))
+    others: Any = SimpleNamespace(tables=None)
+    assert own.kept_by([others, law]).members.tolist() == [False, True, True, False]
+    shifted = GroupTables((0,), Grid(((0.0, 1.0, 2.0, 3.0, 5.0),)), law.tables.core)
+    beside = GroupTables((1,), LINE, law.tables.core)
+    for wrong in ([], [others], [GridGroup(shifted)], [GridGroup(beside)]):
+        with pytest.raises(RejectedError, match="other cells"):
+            own.kept_by(wrong)
+
+
+def test_tables_are_read_where_they_are_named() -> None:
+    def numbers(path: Any, shape: Any, kind: str) -> Any:
+        return ("numbers", path, shape, kind)
+
+    certificate: Any = SimpleNamespace(
+        numbers=numbers, bits=lambda path, shape: ("bits", path, shape), count=lambda _: None
+    )
+    axes: Any = SimpleNamespace(states=(0,), grid=LINE)
+    entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
+    got = GridGroup.read(certificate, None, entry, axes).tables  # type: ignore[arg-type]
+    shape = (4,)
+    assert got.core == ("numbers", "k", shape, "<u1")
+    assert got.free == ("bits", "r", shape)
+    assert got.home == ("numbers", "q", shape, "<u1")
+    assert got.rank == ("numbers", "w", shape, "<u2")
+    assert got.rank_holds == ("numbers", "n", shape, "<u1")
+    assert got.levels == [("bits", "s", shape), ("bits", "t", shape)]
+    bare = GridGroup.read(certificate, None, {"K": "k"}, axes).tables  # type: ignore[arg-type]
+    assert (bare.free, bare.home, bare.rank, bare.rank_holds, bare.levels) == (None,) * 4 + ([],)
+
+
+def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
+    levels = [bools(1, 1, 1, 0), bools(1, 0, 0, 0)]
+    facts: Any = SimpleNamespace(
+        symbol=SimpleNamespace(shield=None), states=[SimpleNamespace(name="x")], leaves={0: None}
+    )
+    data = packed(np.array([2, 1, 1, 0], dtype=np.uint8))
+
+    def said(entry: Any, *groups: GroupTables, plain: bytes = data, edges: Any = None) -> str:
+        given: Any = SimpleNamespace(
+            plain=lambda _: plain, edges=lambda _: LINE.edges[0] if edges is None else edges
+        )
+        own = [GridGroup(g) for g in groups]
+        return fails(lambda: own[0].compare(given, facts, own, entry) or ())
+
+    axis = {"state": "x", "edges": "e"}
+    entry = {"axes": [axis], "levels": "l"}
+    group = tables([1] * 4, levels=levels)
+    more = tables([1] * 4, levels=[bools(1, 1, 1, 1)])
+    assert said(entry, group) == ""
+    assert group.given_back is not None
+    assert group.given_back.tolist() == [True, False, False, False]
+    assert said(entry, group, more) == ""
+    assert more.given_back is not None
+    assert more.given_back.tolist() == [True, False, False, False]
+    assert "as it should" in said(entry | {"more": 1}, group)
+    assert "as it should" in said({"axes": [axis]}, group)
+    assert "as it should" in said(entry | {"command": None, "commands": "c"}, group)
+    other = GroupTables((0,), Grid(((0.0, 1.0, 2.0, 3.0, 5.0),)), group.core, levels=levels)
+    assert "other grids" in said(entry, group, other)
+    other = GroupTables((1,), LINE, group.core, levels=levels)
+    assert "other grids" in said(entry, group, other)
+    assert "other axes" in said(entry | {"axes": [axis | {"state": "y"}]}, group)
+    assert "other axes" in said(entry | {"axes": []}, group)
+    assert "elsewhere" in said(entry | {"axes": [axis | {"more": 1}]}, group)
+    assert "elsewhere" in said(entry, group, edges=(0.0, 4.0))
+    assert "not that of S" in said(entry, group, plain=b"\x00")
+    facts.symbol.shield = 1
+    assert "as it should" in said(entry, group)
+    facts.controls = [SimpleNamespace(name="push"), SimpleNamespace(name="pull")]
+    shielded = entry | {"command": "turn", "commands": "c"}
+    assert "that there is not" in said(shielded, group)
+
+
+def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(grid_group, "cells_of", lambda _: 2)
+    monkeypatch.setattr(grid_group, "tops_of", lambda data, group, n: (data, group, n))
+    facts: Any = SimpleNamespace(controls=[SimpleNamespace(name=n) for n in ("push", "pull")])
+    given: Any = SimpleNamespace(plain=lambda path: path)
+    for name, index in (("push", 0), ("pull", 1), (None, None)):
+        group = tables([1] * 4)
+        grid_group._shield(given, facts, group, {"command": name, "commands": "c"})
+        assert group.command == index
+        assert group.tops == ("c", group, 2)
+
+
+def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+    monkeypatch.setattr(grid_group, "AdmitCheck", lambda *_, **k: asked.append(k))
+    model: Any = SimpleNamespace(facts=SimpleNamespace(states=[SimpleNamespace(name="x")]))
+    group = GridGroup(tables([1] * 4, free=bools(1, 0, 1, 1)))
+    for found, wanted in (([], ""), ([((1, 2),), ((2, 3),)], "outside R(H), at x in [1, 2]")):
+        monkeypatch.setattr(grid_group, "admitted", lambda *_, found=found: iter(found))
+        assert wanted in group.entered(model, "expr")  # type: ignore[arg-type]
+        assert bool(group.entered(model, "expr")) is bool(wanted)  # type: ignore[arg-type]
+    assert all(k == {"admits": True, "anywhere": True} for k in asked)
+
+
+@pytest.mark.parametrize("claims", [set(), {"P2a"}, set(grid_group.FREE)])
+def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    led: list[Any] = []
+    stayed: list[Any] = []
+    free_check = SimpleNamespace(
+        stays=lambda box, _w, pieces: stayed.append((float(box[0][0]), pieces))
+    )
+    monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: free_check)
+    for core, wanted in (
+        ([0, 0, 0, 0], []),
+        ([0, 5, 0, 0], [(1.0, 2)]),
+        ([1, 0, 3, 0], [(0.0, 1), (2.0, 2)]),
+        ([1, 2, 3, 1], [(0.0, 1), (1.0, 2), (3.0, 1)]),
+    ):
+        led.clear()
+        stayed.clear()
+        check = check_of(tables(core), times={"H_ns": 5})
+        check.chains = SimpleNamespace(
+            leads=lambda box, holds, within, target, pieces: led.append(
+                (float(box[0][0]), holds, float(box[0][1]), within.size, target([0.0, 4.0]), pieces)
+            )
+        )
+        check.tried(claims)
+        assert [(a, n) for a, n, *_ in led] == wanted
+        assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
+        assert stayed == ([(a, 4) for a, _ in wanted] if claims & grid_group.FREE else [])
+
+
+def test_who_sees_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kept, linear in itertools.product((True, False), repeat=2):
+        monkeypatch.setattr(grid_group, "is_linear", lambda *_, linear=linear: linear)
+        assert check_of(tables([1] * 4), kept=kept).sees_rates is (not kept and not linear)

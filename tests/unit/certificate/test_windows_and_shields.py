@@ -1,0 +1,231 @@
+"""Windows of late commands, estimates in cells, tables of shields: each against its definition."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from fractions import Fraction
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from soter.certificate.cells.cell_sets import Cells
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid import estimates, inward_flow, sc_chains, shield
+from soter.certificate.grid.sc_chains import EVERY, Window, windows
+from soter.certificate.terms.arb_balls import exact
+from unit.certificate.grid_tables import LINE, bools, tables
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+# ---------------------------------------------------------------- windows
+
+
+def test_a_window_holds_its_share_of_all_runs() -> None:
+    """With p in its part of [0, j] a command acts in [-p, j - p]."""
+    jitter, delay = Fraction(3), Fraction(5)
+    for count in (1, 2, 4):
+        for index in range(count):
+            early, late = Window(index, count).ends(jitter)
+            p = [jitter * k / count for k in (index, index + 1)]
+            assert early == max(p)
+            assert late == max(jitter - x for x in p)
+        for age in range(count):
+            begin, end = Window(0, 1, age, count).taken(delay)
+            assert (begin, end) == (-delay * (age + 1) / count, -delay * age / count)
+    assert EVERY.ends(jitter) == (jitter, jitter)
+    assert EVERY.taken(delay) == (-delay, 0)
+
+
+@pytest.mark.parametrize("jitter", [0, 2])
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize("paths", [[1], [2], [1, 1], [0]])
+@pytest.mark.parametrize("linear", [True, False])
+def test_into_which_windows_runs_are_told_apart(
+    jitter: int, delay: int, paths: list[int], linear: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sc_chains, "is_linear", lambda *_: linear)
+    reads = [SimpleNamespace(paths=["way"] * n) for n in paths]
+    facts = SimpleNamespace(
+        kind="flow", jitter_ns=jitter, delay_ns=delay, setting=SimpleNamespace(by_sc=reads)
+    )
+    model: Any = SimpleNamespace(facts=facts)
+    parts = 4 if jitter else 1
+    assert windows(model, [0], 4) == tuple(Window(k, parts) for k in range(parts))
+    ages = 4 if delay and linear and sum(paths) == 1 else 1
+    assert windows(model, [0], 4, by_age=True) == tuple(
+        Window(k, parts, a, ages) for k in range(parts) for a in range(ages)
+    )
+    facts.kind = "map"
+    assert windows(model, [0], 4, by_age=True) == (EVERY,)
+
+
+# ---------------------------------------------------------------- estimates
+
+
+def model_with(errors: dict[int, float], leaves: Any = (0, 1)) -> Any:
+    states = [SimpleNamespace(name=n) for n in "xy"]
+    facts = SimpleNamespace(states=states, leaves=dict.fromkeys(leaves), errors=errors)
+    return SimpleNamespace(facts=facts, extents=((0.0, 4.0), (0.0, 4.0)))
+
+
+@pytest.fixture
+def _errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimates, "error_of", lambda facts, state: facts.errors[state])
+
+
+@pytest.mark.usefixtures("_errors")
+def test_estimates_are_as_far_off_as_errors_are() -> None:
+    group = tables([1] * 4)
+    for error in (0.0, 0.25, 1.5):
+        low, high = estimates.around(model_with({0: error}), group, LINE.box(((1, 3),)))
+        assert low == pytest.approx(1.0 - error)
+        assert high == pytest.approx(3.0 + error)
+        if error:
+            assert low < 1.0 - error - 2.0**-53 * (1 + error)
+            assert high > 3.0 + error + 2.0**-53 * (3 + error)
+        else:
+            assert (low, high) == (1.0, 3.0)
+        for members in itertools.product((0, 1), repeat=4):
+            level = Cells(LINE, bools(*members))
+            kept = estimates.eroded(model_with({0: error}), group, level).members
+            for i in range(4):
+                near = [k for k in range(-3, 8) if k + 1 > i - error and k < i + 1 + error]
+                near = near if error else [i]
+                fine = all(0 <= k < 4 and members[k] for k in near)
+                assert kept[i] == (fine and bool(members[i]))
+
+
+@pytest.mark.usefixtures("_errors")
+def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
+    group = tables([1] * 4)
+    inside = Cells(LINE, bools(1, 1, 1, 0))
+    for error, left in ((0.0, [3]), (0.5, [0, 2, 3])):
+        model = model_with({0: error})
+        cells = estimates.levels_hold(model, group, bools(1, 1, 1, 1), inside, LINE.whole)
+        assert sorted(a for ((a, _),) in cells) == left
+        asked: list[Any] = []
+
+        def keeps(box: Any, within: Cells, splits: int, asked: list[Any] = asked) -> bool:
+            asked.append((round(float(box[0][1] - box[0][0]), 6), splits))
+            return within.contains([float(x) for x in box[0]])
+
+        check: Any = SimpleNamespace(group=group, model=model, keeps=keeps)
+        found = estimates.drifts(check, bools(1, 1, 1, 1), inside, LINE.whole)
+        assert sorted(a for ((a, _),) in found) == left
+        assert {s for w, s in asked if w == 1 + 2 * error} == {estimates.SPLITS}
+        assert {s for w, s in asked if w > 1 + 2 * error} == {0}
+
+
+@pytest.mark.usefixtures("_errors")
+def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis() -> None:
+    group = tables([1] * 4)
+    for leaves, wanted in (((0,), (1.0, 2.0)), ((), (0.0, 4.0))):
+        model = model_with({0: 0.0}, leaves)
+        assert estimates.around(model, group, LINE.box(((1, 2),))) == wanted
+
+
+# ---------------------------------------------------------------- shields
+
+
+@dataclass
+class Control:
+    name: str
+    low: float
+    high: float
+
+
+def test_tables_of_a_shield_are_of_the_grid_and_the_command_cells() -> None:
+    group = tables([1] * 4)
+    good = np.array([[2, 2], [1, 0], [0, 2], [0, 0]], dtype=np.uint8)
+    assert shield.tops_of(good.tobytes(), group, 2).tolist() == good.tolist()
+    for row, fine in (([3, 0], False), ([1, 1], False), ([2, 1], False), ([1, 2], True)):
+        wrong = good.copy()
+        wrong[3] = row
+        if fine:
+            assert shield.tops_of(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
+        else:
+            with pytest.raises(RejectedError, match="names"):
+                shield.tops_of(wrong.tobytes(), group, 2)
+    for data in (good.tobytes()[:-1], good.tobytes() + b"\0", b""):
+        with pytest.raises(RejectedError, match="size"):
+            shield.tops_of(data, group, 2)
+    assert [shield.cut(-1.0, 3.0, k, 4) for k in range(5)] == [-1.0, 0.0, 1.0, 2.0, 3.0]
+
+
+def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Beyond S_0, for every least and greatest cell that the table names together."""
+    asked: list[Any] = []
+
+    def drifts(check: Any, claimed: Any, core: Any, block: Any) -> Iterator[Any]:
+        asked.append((check[0].controls[1], claimed.tolist(), core, block))
+        return iter(())
+
+    monkeypatch.setattr(shield, "cells_of", lambda _: 2)
+    monkeypatch.setattr(shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))
+    monkeypatch.setattr(shield, "CaseModel", lambda facts, *_: facts)
+    monkeypatch.setattr(shield, "FreeCheck", lambda model, group, ns: (model, group, ns))
+    monkeypatch.setattr(shield, "drifts", drifts)
+    controls = [Control("turn", 0.0, 1.0), Control("push", -1.0, 3.0)]
+    facts = SimpleNamespace(controls=controls, times={"H_ns": 9})
+    model: Any = SimpleNamespace(facts=facts, parameter=(), extents=())
+    group, moves = tables([1] * 4, levels=[bools(1, 0, 0, 0)]), [1]
+    core: Any = "core"
+    with pytest.raises(RejectedError, match="not there"):
+        list(shield.to_show(model, group, core))
+    group.tops = np.array([[2, 2], [1, 0], [2, 2], [1, 2]], dtype=np.uint8)
+    with pytest.raises(RejectedError, match="says which"):
+        list(shield.to_show(model, group, core))
+    group.command = 1
+    found = list(shield.to_show(model, group, core))
+    assert [what.split(" in ")[1].split("],")[0] for what, _ in found] == [
+        "[-1, 1",
+        "[-1, 3",
+        "[1, 3",
+    ]
+    for _, show in found:
+        list(show(LINE.whole))
+    ends = [(c.low, c.high) for c, *_ in asked]
+    assert ends == [(-1.0, 1.0), (-1.0, 3.0), (1.0, 3.0)]
+    assert [claimed for _, claimed, *_ in asked] == [
+        [False, True, False, True],
+        [False, False, True, False],
+        [False, False, True, True],
+    ]
+    assert controls[1] == Control("push", -1.0, 3.0)
+    moves.clear()
+    with pytest.raises(RejectedError, match="says which"):
+        list(shield.to_show(model, group, core))
+    group.command = None
+    with pytest.raises(RejectedError, match="no command keeps K"):
+        list(shield.to_show(model, group, core))
+    group.tops[1:] = 0
+    assert list(shield.to_show(model, group, core)) == []
+
+
+# ---------------------------------------------------------------- ends
+
+
+def test_a_linear_rate_is_least_at_a_corner(monkeypatch: pytest.MonkeyPatch) -> None:
+    draw = np.random.default_rng(9)
+    for _ in range(40):
+        a, b, c, w = (draw.integers(-3, 4, n) for n in (2, 1, 1, 2))
+        flow = SimpleNamespace(
+            a=[[exact(float(x)) for x in a]], b=[[exact(float(x)) for x in b]],
+            constant=[exact(float(c[0]))], noise=[[exact(float(x)) for x in w]],
+            ranges=((exact(-1.0), exact(2.0)),),
+        )  # fmt: skip
+        monkeypatch.setattr(inward_flow, "linear_flow", lambda *_, flow=flow: flow)
+        inwards = inward_flow._linear(None, [0, 1])  # type: ignore[arg-type]
+        side = [(-1.0, -1.0), (0.0, 2.0)]
+        rates = [
+            a @ [x, y] + b[0] * u + c[0] + w @ [p, q]
+            for x, y, u, p, q in itertools.product(*side, (-1, 2), (-1, 1), (-1, 1))
+        ]
+        assert inwards(side, 0, 1) is bool(min(rates) >= 0)
+        assert inwards(side, 0, -1) is bool(max(rates) <= 0)
