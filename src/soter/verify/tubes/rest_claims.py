@@ -8,11 +8,14 @@ Non-goals: verdicts (`verify.py`), the check in flight.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import asdict, dataclass, field
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
+from soter.language.check.step_cost import MAX_OPERATIONS
+from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import refused
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from soter.diagnostics.diagnostic import SoterError
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ends = tuple[list[float], list[float]]
@@ -71,9 +75,7 @@ def shown(check: TubeCheck) -> RestClaims:
     try:
         caller = Caller(check.offline({}))
     except TooLongError:
-        holds = f"{check.times.switches} steps of SC"
-        why = f"to follow {holds} is more than a step of the DM can do (`within`, its period)"
-        raise refused(check.problem, why) from None
+        raise _too_long(check) from None
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims)
     if not claims.kept:
@@ -83,6 +85,27 @@ def shown(check: TubeCheck) -> RestClaims:
         claims.moves = undrifted(check, caller, at, claims.box)
     claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
     return claims
+
+
+def _too_long(check: TubeCheck) -> SoterError:
+    """R007 with what would fit: operations grow by as many with each step of SC that is followed.
+
+    Of three, as there is more in a text of more than one.
+    """
+    times = check.times
+    needs, fits = "", 0
+    with contextlib.suppress(TooLongError):
+        two, three = (check.operations(n) for n in (2, 3))
+        needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
+        fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
+    why = (
+        f"to follow {times.switches} steps of SC{needs} is more than a step of the DM can do: "
+        f"{MAX_OPERATIONS:.2g} operations"
+    )
+    longest = show_ns(fits * times.period + times.jitter).replace(" ", "")
+    fewer = "a longer period of SC, of which there are fewer steps then"
+    within = f"`within {longest}` at most, {fits} steps of SC"
+    return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 
 def _name(check: TubeCheck, state: int) -> str:

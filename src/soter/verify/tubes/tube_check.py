@@ -9,13 +9,13 @@ Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.resources import files
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
-from soter.core.abstract_execution import TooManyStatementsError
+from soter.core.abstract_execution import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
@@ -97,7 +97,8 @@ class TubeCheck:
         except NoExpressionError as error:
             raise refused(problem, str(error)) from None
         except (TooManyStatementsError, RecursionError):
-            raise refused(problem, "an expression is too large") from None
+            why = f"an expression is too large ({STATEMENTS_MAX:,} statements are read at most)"
+            raise refused(problem, why) from None
 
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
@@ -177,6 +178,15 @@ class TubeCheck:
         """Of one call of `good`, at worst."""
         known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
         return cost_of(functions_of(known)["good"])
+
+    def operations(self, switches: int) -> int:
+        """Of the dearest function, if SC rests within so many outputs; `TooLongError`."""
+        declared, self.times = self.times, replace(self.times, switches=switches)
+        try:
+            functions = functions_of(self.offline({}))
+        finally:
+            self.times = declared
+        return max(cost_of(f).operations for f in functions.values())
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The same with what is asked beforehand."""
