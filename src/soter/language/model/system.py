@@ -228,6 +228,8 @@ class Module:
     """Of its predicates, where they are computed."""
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
+    unshown: str = ""
+    """Of one with `rest` whose AC may have control: what its decisions rest on and is not shown."""
     looks: int = 1
     """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
     looked: int | None = None

@@ -130,8 +130,10 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
     put(flat, module, problem, [TubeLevels.of(check, claims)])
-    moved = f"; {claims.moves}" if claims.moves else ""
-    return f"{module.name}: AC may have control where SC, followed from there, comes to rest{moved}"
+    module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
+    missing = f"; not shown: {module.unshown}" if module.unshown else ""
+    where = "SC, followed from there, comes to rest"
+    return f"{module.name}: AC may have control where {where}{missing}"
 
 
 def followed_costs(flat: System) -> dict[str, Cost]:
@@ -175,7 +177,7 @@ def _carry(here: System, there: System) -> None:
             continue
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
-        m.symbol, m.computed = proved.symbol, proved.computed
+        m.symbol, m.computed, m.unshown = proved.symbol, proved.computed, proved.unshown
         for topic in (*proved.symbol.topics_read, *_carry_shield(m, proved, there, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
