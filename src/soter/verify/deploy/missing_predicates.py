@@ -103,7 +103,8 @@ def complete(
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
         if isinstance(problem, TubeProblem):
-            notes.append(_follow(flat, module, problem))
+            part = _part(progress, i, len(todo))
+            notes.append(_follow(flat, module, problem, part))
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
@@ -122,11 +123,11 @@ def complete(
     return notes
 
 
-def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
+def _follow(flat: System, module: Module, problem: TubeProblem, progress: Progress | None) -> str:
     """The predicates of a module with `rest`, and a note: none where its rest is not kept."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
-    claims = rest_claims(check)
+    claims = rest_claims(check, progress)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
     put(flat, module, problem, [TubeLevels.of(check, claims)])
@@ -149,7 +150,7 @@ def followed_costs(flat: System) -> dict[str, Cost]:
     return found
 
 
-def rest_claims(check: TubeCheck) -> RestClaims:
+def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     """What is shown of a rest, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
@@ -158,7 +159,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
-        claims = shown(check)
+        claims = shown(check, progress)
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims

@@ -104,14 +104,14 @@ class TubeCheck:
         module = ModuleExpressions(self.problem)
         self.make = module.make
         self.rates = every = module.rates()
-        self._law = module.law()
-        self._defined = module.law_defined(self._law)
+        self.law = module.law()
+        self._defined = module.law_defined(self.law)
         self._safe = module.constraint()
         self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
-        asked = [*self._law, self._defined, self._safe, self._rest]
+        asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = _behind(asked, every)
-        self.read_by_law = _inputs([*self._law, self._defined])
+        self.read_by_law = _inputs([*self.law, self._defined])
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
         every_input = in_order([*asked, *(every[s] for s in self.states)])
@@ -228,7 +228,7 @@ class TubeCheck:
             ),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
             self._faces(over),
-            function("law", "y: Forms", self._law, over, "Controls"),
+            function("law", "y: Forms", self.law, over, "Controls"),
             certain("safe", "x: Forms", self._safe, over),
             certain("rests", "x: Forms", self._rest, over),
             self._at_rest(ways),

@@ -8,17 +8,25 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from soter.api import Program
+from soter.cli.terminal.console import Console
+from soter.cli.terminal.run_summary import summary
+from soter.diagnostics.current_phase import listening_to_phases
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.check.step_cost import MAX_OPERATIONS
 from soter.language.front_end import check_file, system_to_prove
+from soter.simulate.outputs.to_report import report_page
 from soter.verify.problem.extract import extract
-from soter.verify.tubes.generated_functions import TooLongError
+from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck
+
+if TYPE_CHECKING:
+    from soter.verify.claims.results import Finding
 
 BOAT = """soter 1;
 type Fix = { x: float unit "m", v: float unit "m/s" };
@@ -91,3 +99,92 @@ def test_a_time_that_is_too_long_is_told_with_the_longest(tmp_path: Path) -> Non
     assert check.operations(int(steps)) <= MAX_OPERATIONS
     with pytest.raises(TooLongError):
         check.operations(int(steps) + 1)
+
+
+def said(program: Program, row: str = "P2a") -> Finding:
+    return program.verify().modules[0].findings[row]
+
+
+@pytest.mark.parametrize(("wind", "speed"), [("0.1", 0.125), ("0.2", 0.25)])
+def test_a_rest_that_wind_blows_away_is_told_with_how_far(
+    tmp_path: Path, wind: str, speed: float
+) -> None:
+    """v' = -0.8 v + wind comes to wind / 0.8, whatever the boat did before."""
+    pushed = ("[-0.1, 0.1]", f"[-{wind}, {wind}]")
+    heard: list[str] = []
+    with listening_to_phases(lambda *_: None, heard.append):
+        finding = said(boat(tmp_path, COAST, "abs(fix.v) < 0.05 moves fix.x by 9.0", pushed))
+    assert finding.verdict == "undecided"
+    run = re.search(r"b.wind = (-?[\d.]+) is at b.v = (-?[\d.]+) after", finding.text)
+    assert run is not None
+    assert abs(float(run[2])) == pytest.approx(speed, rel=1e-2)
+    assert float(run[1]) * float(run[2]) == pytest.approx(float(wind) * speed, rel=1e-2)
+    assert any("is at b.v" in line for line in heard)  # at once, not with the verdict
+    larger = re.search(r"into b.v in \[-?[\d.]+, ([\d.]+)\] it is shown to lead", finding.text)
+    assert larger is not None
+    assert speed < float(larger[1]) < 2 * speed
+    asked = f"abs(fix.v) < {larger[1]} moves fix.x by 9.0"
+    assert "lead back" not in said(boat(tmp_path, COAST, asked, pushed)).text
+    assert "anchor" in finding.hint
+
+
+def test_a_run_that_is_not_back_ends_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of parts of such a box nothing is asked, which took minutes."""
+    asked = []
+    value = Caller.value
+    monkeypatch.setattr(Caller, "value", lambda s, n, *a: (asked.append(n), value(s, n, *a))[1])
+    wrong = "clamp(0.3 * fix.x - fix.v, -1.0, 1.0)"
+    finding = said(boat(tmp_path, wrong, "abs(fix.x) < 2.0 && abs(fix.v) < 0.5"))
+    assert "a run from b.x = " in finding.text
+    assert asked.count("keeps") <= 2
+
+
+def test_an_anchor_is_rest_under_wind(tmp_path: Path) -> None:
+    rest = "abs(fix.x) < 2.0 && abs(fix.v) < 0.5"
+    assert said(boat(tmp_path, HOLD, rest)).verdict == "proved"
+
+
+MOVES = {
+    "pushed for ever": (COAST, "abs(fix.v) < 0.2 moves fix.x by 0.5", (), "at up to 0.2"),
+    "by what SC reads": (BRAKE, "abs(fix.v) < 0.5 moves fix.x by 0.5", (), "SC, by what it reads"),
+    "farther than it says": (
+        COAST,
+        "abs(fix.v) < 0.2 moves fix.x by 0.2",
+        (("-0.1, 0.1", "0.0, 0.0"),),
+        "by up to 0.25",
+    ),
+    "one way": (
+        COAST,
+        "abs(fix.v) < 0.2 moves fix.x by 0.1 down",
+        (("x in [-100.0, 100.0], ", ""),),
+        "down, it may go on",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MOVES)
+def test_what_moves_says_and_is_not_shown_is_told_with_how_far_it_is(
+    tmp_path: Path, name: str
+) -> None:
+    law, rest, changes, told = MOVES[name]
+    finding = said(boat(tmp_path, law, rest, *changes))
+    assert finding.verdict == "undecided"
+    assert told in finding.text
+    assert f"`moves` allows {rest.split(' by ')[1].split()[0].rstrip('0')}" in finding.text
+
+
+def test_a_run_says_in_its_first_lines_that_a_rest_is_not_shown(tmp_path: Path) -> None:
+    rest = "abs(fix.v) < 0.2 moves fix.x by 0.5"
+    for law, shown in ((COAST, False), (HOLD, True)):
+        rest = "abs(fix.x) < 2.0 && abs(fix.v) < 0.5" if shown else rest
+        program = boat(tmp_path, law, rest)
+        run = program.simulate(until="1s")
+        assert run.modules["Keep"].ac_share > 0.0
+        with Console(json=False) as console:
+            lines = summary(run, "boat.soter", console)
+        assert ("NOT SHOWN" in lines.split("\n\n")[0]) is not shown
+        page = report_page(run, "boat", {})
+        assert ("is not shown" in page.headline) is not shown
+        assert any("not shown" in text for text in page.assumptions) is not shown
