@@ -92,7 +92,8 @@ class _Search:
                 shown += 0.5**depth
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
-                return Led({}, self._not_from(part, into, shown, tried, runs and runs.reached))
+                reached = {} if runs is None else runs.reached
+                return Led({}, self._not_from(part, into, shown, tried, reached))
             else:
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
@@ -139,13 +140,13 @@ class _Search:
         where = f"{states[run.state].name} = {run.value:.4g} after {run.after_s:.4g} s"
         return f"a run from {start}{f' under {under}' if under else ''} is at {where}"
 
-    def _not_from(self, part: Box, into: str, shown: float, tried: int, reached: Box | None) -> str:
+    def _not_from(self, part: Box, into: str, shown: float, tried: int, reached: Box) -> str:
         own = {s: part[s] for s in self._own}
         what = f"SC does not certainly lead back into {into}"
         if not own:
             return what
         where = f"not from {told(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
-        return f"{what}: shown of {shown:.1%} of it, {where}{self._instead(reached or {})}"
+        return f"{what}: shown of {shown:.1%} of it, {where}{self._instead(reached)}"
 
     def _instead(self, reached: Box) -> str:
         """A larger box that SC leads back into, if one of those that are tried is."""
