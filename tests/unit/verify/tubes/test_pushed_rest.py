@@ -135,7 +135,7 @@ def test_a_run_that_is_not_back_ends_the_search(
     asked: list[str] = []
     value = Caller.value
 
-    def heard(self: Caller, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - as it has them
+    def heard(self: Caller, name: str, *arguments: Any) -> Any:
         asked.append(name)
         return value(self, name, *arguments)
 
