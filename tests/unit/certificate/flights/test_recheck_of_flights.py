@@ -111,7 +111,7 @@ def test_one_that_is_interrupted_is_130_and_told_up_to_there(
     wrong: bool,
 ) -> None:
     """Whatever was asked until then; where something is contradicted that stays so."""
-    monkeypatch.setattr(flight_check.os, "cpu_count", lambda: workers)
+    monkeypatch.setattr("os.cpu_count", lambda: workers)
     answers = flight_check.Flights._answers
 
     def two(*arguments: Any) -> Iterator[Any]:
