@@ -83,13 +83,13 @@ class _Search:
             why = f"SC does not lead back into {into}: {self._run(runs.astray)}"
             announce(lambda: f"{self._name}: {why}")
             return Led({}, why + self._instead(runs.reached))
-        todo, shown, tried = [(self._box, 0)], 0.0, 0
+        todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
         parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
         while todo:
-            part, depth = todo.pop()
+            part, depth, share = todo.pop()
             tried += 1
             if (way := self._way(part, self._box)) is not None:
-                shown += 0.5**depth
+                shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
                 reached = {} if runs is None else runs.reached
@@ -99,15 +99,14 @@ class _Search:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
                 halves = self._halves(part)
-                todo += [(half, depth + 1) for half in halves]
+                todo += [(half, depth + 1, 0.5 * share) for half in halves]
                 if not depth:  # what ends the search soonest: the last part of those to come
                     for _ in range(1, SPLITS):
                         halves = self._halves(halves[-1])
-                    todo.append((halves[-1], SPLITS))
-                    shown -= 0.5**SPLITS  # it is counted once more with the part it is of
-            phase(f"{self._name}: shown that SC leads back from {max(shown, 0.0):.1%} of rest")
+                    todo.append((halves[-1], SPLITS, 0.0))  # counted with what it is of
+            phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             if progress is not None:
-                progress(max(shown, 0.0))
+                progress(shown)
         return Led(ways)
 
     def _way(self, part: Box, box: Box) -> Box | None:

@@ -24,6 +24,7 @@ from soter.verify.problem.extract import extract
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck
+from unit.verify.tubes.test_rest_claims import HELD
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import Finding
@@ -193,3 +194,14 @@ def test_a_run_says_in_its_first_lines_that_a_rest_is_not_shown(tmp_path: Path) 
         page = report_page(run, "boat", {})
         assert ("is not shown" in page.headline) is not shown
         assert any("not shown" in text for text in page.assumptions) is not shown
+
+
+def test_a_part_that_is_not_led_back_is_named(tmp_path: Path) -> None:
+    """No run of what is read rightly goes astray; what is read may be too far off."""
+    path = tmp_path / "held.soter"
+    for error, kept in (("0.4", False), ("0.02", True)):
+        path.write_text(HELD.replace("seen within 0.02", f"seen within {error}"), encoding="utf-8")
+        finding = said(Program(str(path)))
+        part = r"shown of [\d.]+% of it, not from p.v in \[.*\] \(\d+ parts asked\)"
+        assert bool(re.search(part, finding.text)) is not kept, finding.text
+        assert finding.verdict == ("proved" if kept else "undecided")
