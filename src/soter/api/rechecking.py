@@ -28,7 +28,8 @@ def recheck(
 
     `logs`: of `soter run --log`, of flights of its program. Every verdict "AC" of a module with
     `rest` is then done again, by the tube of the re-checker; the report's `flights` says of how
-    many that was confirmed, and names the others. They are looked at where nothing in the
+    many that was confirmed, and names the others; Ctrl-C then ends it with a report in which the
+    flight is `interrupted`. They are looked at where nothing in the
     certificate is false, and rest on its claims.
 
     The report's `verdict` is `accepted`, `rejected` (something in it is false) or `not re-checked`

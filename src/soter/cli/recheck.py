@@ -17,6 +17,7 @@ from soter.certificate.format import errors
 from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
 from soter.cli.terminal.command_outcome import (
     FINE,
+    INTERRUPTED,
     NOT_RECHECKED,
     UNDECIDED,
     VIOLATED,
@@ -63,7 +64,7 @@ exit codes: 0 accepted: safety and the return of AC (P2b) are established (with 
             1 no certificate there or python-flint missing, 2 usage
 with --log: 0 every verdict is confirmed as well, 3 a log contradicts itself or the program, 4 also
             a log has no verdict, 5 also a verdict is not confirmed, 1 also a log of another
-            program, system or other parameters
+            program, system or other parameters, 130 interrupted: what was asked until then is told
 """
 
 
@@ -123,6 +124,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _exit(report: Report) -> int:
+    if any(f.interrupted for f in report.flights):
+        return INTERRUPTED
     said = {report.verdict, *(f.verdict for f in report.flights)}
     if said != {ACCEPTED}:
         return VIOLATED if REJECTED in said else NOT_RECHECKED
@@ -201,9 +204,10 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
 
 def _of_flight(flight: FlightReport) -> Iterator[str]:
     """What is said of the verdicts of a flight: those that are not confirmed one by one."""
-    each = f" ({flight.seconds / flight.verdicts:.2f} s of CPU each)" if flight.verdicts else ""
+    each = f" ({flight.seconds / flight.asked:.2f} s of CPU each)" if flight.asked else ""
+    asked = f"{flight.asked:,} that were asked of " if flight.interrupted else ""
     yield (
-        f'{flight.confirmed:,} of {flight.verdicts:,} verdicts "AC" confirmed{each}, up to '
+        f'{flight.confirmed:,} of {asked}{flight.verdicts:,} verdicts "AC" confirmed{each}, up to '
         f"{flight.to_ns / 1e9:.9g} s; {flight.others:,} said SC"
     )
     if flight.cut:
@@ -220,7 +224,8 @@ def _say_flights(report: Report, console: Console) -> None:
         first, *others = _of_flight(flight)
         colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
         word = {ACCEPTED: "CONFIRMED", REJECTED: "CONTRADICTED"}.get(flight.verdict)
-        said = console.paint(colour, word or "NOT CONFIRMED")
+        word = word or ("INTERRUPTED" if flight.interrupted else "NOT CONFIRMED")
+        said = console.paint(colour, word)
         console.say(f"\n{said}  {visible(flight.log)}: {first}")
         for line in others[:SHOWN]:
             console.say(f"  {line}")
@@ -309,7 +314,8 @@ DOCUMENT = JsonObject(
     not_covered=ASSUMPTION,
     flights=JsonObject(
         "soter.certificate.flights.flight_report.FlightReport",
-        "log system modules verdict verdicts confirmed said_sc=others to_ns cut seconds doubts",
+        "log system modules verdict verdicts asked interrupted confirmed said_sc=others to_ns cut "
+        "seconds doubts",
         verdict=one_of(*VERDICTS),
         doubts=JsonObject(
             "soter.certificate.flights.flight_report.Doubt",

@@ -20,7 +20,7 @@ def all_codes() -> list[str]:
 
 
 def all_words() -> list[str]:
-    """What verdicts are about and no diagnostic is: `ttf`, `safer`, `start`, `DM`."""
+    """What no diagnostic is: subjects of verdicts (`ttf`, `start`, ...), and words of `rest`."""
     return sorted(_words().values())
 
 

@@ -77,3 +77,15 @@ def test_the_words_of_a_verdict_have_pages_too(soter: Soter) -> None:
     for name in PROPERTIES:
         assert name in known
         assert soter("explain", name.upper(), "--json").document["code"] == name
+
+
+def test_the_words_of_rest_have_pages_that_say_what_to_write_where_wind_pushes(
+    soter: Soter,
+) -> None:
+    for word in ("rest", "moves", "within", "anchor"):
+        said = soter("explain", word, "--json").document
+        assert said["code"] == word
+        assert "`rest" in said["page"]
+    for word in ("rest", "moves", "anchor"):
+        assert "wind" in soter("explain", word).out.lower()
+    assert "anchor" in soter("explain", "ancor").err

@@ -36,7 +36,7 @@ from soter.report.run_log import metadata, require_log_package, unreadable
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator, Sequence
 
-    from soter.certificate.flights.flight_log import FlightLog, LoggedVerdict
+    from soter.certificate.flights.flight_log import LoggedVerdict
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import Report
     from soter.certificate.tubes.flight_verdict import ModuleTube
@@ -93,26 +93,46 @@ class Flights:
             report.flights += self.check(progress)
 
     def check(self, progress: Progress, workers: int | None = None) -> Iterator[FlightReport]:
-        """Log by log; `progress` is called with the share of its verdicts that are done."""
+        """Log by log; `progress` is called with the share of its verdicts that are done.
+
+        Ctrl-C ends it with what was asked until then of the log that it was at.
+        """
         for log, system in self._logs:
             began = _spent()
             phase(f"reading {visible(log)}", anew=True)
             flat = self._flats[system]
             names = [e["module"] for e in self._entries if e["system"] == system]
             modules = [m for m in flat.modules if m.name in names]
-            read = read_flight(Path(log), flat, modules)
-            phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
-            doubts = self._asked(system, read, progress, workers or os.cpu_count() or 1)
-            doubted = {(d.time_ns, d.module) for d in doubts}
-            report = FlightReport(log, system, names, len(read.verdicts), others=read.others)
-            report.confirmed = sum((v.time_ns, v.module) not in doubted for v in read.verdicts)
-            report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, doubts
+            report = FlightReport(log, system, names)
+            asked: list[LoggedVerdict] = []
+            try:
+                read = read_flight(Path(log), flat, modules)
+                report.verdicts, report.others = len(read.verdicts), read.others
+                report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, list(read.doubts)
+                phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
+                every = self._answers(system, read.verdicts, workers or os.cpu_count() or 1)
+                with closing(every) as answers:  # processes end where somebody breaks it off
+                    for v, why in answers:
+                        asked.append(v)
+                        if why:
+                            doubt = Doubt(v.time_ns, v.module, UNCONFIRMED, why, v.estimate)
+                            report.doubts.append(doubt)
+                        progress(len(asked) / len(read.verdicts))
+            except KeyboardInterrupt:
+                report.interrupted = True
+            report.doubts.sort(key=lambda d: (d.time_ns, d.module, d.kind))
+            doubted = {(d.time_ns, d.module) for d in report.doubts}
+            report.asked = len(asked)
+            report.confirmed = sum((v.time_ns, v.module) not in doubted for v in asked)
             report.seconds = _spent() - began
             yield report
+            if report.interrupted:
+                return
 
-    def _asked(self, system: str, read: FlightLog, progress: Progress, workers: int) -> list[Doubt]:
-        """What is doubted, in order of time: as the log has it, and of estimates not known good."""
-        verdicts = read.verdicts
+    def _answers(
+        self, system: str, verdicts: Sequence[LoggedVerdict], workers: int
+    ) -> Generator[tuple[LoggedVerdict, str]]:
+        """Each verdict, as it is done, and why its estimate is not known to be good; "": it is."""
         for name in {v.module for v in verdicts}:
             self._follower(system, name)  # before processes are forked
 
@@ -120,16 +140,11 @@ class Flights:
             return self._why_not(system, verdicts[k])
 
         answers: Generator[tuple[int, str]] = ((k, answer(k)) for k in range(len(verdicts)))
-        doubts = list(read.doubts)
         if workers > 1 and len(verdicts) > 1 and can_fork():
             answers = TaskProcesses(len(verdicts), answer, min(workers, len(verdicts))).answers()
-        with closing(answers):  # processes end where somebody breaks it off
-            for done, (k, why) in enumerate(answers, 1):
-                if why:
-                    v = verdicts[k]
-                    doubts.append(Doubt(v.time_ns, v.module, UNCONFIRMED, why, v.estimate))
-                progress(done / len(verdicts))
-        return sorted(doubts, key=lambda d: (d.time_ns, d.module, d.kind))
+        with closing(answers):
+            for k, why in answers:
+                yield verdicts[k], why
 
     def _why_not(self, system: str, verdict: LoggedVerdict) -> str:
         """Why a verdict is not confirmed; "": it is."""

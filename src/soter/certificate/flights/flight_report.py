@@ -37,23 +37,26 @@ class FlightReport:
     """Of one log: how many verdicts said "AC", and of how many of these that was confirmed.
 
     `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
-    the log was read; `cut`: why not to its end, "" where it was. `seconds` of processor time.
+    the log was read; `cut`: why not to its end, "" where it was. `asked`: so many of the verdicts,
+    all but where Ctrl-C ended it (`interrupted`). `seconds` of processor time.
     """
 
     log: str
     system: str
     modules: list[str] = field(default_factory=list)
     verdicts: int = 0
+    asked: int = 0
     confirmed: int = 0
     others: int = 0
     to_ns: int = 0
     cut: str = ""
     doubts: list[Doubt] = field(default_factory=list)
     seconds: float = 0.0
+    interrupted: bool = False
 
     @property
     def verdict(self) -> str:
         """REJECTED where something in the log is false, ACCEPTED where all is confirmed."""
         if any(d.kind == CONTRADICTED for d in self.doubts):
             return REJECTED
-        return NOT_RECHECKED if self.doubts else ACCEPTED
+        return NOT_RECHECKED if self.doubts or self.interrupted else ACCEPTED

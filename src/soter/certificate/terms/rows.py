@@ -6,6 +6,7 @@ Non-goals: exponentials (`reading/linear_flows.py`, `grid/flow_enclosures.py`).
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from flint import arb_mat
@@ -31,7 +32,7 @@ def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a
 
 def product(a: Rows, b: Rows) -> Rows:
     """Rows of `a` times columns of `b`."""
-    if any(isinstance(x, Value) for row in (*a, *b) for x in row):
+    if Value in map(type, chain(*a, *b)):
         columns = list(zip(*b, strict=True))
         return [[dot(row, column) for column in columns] for row in a]
     return (arb_mat(a) * arb_mat(b)).tolist()

@@ -15,6 +15,7 @@ ends of sets that no run crosses (`grid/inward_flow.py`): that they lie in C is 
 
 from __future__ import annotations
 
+from functools import reduce
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,7 @@ from soter.certificate.tubes.truths import Truths
 from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from fractions import Fraction
 
     from soter.certificate.tubes.rest_problem import Range, RestProblem
@@ -100,7 +101,7 @@ class ModuleTube:
         try:
             for _ in range(FREE_PIECES if earliest else 0):
                 body, boxes = self.chain.anything(body, step)
-                if not all(map(self.stays, boxes)):
+                if not self.stay(boxes):
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
@@ -132,17 +133,25 @@ class ModuleTube:
             if n and not late and self.at_rest(body.box):
                 return None
             body, boxes = self.chain.hold(body, pieces)
-            for k, box in enumerate(boxes):
-                if not self.stays(box):
-                    return f"SC may lead out of C within {n + 1} of its steps"
-                if n and late and k == 0 and self.at_rest(box):
+            if n and late:  # the first box has all states in which this output begins to act
+                first, *boxes = boxes
+                if self.stays(first) and self.at_rest(first):
                     return None
+                boxes = [first, *boxes]
+            if not self.stay(boxes):
+                return f"SC may lead out of C within {n + 1} of its steps"
         return "SC is not certainly at rest in time"
 
     def stays(self, box: Box) -> bool:
         """Whether all of a box is in C, and where it is known which ends no run crosses."""
         near = all(low >= -WIDE and high <= WIDE for low, high in box)
         return near and self.constraint.certain(box)
+
+    def stay(self, boxes: Sequence[Box]) -> bool:
+        """Whether all of these boxes are: one around them is asked first, as one is cheaper."""
+        sides = [zip(*of_state, strict=True) for of_state in zip(*boxes, strict=True)]
+        around = [(reduce(arb.min, lows), reduce(arb.max, highs)) for lows, highs in sides]
+        return self.stays(around) or (len(boxes) > 1 and all(map(self.stays, boxes)))
 
     def at_rest(self, box: Box) -> bool:
         """Whether all of a box is in Q, and what rest may move it to in C."""

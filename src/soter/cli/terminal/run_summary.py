@@ -87,6 +87,10 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
+    for m in run.system.modules:
+        if m.unshown:
+            what = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
+            lines.append(f"{console.paint('yellow', 'NOT SHOWN')}  {what}")
     if run.late:
         lines.append(f"{console.paint('yellow', 'LATE')}  the trusted part was: see the note")
     for name, steps in run.never_answered.items():

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   soter explain P1a
   soter explain ttf        also safer, start and DM: what else `soter verify` shows
+  soter explain rest       also moves, within and anchor: where SC ends
   soter explain            all codes with their titles
 """
 

@@ -211,13 +211,11 @@ class Module:
     outputs: tuple[int, ...]
     forced: str | None = None
     around: dict[ParamSymbol, Value] = field(default_factory=dict)
-    """The parameters of the system that it stands in, whose topics it reads and gates; its own
-    are those of its `scope`."""
+    """Parameters of the system whose topics it reads and gates; its own are those of `scope`."""
     over: int | None = None
     """The module that stands in the place of AC; `ac` is then that one's."""
     view: str = ""
-    """Of a module as one of its views sees it (`elaborate/views.py`): `symbol` has a part of its
-    predicates; `whole` is the one that flies."""
+    """As a view sees it (`elaborate/views.py`): `symbol` is a part, `whole` the one that flies."""
     whole: ModuleSymbol | None = None
     law: dict[int, Value] = field(default_factory=dict)
     """The fail-safe law: topic index -> what its actuator holds once the lease has ended; empty:
@@ -228,6 +226,8 @@ class Module:
     """Of its predicates, where they are computed."""
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
+    unshown: str = ""
+    """Of one with `rest` whose AC may have control: what its decisions rest on and is not shown."""
     looks: int = 1
     """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
     looked: int | None = None

@@ -54,6 +54,9 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         assumptions.append(
             f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
         )
+    assumptions += [
+        f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
+    ]
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         assumptions.append(

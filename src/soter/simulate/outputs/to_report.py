@@ -116,12 +116,14 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """Where an extern never answered that comes first.
+    """Where an extern never answered that comes first, then what is not shown of a rest.
 
     That it is a system, and one run: a system may be called `Proved`.
     """
     count = count_text(run.violations, "violation")
     told = f"System {run.system.name}: {count} in this run."
+    if unshown := " and ".join(m.name for m in run.system.modules if m.unshown):
+        told = f"{unshown} flew by what is not shown of its rest. {told}"
     if not run.never_answered:
         return told
     names = " and ".join(run.never_answered)

@@ -103,7 +103,8 @@ def complete(
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
         if isinstance(problem, TubeProblem):
-            notes.append(_follow(flat, module, problem))
+            part = _part(progress, i, len(todo))
+            notes.append(_follow(flat, module, problem, part))
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
@@ -122,16 +123,18 @@ def complete(
     return notes
 
 
-def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
+def _follow(flat: System, module: Module, problem: TubeProblem, progress: Progress | None) -> str:
     """The predicates of a module with `rest`, and a note: none where its rest is not kept."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
-    claims = rest_claims(check)
+    claims = rest_claims(check, progress)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
     put(flat, module, problem, [TubeLevels.of(check, claims)])
-    moved = f"; {claims.moves}" if claims.moves else ""
-    return f"{module.name}: AC may have control where SC, followed from there, comes to rest{moved}"
+    module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
+    missing = f"; not shown: {module.unshown}" if module.unshown else ""
+    where = "SC, followed from there, comes to rest"
+    return f"{module.name}: AC may have control where {where}{missing}"
 
 
 def followed_costs(flat: System) -> dict[str, Cost]:
@@ -147,7 +150,7 @@ def followed_costs(flat: System) -> dict[str, Cost]:
     return found
 
 
-def rest_claims(check: TubeCheck) -> RestClaims:
+def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     """What is shown of a rest, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
@@ -156,7 +159,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
-        claims = shown(check)
+        claims = shown(check, progress)
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
@@ -175,7 +178,7 @@ def _carry(here: System, there: System) -> None:
             continue
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
-        m.symbol, m.computed = proved.symbol, proved.computed
+        m.symbol, m.computed, m.unshown = proved.symbol, proved.computed, proved.unshown
         for topic in (*proved.symbol.topics_read, *_carry_shield(m, proved, there, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from soter.language.check.step_cost import cost_of
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
@@ -41,6 +42,10 @@ class Caller:
     def __init__(self, text: str) -> None:
         self._functions = functions_of(text)
         self._evaluator = Evaluator({})
+
+    def operations(self, name: str) -> int:
+        """Of one call of a function of this name, at worst."""
+        return cost_of(self._functions[name]).operations
 
     def holds(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
         """Whether a function of this name says so; one that faults does not."""

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from soter.language.model.typed import RestMove, RestSymbol, TypedExpr
 
 
+AS_EXPRESSIONS = "a tube needs rates, the law, `safe` and `rest` as expressions of reals"
+
+
 @dataclass(frozen=True)
 class Drift:
     """How far SC moves a state below and above where it was when `rest` held; inf: anywhere."""
@@ -107,13 +110,14 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
         )
 
 
-def refused(problem: TubeProblem, why: str) -> SoterError:
-    """R007 for what is no expression of reals."""
+def refused(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
+    """R007 for what is no expression of reals; `helps`: for what is more than is followed."""
     diagnostics = Diagnostics()
     diagnostics.error(
         "R007",
         f"module `{problem.name}` is followed by tubes, and {why}",
         problem.module.symbol.span,
-        notes=("a tube needs rates, the law, `safe` and `rest` as expressions of reals",),
+        notes=() if helps else (AS_EXPRESSIONS,),
+        helps=helps,
     )
     return SoterError(diagnostics.items)

@@ -8,28 +8,31 @@ Non-goals: verdicts (`verify.py`), the check in flight.
 
 from __future__ import annotations
 
+import contextlib
 import json
 from dataclasses import asdict, dataclass, field
-from math import inf, isfinite
+from math import isfinite
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import phase
+from soter.language.check.step_cost import MAX_OPERATIONS
+from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
+from soter.verify.tubes.leading_back import ends, led_back, told
 from soter.verify.tubes.problem import refused
 from soter.verify.tubes.rest_drift import undrifted
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from soter.diagnostics.diagnostic import SoterError
     from soter.verify.tubes.tube_check import TubeCheck
 
-    Ends = tuple[list[float], list[float]]
-    """Of a region: low and high, in the order of `TubeCheck.states`."""
+    Progress = Callable[[float], None]
 
 HALVINGS = 12
-SPLITS = 8
-"""How often the box is halved at most, where SC does not lead back from all of it at once."""
 
 
 @dataclass
@@ -59,7 +62,7 @@ class RestClaims:
         return cls(**told)
 
 
-def shown(check: TubeCheck) -> RestClaims:
+def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     """All of it, in turn: what is not shown leaves out what rests on it.
 
     `SoterError` R007 where the check takes more operations than a step may.
@@ -71,18 +74,39 @@ def shown(check: TubeCheck) -> RestClaims:
     try:
         caller = Caller(check.offline({}))
     except TooLongError:
-        holds = f"{check.times.switches} steps of SC"
-        why = f"to follow {holds} is more than a step of the DM can do (`within`, its period)"
-        raise refused(check.problem, why) from None
+        raise _too_long(check) from None
     claims.answers = _answers(check, caller)
-    claims.kept = claims.answers or _kept(check, caller, claims)
+    claims.kept = claims.answers or _kept(check, caller, claims, progress)
     if not claims.kept:
+        phase(f"{check.problem.name}: how far SC moves what `moves` names")
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
         unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
         claims.moves = undrifted(check, caller, at, claims.box)
+    phase(f"{check.problem.name}: whether SC leads to rest from the start")
     claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
     return claims
+
+
+def _too_long(check: TubeCheck) -> SoterError:
+    """R007 with what would fit: operations grow by as many with each step of SC that is followed.
+
+    Of three, as there is more in a text of more than one.
+    """
+    times = check.times
+    needs, fits = "", 0
+    with contextlib.suppress(TooLongError):
+        two, three = (check.operations(n) for n in (2, 3))
+        needs = f" takes {two + (times.switches - 2) * (three - two):.2g} operations, which"
+        fits = max((MAX_OPERATIONS - two) // (three - two) + 2, 0)
+    why = (
+        f"to follow {times.switches} steps of SC{needs} is more than a step of the DM can do: "
+        f"{MAX_OPERATIONS:.2g} operations"
+    )
+    longest = show_ns(fits * times.period + times.jitter).replace(" ", "")
+    fewer = "a longer period of SC, of which there are fewer steps then"
+    within = f"`within {longest}` at most, {fits} steps of SC"
+    return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 
 def _name(check: TubeCheck, state: int) -> str:
@@ -96,24 +120,18 @@ def _without_set(
     return next((_name(check, s) for s in states if not isfinite(sets[s].high - sets[s].low)), "")
 
 
-def _ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
-    """A region; 0 for a state that has no range, which nothing asked then reads."""
-    ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
-    return [r.low for r in ranges], [r.high for r in ranges]
-
-
 def _answers(check: TubeCheck, caller: Caller) -> str:
     """SC faults on nothing that it may read, and publishes what its topics may hold."""
     sets = check.read_sets
     if name := _without_set(check, sets, sorted(check.read_by_law)):
         return f"SC reads {name}, whose topic has no set"
     sets = {s: sets[s] for s in check.read_by_law}
-    if caller.holds("answers", _ends(check, sets)):
+    if caller.holds("answers", ends(check, sets)):
         return ""
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
 
 
-def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
+def _kept(check: TubeCheck, caller: Caller, claims: RestClaims, progress: Progress | None) -> str:
     """Rule 1."""
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
@@ -128,45 +146,9 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
     claims.box = {s: box[s] for s in own}
-    ways = _ways(check, caller, box, own)
-    if ways is None:
-        return f"SC does not certainly lead back into {_told(check, claims.box)}"
-    claims.ways = ways
-    return ""
-
-
-def _ways(
-    check: TubeCheck, caller: Caller, box: dict[int, Interval], own: Sequence[int]
-) -> dict[int, Interval] | None:
-    """Y of each state, all that SC leads through from parts of the box; None: nothing is shown."""
-    moving = dict.fromkeys([s for s in check.states if s not in own], Interval(-inf, inf))
-    way = _ends(check, {**{s: check.rooms[s] for s in own}, **moving})
-    end = _ends(check, {**{s: box[s] for s in own}, **moving})
-    ways = {s: box[s] for s in own}
-    todo = [(box, 0)]
-    while todo:
-        part, depth = todo.pop()
-        led = caller.value("keeps", _ends(check, part), way, end)
-        if led is not None and led[0]:
-            for s, low, high in zip(check.states, *led[1], strict=True):
-                if s in own:
-                    ways[s] = Interval(min(ways[s].low, low), max(ways[s].high, high))
-        elif depth == SPLITS or not own:
-            return None
-        else:
-            todo += [(half, depth + 1) for half in _halves(part, box, own)]
-    return ways
-
-
-def _halves(
-    part: dict[int, Interval], box: Mapping[int, Interval], own: Sequence[int]
-) -> list[dict[int, Interval]]:
-    """A part, halved where it is the longest part of the box's side."""
-    sides = {s: box[s].high - box[s].low for s in own}
-    longest = max(own, key=lambda s: (part[s].high - part[s].low) / sides[s] if sides[s] else 0.0)
-    low, high = part[longest].low, part[longest].high
-    middle = 0.5 * low + 0.5 * high
-    return [{**part, longest: Interval(*ends)} for ends in ((low, middle), (middle, high))]
+    led = led_back(check, caller, box, own, progress)
+    claims.ways = led.ways
+    return led.why
 
 
 def _around_rest(
@@ -174,7 +156,7 @@ def _around_rest(
 ) -> dict[int, Interval] | None:
     """A box outside of which `rest` certainly does not hold; None where it holds nowhere."""
     box = dict(sets)
-    if caller.holds("never_rests", _ends(check, box)):
+    if caller.holds("never_rests", ends(check, box)):
         return None
     for s in own:
         for upper in (False, True):
@@ -191,20 +173,16 @@ def _shaved(
     for _ in range(HALVINGS):
         middle = 0.5 * (outer + inner)
         off = Interval(middle, high) if upper else Interval(low, middle)
-        if caller.holds("never_rests", _ends(check, {**box, s: off})):
+        if caller.holds("never_rests", ends(check, {**box, s: off})):
             outer = middle
         else:
             inner = middle
     return Interval(low, outer) if upper else Interval(outer, high)
 
 
-def _told(check: TubeCheck, box: Mapping[int, Interval]) -> str:
-    return ", ".join(f"{_name(check, s)} in [{r.low:.4g}, {r.high:.4g}]" for s, r in box.items())
-
-
 def _starts(check: TubeCheck, caller: Caller) -> str:
     """Condition 6, of all states in which the plants may start."""
     initial = {s: check.problem.initial[s] for s in check.states}
-    if caller.holds("starts", _ends(check, initial)):
+    if caller.holds("starts", ends(check, initial)):
         return ""
-    return f"from {_told(check, initial)} SC is not certainly led to rest"
+    return f"from {told(check, initial)} SC is not certainly led to rest"

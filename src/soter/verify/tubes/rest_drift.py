@@ -17,7 +17,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import in_order
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.print_forms import function
-from soter.verify.tubes.tube_check import part
+from soter.verify.tubes.tube_check import above, part
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,19 +53,38 @@ def undrifted(
         topic = check.problem.states[z]
         if (drift.above == inf and topic.high < inf) or (drift.below == inf and topic.low > -inf):
             return f"SC may move {name} without end, and the set of its topic has one"
-        ways = ((rate, drift.above), (check.make.neg(rate), drift.below))
-        for e, by in ways:
-            if not _bounded(check, e, by, ranges, box):
-                return f"how far SC moves {name} is not shown"
+        ways = (("up", rate, drift.above), ("down", check.make.neg(rate), drift.below))
+        for way, e, by in ways:
+            if isfinite(by) and (why := _farther(check, z, e, by, ranges, box)):
+                return f"how far SC moves {name} is not shown: {way}, {why}"
     return ""
 
 
-def _bounded(
-    check: TubeCheck, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
-) -> bool:
-    """Whether what grows at e grows by at most `by`, by V of the states of `box`."""
-    if not isfinite(by):
-        return True
+def _pushed(check: TubeCheck, state: int) -> str:
+    """By what a state and those that its rate reads are moved, in words."""
+    found, new = set[int](), {state}
+    while new - found:
+        found |= new
+        of = in_order([check.rates[s] for s in new])
+        new = {e.of[1] for e in of if e.op == "input" and e.of[0] == "x"}
+    movers = {e.of for e in in_order([check.rates[s] for s in found]) if e.op == "input"}
+    winds = check.problem.quantities.disturbances
+    ranges = check.problem.disturbances
+    said = [
+        f"{winds[k].name} in [{ranges[k].low:.4g}, {ranges[k].high:.4g}]"
+        for kind, k in sorted(movers)
+        if kind == "w" and ranges[k].low != ranges[k].high
+    ]
+    said += (
+        ["SC, by what it reads"] if check.read_by_law and any(k == "u" for k, _ in movers) else []
+    )
+    return f" (moved by {', '.join(said)})" if said else ""
+
+
+def _farther(
+    check: TubeCheck, z: int, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
+) -> str:
+    """Why what grows at e may grow by more than `by`, by V of the states of `box`; "": not so."""
     make, most = check.make, Fraction(0)
     (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
     for state, where in box.items():
@@ -82,7 +101,12 @@ def _bounded(
             most += size * worst / -Fraction(of_q.high)
             e = rest
     (more,) = _enclosed([e], ranges)
-    return more.high <= 0.0 and most <= Fraction(by)
+    if not more.high <= 0.0:
+        fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
+        return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_pushed(check, z)}"
+    if most > Fraction(by):
+        return f"by up to {above(most):.4g}, and `moves` allows {by:.4g}"
+    return ""
 
 
 def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:

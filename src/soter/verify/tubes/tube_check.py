@@ -9,13 +9,13 @@ Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.resources import files
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
-from soter.core.abstract_execution import TooManyStatementsError
+from soter.core.abstract_execution import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
@@ -97,20 +97,21 @@ class TubeCheck:
         except NoExpressionError as error:
             raise refused(problem, str(error)) from None
         except (TooManyStatementsError, RecursionError):
-            raise refused(problem, "an expression is too large") from None
+            why = f"an expression is too large ({STATEMENTS_MAX:,} statements are read at most)"
+            raise refused(problem, why) from None
 
     def _read(self) -> None:
         module = ModuleExpressions(self.problem)
         self.make = module.make
         self.rates = every = module.rates()
-        self._law = module.law()
-        self._defined = module.law_defined(self._law)
+        self.law = module.law()
+        self._defined = module.law_defined(self.law)
         self._safe = module.constraint()
         self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
-        asked = [*self._law, self._defined, self._safe, self._rest]
+        asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = _behind(asked, every)
-        self.read_by_law = _inputs([*self._law, self._defined])
+        self.read_by_law = _inputs([*self.law, self._defined])
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
         every_input = in_order([*asked, *(every[s] for s in self.states)])
@@ -178,6 +179,15 @@ class TubeCheck:
         known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
         return cost_of(functions_of(known)["good"])
 
+    def operations(self, switches: int) -> int:
+        """Of the dearest function, if SC rests within so many outputs; `TooLongError`."""
+        declared, self.times = self.times, replace(self.times, switches=switches)
+        try:
+            functions = functions_of(self.offline({}))
+        finally:
+            self.times = declared
+        return max(cost_of(f).operations for f in functions.values())
+
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The same with what is asked beforehand."""
         parts = self._parts(ways)
@@ -218,7 +228,7 @@ class TubeCheck:
             ),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
             self._faces(over),
-            function("law", "y: Forms", self._law, over, "Controls"),
+            function("law", "y: Forms", self.law, over, "Controls"),
             certain("safe", "x: Forms", self._safe, over),
             certain("rests", "x: Forms", self._rest, over),
             self._at_rest(ways),

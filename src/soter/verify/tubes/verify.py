@@ -44,7 +44,15 @@ SOUND = Assumption(
     "tubes",
     "the compiled check of the DM encloses what SC and the plants do: tested, not proved",
 )
-HINT = "a smaller `rest`, or one that SC surely comes back to"
+ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
+KEPT = (
+    "what disturbances do at rest has to fit into `rest`: a larger one, or an SC that holds a "
+    "place (`soter explain anchor`)"
+)
+MOVES = (
+    "a larger bound; where something pushes for ever none is true, so name a place that SC holds "
+    "in `rest`, and not in `moves` (`soter explain anchor`)"
+)
 
 
 class TubeResult(ModuleResult):
@@ -79,18 +87,21 @@ def verify_by_tubes(
 
     The arguments are those that every method takes; nobody looks for a run that refutes yet.
     """
-    del refute, explain, progress, search, compiled
+    del refute, explain, search, compiled
     began = time.perf_counter()
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
-    claims = rest_claims(check)
+    claims = rest_claims(check, progress)
     result = TubeResult(problem, {}, [], added=(SOUND,))
     result.check, result.claims = check, claims
     static_claims(problem, result)
     cpu = time.perf_counter() - began
     why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
-    rest.hint = HINT if why else ""
+    if claims.answers:
+        rest.hint = ANSWERS
+    elif why:
+        rest.hint = MOVES if not claims.kept else KEPT if claims.box else ""
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or IN_FLIGHT)
     findings = {
         **result.findings,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+from contextlib import closing
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -28,6 +30,7 @@ from unit.certificate.flights.logged_flights import (
 from unit.certificate.tubes import rest_entries
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -95,6 +98,57 @@ def test_one_that_is_not_confirmed_is_5(
     said = capsys.readouterr().out
     assert "NOT CONFIRMED" in said
     assert "0.3 s  Follow  not confirmed: it is too fast  (sight.gap = 199.7" in said
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("wrong", [False, True])
+def test_one_that_is_interrupted_is_130_and_told_up_to_there(
+    train: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    workers: int,
+    wrong: bool,
+) -> None:
+    """Whatever was asked until then; where something is contradicted that stays so."""
+    monkeypatch.setattr("os.cpu_count", lambda: workers)
+    answers = flight_check.Flights._answers
+
+    def two(*arguments: Any) -> Iterator[Any]:
+        with closing(answers(*arguments)) as every:
+            yield from itertools.islice(every, 2)
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(flight_check.Flights, "_answers", two)
+    flight = Flight("AAAA")
+    if wrong:
+        flight.read(0)["age_ns"] = 10**10
+    log = flight.write(tmp_path / "one.mcap")
+    assert main([*rechecked(train, log, log), "--json"]) == 130
+    (told,) = document(capsys)["flights"]
+    assert told["interrupted"]
+    assert (told["asked"], told["verdicts"]) == (2, 4)
+    assert told["verdict"] == ("rejected" if wrong else "not re-checked")
+    assert main(rechecked(train, log)) == 130
+    said = capsys.readouterr().out
+    assert "that were asked of 4 verdicts" in said
+    assert ("CONTRADICTED" if wrong else "INTERRUPTED") in said
+
+
+def test_one_that_is_interrupted_while_it_is_read_is_130(
+    train: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def read(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(flight_check, "read_flight", read)
+    assert main(rechecked(train, Flight("AAAA").write(tmp_path / "one.mcap"))) == 130
+    said = capsys.readouterr().out
+    assert "INTERRUPTED" in said
+    assert "P2a" in said  # what was confirmed of the certificate
 
 
 def test_what_is_contradicted_is_3(

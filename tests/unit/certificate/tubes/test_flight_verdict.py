@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from flint import arb
 
 from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_problem import read_rest
@@ -69,3 +70,20 @@ def test_an_output_of_sc_acts_no_earlier_than_it_takes_at_least(verify: str, alp
     text = text.replace("within 5s;\n", f"within 5s;\n  verify {{ {verify} }}\n")
     system = flat(text)
     assert read_rest(system, system.modules[0].name).times.alpha == alpha * 1_000_000
+
+
+def test_boxes_stay_if_each_does_where_one_around_them_does_not() -> None:
+    """C is what is on one side or the other; the box around both has what is between."""
+    text = FOLLOW.read_text(encoding="utf-8")
+    safe = "safe sight.gap > 0.0 && sight.way < END;"
+    assert text.count(safe) == 1
+    train = follower(text.replace(safe, "safe abs(sight.gap) > 1.0 && sight.way < END;"))
+
+    def box(low: float, high: float) -> list[tuple[arb, arb]]:
+        return [(arb(low), arb(high)), (arb(0), arb(1)), (arb(0), arb(1))]
+
+    left, right, between = box(-3.0, -2.0), box(2.0, 3.0), box(0.5, 2.0)
+    assert train.stay([right, box(3.0, 4.0)])
+    assert train.stay([left, right])
+    assert not train.stay([left, between])
+    assert not train.stay([between])

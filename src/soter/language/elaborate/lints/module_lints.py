@@ -85,7 +85,11 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
 
 
 def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W012: what is fast and written in Soter is AC, what is slow or foreign is SC."""
+    """W012: what is fast and written in Soter is AC, what is slow or foreign is SC.
+
+    Of a module with `rest` a period says nothing: its DM follows each hold of SC, so there a slow
+    SC acts in time, and costs less to follow.
+    """
     symbol = module.symbol
     ac, sc = system.components[module.ac], system.components[module.sc]
     at_ac, at_sc = symbol.ac_span, symbol.sc_span
@@ -93,7 +97,7 @@ def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None
         return
     if sc.extern:
         label, of_ac = "an extern: no proof knows what it does", "written in Soter"
-    elif sc.period_ns >= SLOWER * ac.period_ns:
+    elif symbol.rest is None and sc.period_ns >= SLOWER * ac.period_ns:
         label = f"steps every {show_ns(sc.period_ns)}"
         of_ac = f"steps every {show_ns(ac.period_ns)}"
     else:
