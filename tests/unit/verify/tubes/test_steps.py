@@ -64,7 +64,9 @@ fun tried(op: int, a: Form[64], k: float[64]): Form[64] {
     let e = effects(bounds(x), orders(u));
     let s = speeds(bounds(x), orders(u));
     for i in 0..STATES * MOVED { b[20 + i] = f_number(0.0); }
-    for i in 0..EFFECTS { b[20 + STATES * EFFECT[i].mover + EFFECT[i].state] = f_range(e[i].lo, e[i].hi); }
+    for i in 0..EFFECTS {
+      b[20 + STATES * EFFECT[i].mover + EFFECT[i].state] = f_range(e[i].lo, e[i].hi);
+    }
     for i in 0..STATES {
       b[i].lo = max(b[i].lo, s[i].lo);
       b[i].hi = min(b[i].hi, s[i].hi);
