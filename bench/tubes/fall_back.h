@@ -83,6 +83,15 @@ static void compared(following *f, int64_t t, const double *all) {
   if (since < 0) {
     return;
   }
+  for (int n = 0; trace.timed && n < trace.spans; n++) {
+    if (since >= trace.from[n] && since <= trace.to[n]) {
+      found(f, outside(trace.span[n].way, x, f->eps, NS), t, 9);
+      if (since == trace.to[n]) found(f, outside(trace.span[n].end, x, f->eps, NS), t, 10);
+    }
+  }
+  if (trace.timed) {
+    return;
+  }
   for (int64_t n = (since - j) / d; n <= (since + j) / d; n++) {
     if (n < 0 || n > trace.end) continue;
     if (n > 0 && j > 0 && since >= n * d - j && since <= n * d + j) {
@@ -106,7 +115,7 @@ static void compared(following *f, int64_t t, const double *all) {
 /* What is said of a run from the output at which it rests on. */
 static void at_rest(following *f, int64_t t, const double *x) {
   const config *c = f->c;
-  if (trace.end < 0 || t < f->last[trace.end]) {
+  if (trace.end < 0 || t < (trace.timed ? f->first + trace.rest : f->last[trace.end])) {
     return;
   }
   if (!f->rests) {
@@ -128,7 +137,8 @@ static void fall_back(const config *c, policy *p, double *x, const double *y, bo
   double u[M], w[W + 1], m[AIMS];
   memset(&f, 0, sizeof f);
   f = (following){.c = c, .p = p, .o = o};
-  int ends = tube ? trace.end + 12 : (int)(LOOK_AHEAD * 1e9 / (double)c->delta_sc) + 4;
+  int rests = trace.timed ? (int)(trace.rest / c->delta_sc) : trace.end;
+  int ends = tube ? rests + 12 : (int)(LOOK_AHEAD * 1e9 / (double)c->delta_sc) + 4;
   f.count = ends + 2 < OUTPUTS ? ends + 2 : OUTPUTS;
   for (int i = 0; i < NS; i++) {
     double e = c->error[FOLLOWED[i]];

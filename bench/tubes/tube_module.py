@@ -98,9 +98,15 @@ def _hooked(source: str) -> str:
             continue
         end = source.index("\n}\n", start.start())
         body = source[start.start() : end]
-        body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
+        timed = "double passed" in body  # where SC reads nothing
+        if timed:
+            gone = "passed = passed + time;"
+            body = body.replace(gone, f"trace_span(passed, time, step);\n{gone}")
+        else:
+            body = re.sub(r"m_flow_fn\(([^;]*), &(\w+), fault\);", _flow_hook, body)
         body = re.sub(r"m_law_fn\([^;]*&(\w+)(?:, fault)?\);", r"\g<0>\n    trace_law(&\1);", body)
-        body = re.sub(r"(    if \(there\) \{)", r"\1\n      trace_end();", body)
+        end_hook = f"trace_end({'passed' if timed else '0.0'});"
+        body = re.sub(r"(    if \(there\) \{)", rf"\1\n      {end_hook}", body)
         source = source[: start.start()] + body + source[end:]
     estimated = r"m_estimated_fn\([^;]*&(\w+), fault\);"
     return re.sub(estimated, r"\g<0>\n  trace_begin(&\1);", source)

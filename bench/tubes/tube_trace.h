@@ -31,6 +31,11 @@ static struct {
   flown free[FREE_MAX], window, open[HOLDS_MAX], closed[HOLDS_MAX];
   flown step[HOLDS_MAX][STEPS_MAX];
   row law[HOLDS_MAX][MS];
+  /* where SC reads nothing: steps by their times in ns from a_0 on, and when it rests */
+  bool timed;
+  int spans;
+  int64_t from[HOLDS_MAX], to[HOLDS_MAX], rest;
+  flown span[HOLDS_MAX];
 } trace;
 
 static void rows(const double *forms, row *to, int count) {
@@ -49,7 +54,8 @@ static void rows(const double *forms, row *to, int count) {
 
 static void trace_begin(const void *estimated) {
   if (trace.on) {
-    trace.frees = trace.laws = trace.steps = trace.opens = 0;
+    trace.frees = trace.laws = trace.steps = trace.opens = trace.spans = 0;
+    trace.timed = false;
     trace.end = -1;
     rows(estimated, trace.begun, NS);
   }
@@ -70,6 +76,18 @@ static void trace_flow(int kind, const void *step) {
   rows((const double *)step + (size_t)NS * WIDTH, to->way, NS);
 }
 
+static void trace_span(double passed, double time, const void *step) {
+  trace.timed = true;
+  if (!trace.on || trace.spans >= HOLDS_MAX) {
+    return;
+  }
+  int n = trace.spans++;
+  trace.from[n] = llround(1e9 * passed);
+  trace.to[n] = llround(1e9 * (passed + time));
+  rows(step, trace.span[n].end, NS);
+  rows((const double *)step + (size_t)NS * WIDTH, trace.span[n].way, NS);
+}
+
 static void trace_law(const void *u) {
   if (trace.on && trace.laws < HOLDS_MAX) {
     trace.steps = 0;
@@ -77,9 +95,10 @@ static void trace_law(const void *u) {
   }
 }
 
-static void trace_end(void) {
+static void trace_end(double passed) {
   if (trace.on) {
     trace.end = trace.laws - 1;
+    trace.rest = llround(1e9 * passed);
   }
 }
 

@@ -18,27 +18,20 @@ if TYPE_CHECKING:
 
     Inputs: TypeAlias = Mapping[tuple[str, int], str]
 
-OPERATIONS = {
-    "add": "f_add",
-    "sub": "f_sub",
-    "mul": "f_mul",
-    "square": "f_square",
-    "inverse": "f_inverse",
-    "max": "f_max",
-    "min": "f_min",
-    "share": "f_share",
-    "select": "f_select",
-}
+FORMS, RANGES = "f", "i"
+"""What operations of each begin with."""
 WITH_NUMBER = ("add", "sub", "mul", "over", "friction")
 """What takes a number as it is, where its second operand is one."""
 
 
-def function(name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str) -> str:
-    """The text of `fun name(parameters): result`, an array of one form for each root.
+def function(
+    name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str, of: str = FORMS
+) -> str:
+    """The text of `fun name(parameters): result`, an array of one form for each root, or range.
 
-    `inputs`: kind and number of an input -> the form that stands for it.
+    `inputs`: kind and number of an input -> what stands for it.
     """
-    body, names = _body(roots, inputs)
+    body, names = _body(roots, inputs, of)
     given = ", ".join(names[x] for x in roots)
     return f"fun {name}({parameters}): {result} {{\n{body}  return [{given}];\n}}\n"
 
@@ -47,7 +40,7 @@ def certain(
     name: str, parameters: str, condition: Node, inputs: Inputs, *, truth: bool = True
 ) -> str:
     """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
-    body, names = _body([condition], inputs)
+    body, names = _body([condition], inputs, FORMS)
     said = _condition if truth else _refuted
     every = [said(c, names) for c in _parts(condition, "and" if truth else "or")]
     lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
@@ -66,7 +59,7 @@ def _parts(condition: Node, op: str) -> list[Node]:
     return found
 
 
-def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:
+def _body(roots: Sequence[Node], inputs: Inputs, of: str) -> tuple[str, dict[Node, str]]:
     """Statements for all nodes but conditions, and what each node is called."""
     names: dict[Node, str] = {}
     order = in_order(roots)
@@ -79,7 +72,7 @@ def _body(roots: Sequence[Node], inputs: Inputs) -> tuple[str, dict[Node, str]]:
             names[e] = inputs[e.of]
             continue
         names[e] = f"t{len(lines)}"
-        lines.append(f"  let {names[e]} = {_operation(e, names)};\n")
+        lines.append(f"  let {names[e]} = {_operation(e, names, of)};\n")
     return "".join(lines), names
 
 
@@ -93,24 +86,24 @@ def _operands(e: Node) -> list[Node]:
     return [x for x in e.of if isinstance(x, Node)]
 
 
-def _operation(e: Node, names: Mapping[Node, str]) -> str:
+def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
     if e.op == "number":
-        return f"f_number({number(e.of[0])})"
+        return f"{of}_number({number(e.of[0])})"
     if e.op in ("over", "friction"):
-        return f"f_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
+        return f"{of}_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
     last = e.of[-1]
     if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul"):
         value = last.of[0] if e.op != "sub" else -last.of[0]
-        return f"{'f_times' if e.op == 'mul' else 'f_plus'}({names[e.of[0]]}, {number(value)})"
+        return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {number(value)})"
     if e.op == "min" and last.op == "number" and _is_floor(e.of[0]):
         inner = e.of[0]
         ends = number(inner.of[1].of[0]), number(last.of[0])
-        return f"f_clamp({names[inner.of[0]]}, {', '.join(ends)})"
+        return f"{of}_clamp({names[inner.of[0]]}, {', '.join(ends)})"
     if e.op == "select":
         yes, no = _condition(e.of[0], names), _refuted(e.of[0], names)
-        return f"f_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
+        return f"{of}_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
     arguments = ", ".join(names[x] for x in e.of)
-    return f"{OPERATIONS.get(e.op, 'f_' + e.op)}({arguments})"
+    return f"{of}_{e.op}({arguments})"
 
 
 def _is_floor(e: Node) -> bool:

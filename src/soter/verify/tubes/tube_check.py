@@ -22,7 +22,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
-from soter.verify.tubes.print_forms import certain, function, number
+from soter.verify.tubes.print_forms import RANGES, certain, function, number
 from soter.verify.tubes.problem import read_by, refused
 
 if TYPE_CHECKING:
@@ -33,18 +33,16 @@ if TYPE_CHECKING:
     from soter.verify.tubes.print_forms import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
+RANGED = "x: Ranges, u: Orders"
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
-ATTEMPTS = 5
-FREE, STEPS, KEEP = 2, 1, 6
-"""How finely a tube is cut: steps until SC acts, steps a hold; columns that are kept."""
-SAME_ANSWER = """
-fun answered(x: Forms, last: Controls, rates_of: Forms[DEPTH], n: int): Answer {
-  return { u: law(x), rate: rates_of[0], found: true };
-}
-"""
+ATTEMPTS, LEVELS, PARTS = 5, 6, 4
+NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
+FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
+"""How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
+nothing; columns that are kept."""
 
 
 @dataclass(frozen=True)
@@ -206,8 +204,8 @@ class TubeCheck:
 
     def _check(self) -> str:
         """Where SC leads; of one that reads nothing its answer is always the same."""
-        answer = part("answer.soter") if self.read_by_law else SAME_ANSWER
-        return "\n".join([part("check.soter"), answer])
+        settles = "answer.soter" if self.read_by_law else "constant.soter"
+        return "\n".join([part("check.soter"), part(settles)])
 
     def _over(self) -> Inputs:
         """What stands for each input: states by their place among those that are followed."""
@@ -223,9 +221,8 @@ class TubeCheck:
             part("forms.soter"),
             part("tube.soter"),
             function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
-            function(
-                "effects", "x: Forms, u: Controls", [e for *_, e in self._effects], over, "Effects"
-            ),
+            function("speeds", RANGED, self._still, over, "Ranges", RANGES),
+            function("effects", RANGED, [e for *_, e in self._effects], over, "Effects", RANGES),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
             self._faces(over),
             function("law", "y: Forms", self.law, over, "Controls"),
@@ -236,22 +233,22 @@ class TubeCheck:
 
     def _faces(self, over: Inputs) -> str:
         """The rates of single states, for `slopes`."""
-        lines, calls = [], "  return ANYTHING;"
+        lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
             of = [(m, e) for i, m, e in self._effects if i == k]
-            given = "x: Forms, u: Controls"
-            lines.append(function(f"rate_{k}", given, [self._still[k]], over, "Form[1]"))
-            moved = [f"magnitude(b[{p}]) * wide[{m}]" for p, (m, _) in enumerate(of)]
+            lines.append(function(f"rate_{k}", RANGED, [self._still[k]], over, "Range[1]", RANGES))
+            moved = [f"size(b[{p}]) * wide[{m}]" for p, (m, _) in enumerate(of)]
             if moved:
                 effects = [e for _, e in of]
-                lines.append(function(f"effects_{k}", given, effects, over, f"Form[{len(of)}]"))
+                result = f"Range[{len(of)}]"
+                lines.append(function(f"effects_{k}", RANGED, effects, over, result, RANGES))
                 moved = [f"    let b = effects_{k}(x, a);", f"    let d = {' + '.join(moved)};"]
             else:
                 moved = ["    let d = 0.0;"]
-            moved.append(f"    return widened(rate_{k}(x, u)[0], d * GROW + TINY);")
+            moved.append(f"    return i_widened(rate_{k}(x, u)[0], d * GROW + TINY);")
             body = "\n".join(moved)
             calls = f"  if i == {k} {{\n{body}\n  }} else {{\n{calls}\n  }}"
-        head = "fun faced(i: int, x: Forms, u: Controls, a: Controls, wide: Wide): Form"
+        head = "fun faced(i: int, x: Ranges, u: Orders, a: Orders, wide: Wide): Range"
         return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
@@ -291,7 +288,10 @@ class TubeCheck:
         moved = m + w
         read = 2 * n + KEEP
         closed, moves = read + n, read + n + moved
-        symbols = moves + moved * STEPS
+        symbols, holds = moves + moved * STEPS + 1, times.switches + 1
+        if not self.read_by_law:  # no command shares a symbol with a state, and none switches
+            closed = moves = read
+            symbols, holds = read + max(moved, n) + 1, 2 * holds
         if symbols > SYMBOLS_MAX:
             msg = f"{symbols} symbols of a form: more than {SYMBOLS_MAX}"
             raise refused(self.problem, msg)
@@ -299,8 +299,8 @@ class TubeCheck:
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
             "EFFECTS": len(self._effects), "KEEP": KEEP, "READS": read, "CLOSED": closed,
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
-            "HOLDS": times.switches + 1, "DEPTH": times.depth, "FACES": len(self._faced),
-            "NARROWED": min(1, len(self._faced)),
+            "HOLDS": holds, "DEPTH": times.depth, "FACES": len(self._faced),
+            "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
         }  # fmt: skip
         begin = max(0, times.start - times.period - times.jitter)
         seconds = {
@@ -312,23 +312,31 @@ class TubeCheck:
             "JITTER": near(times.jitter),
             "FIRST_STEP": near(times.period - times.jitter, STEPS),
             "LATER_STEP": near(times.period - 2 * times.jitter, STEPS),
+            "SHORTEST": near(times.period, 2),
+            "LONGEST": near(LONGEST * times.period),
+            "SETTLED": near(times.switches * times.period),
         }
         lines = [f"const {name}: int = {value};" for name, value in whole.items()]
         lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
+        lines += [f"const RESET: float = {0.5 if self.read_by_law else 0.9};"]
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]
         zero, faced = form(0.0), [str(k) for k in self._faced]
         effects = [f"{{ state: {k}, mover: {mover} }}" for k, mover, _ in self._effects]
+        halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
         middles = [form(middle(c)) for c in self.problem.controls]
         lines += [
             f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
             f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
             f"const ERRORS: float[STATES] = {_list(self.errors())};",
             f"const NOWHERE: Forms = {_array([zero] * n)};",
+            f"const NO_RANGES: Ranges = {_array([NO_RANGE] * n)};",
+            f"const NO_ORDERS: Orders = {_array([NO_RANGE] * m)};",
             f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
             "type Effect = { state: int, mover: int };",
             f"const EFFECT: Effect[EFFECTS] = {_array(effects)};",
             f"const FACED: int[{max(1, len(self._faced))}] = {_array(faced or ['0'])};",
+            f"const AT_FIRST: float[STATES] = {_list(halves)};",
             f"const ANY_COMMAND: Controls = {_array(middles)};",
             f"const ANY: Wide = {_list(wide + half)};",
             f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
