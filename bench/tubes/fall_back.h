@@ -164,7 +164,11 @@ static void fall_back(const config *c, policy *p, double *x, const double *y, bo
     }
     bool any = t % p->u_every == 0 || t == 0;
     double v[M];
+    bool judged = p->judged != NULL && t < f.first - c->any_for;
+    any = any || (p->judged != NULL && !judged && t - c->tick < f.first - c->any_for);
     if (any && t < f.first) wanted(c, p, x, t, v);
+    if (judged) memcpy(v, p->judged, sizeof v);
+    any = any || judged;
     for (int i = 0; i < M; i++) {
       if (t < f.act[0][i]) {
         if (any) u[i] = v[i];

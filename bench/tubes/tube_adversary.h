@@ -19,6 +19,7 @@ typedef struct {
   int ac, wind, error, age, late, aim;
   int64_t u_every, w_every, honest_until;
   double u[M], w[W + 1], e[N];
+  const double *judged; /* the command that acts until any of U may; NULL: any does */
 } policy;
 
 static double past[PAST][N];
@@ -105,6 +106,31 @@ static bool good(const config *c, const double *y, bool ac) {
   (void)c;
   observe(y, 0, 0);
   return decide(ac);
+}
+
+/* What the gate of a module with a shield knows: what is held, and until when others were. */
+typedef struct {
+  double held[M], until[TIMES];
+} gate;
+
+static gate closed(void) {
+  gate g;
+  begin();
+  held(g.held);
+  for (int k = 0; k < TIMES; k++) g.until[k] = -1e18;
+  return g;
+}
+static gate after(const gate *g, const double *u, int64_t t) {
+  gate next = *g;
+  replaced(next.until, g->held, t);
+  memcpy(next.held, u, sizeof next.held);
+  return next;
+}
+/* Whether what may act is judged to be good, in mode AC. */
+static bool commanded(const double *y, const gate *g, int64_t t) {
+  observe(y, t, t);
+  behind_gate(g->held, g->until);
+  return decide(true);
 }
 
 /* How far what is aimed at holds. */
@@ -220,7 +246,7 @@ static bool a_start(const config *c, policy *p, double *x) {
     }
     margins(y, m);
     for (int i = 0; i < AIMS; i++) least = fmin(least, m[i]);
-    if (least > 0.0 && good(c, y, true)) {
+    if (least > 0.0 && good(c, y, c->any_for < 0)) {
       memcpy(x, y, sizeof y);
       any = true;
     } else {
@@ -234,7 +260,7 @@ static bool a_start(const config *c, policy *p, double *x) {
   for (int n = 0; any && edge && n < 12; n++) {
     double y[N];
     for (int i = 0; i < N; i++) y[i] = 0.5 * (x[i] + bad[i]);
-    memcpy(good(c, y, true) ? x : bad, y, sizeof y);
+    memcpy(good(c, y, c->any_for < 0) ? x : bad, y, sizeof y);
   }
   return any;
 }

@@ -21,7 +21,7 @@ enum { BY_TUBE, BY_POINT, ALWAYS_AC }; /* who decides */
 typedef struct {
   int64_t tick, delta_dm, phase_dm, late_dm, response_dm, age_dm;
   int64_t delta_sc, phase_sc, late_sc, response_sc, age_sc, least, most;
-  int64_t horizon, alpha, delay, jitter, switches, delta_ac, free, steps;
+  int64_t horizon, alpha, delay, jitter, switches, delta_ac, free, steps, any_for;
   double error[ROOM], u_low[ROOM], u_high[ROOM], w_low[ROOM], w_high[ROOM];
   double x_low[ROOM], x_high[ROOM], x_first[ROOM];
   double below[ROOM], above[ROOM], y_low[ROOM], y_high[ROOM];
@@ -50,6 +50,8 @@ typedef struct {
   double command[M];
   task dm, sc;
   int64_t last_read, last_act[M];
+  gate g;
+  bool fault;
 } loop;
 
 /* What a reader sees: a state of [from, t], no older than what was read before, with errors. */
@@ -66,6 +68,48 @@ static void seen(const config *c, policy *p, loop *l, int64_t t, int64_t from, d
   }
 }
 
+/* A fault of the gate is seen, commands that are held are judged, or any are. */
+static bool decided(const config *c, loop *l, const double *y, int64_t t) {
+  if (l->fault || c->any_for < 0 || !l->ac) {
+    return !l->fault && good(c, y, l->ac);
+  }
+  return commanded(y, &l->g, t);
+}
+
+/* It acts between L_min and L later, each component at its own time, in order. */
+static void published(const config *c, policy *p, loop *l, int64_t t, const double *u) {
+  for (int k = 0; k < M; k++) {
+    int64_t acts = t + c->least + pick(p, p->late, c->most - c->least, c->tick);
+    acts = acts < l->last_act[k] ? l->last_act[k] : acts;
+    if (l->count[k] < 8) {
+      l->next[k][l->count[k]] = u[k];
+      l->at[k][l->count[k]++] = l->last_act[k] = acts;
+    }
+  }
+}
+
+/* AC publishes what it likes best of what the gate permits, or what it refuses. */
+static void propose(const config *c, policy *p, loop *l, int64_t t) {
+  double u[M], y[N];
+  for (int k = 0; k < M; k++) {
+    if (l->count[k] == 8) return;
+  }
+  wanted(c, p, l->x, t, u);
+  for (int n = 0; n < 4; n++) {
+    seen(c, p, l, t, t - c->age_dm, y);
+    gate next = after(&l->g, u, t);
+    if (commanded(y, &next, t)) {
+      l->g = next;
+      published(c, p, l, t, u);
+      return;
+    }
+    for (int k = 0; k < M && p->error != GREEDY; k++) {
+      u[k] = between(p, c->u_low[k], c->u_high[k], UNIFORM);
+    }
+  }
+  l->fault = l->fault || draw(p) % 2;
+}
+
 static void look(const config *c, policy *p, loop *l, int64_t t, int how, told *o) {
   double y[N];
   seen(c, p, l, t, l->dm.release - c->age_dm, y);
@@ -74,7 +118,7 @@ static void look(const config *c, policy *p, loop *l, int64_t t, int how, told *
   } else if (how == BY_POINT) {
     l->verdict = point(c, y, l->u);
   } else {
-    l->verdict = good(c, y, l->ac);
+    l->verdict = decided(c, l, y, t);
     for (int n = 0; n < 4 && !l->verdict && p->error == GREEDY; n++) { /* it wants AC to stay */
       double e[N];
       const double *x = at_past(l->last_read / c->tick);
@@ -82,9 +126,10 @@ static void look(const config *c, policy *p, loop *l, int64_t t, int how, told *
       for (int i = 0; i < N; i++) {
         y[i] = x[i] + e[i];
       }
-      l->verdict = good(c, y, l->ac);
+      l->verdict = decided(c, l, y, t);
     }
   }
+  l->fault = false;
   l->dm.runs = true;
   l->dm.waits = false;
   l->dm.done = t + pick(p, p->late, c->response_dm, c->tick);
@@ -127,21 +172,15 @@ static void trusted(const config *c, policy *p, loop *l, int64_t t, int how, tol
   if (l->sc.runs && l->sc.done == t) {
     l->sc.runs = false;
     if (!l->ac && (l->begun_in_sc || draw(p) % 2)) {
-      for (int k = 0; k < M; k++) {
-        int64_t acts = t + c->least + pick(p, p->late, c->most - c->least, c->tick);
-        acts = acts < l->last_act[k] ? l->last_act[k] : acts;
-        if (l->count[k] < 8) {
-          l->next[k][l->count[k]] = l->command[k];
-          l->at[k][l->count[k]++] = l->last_act[k] = acts;
-        }
-      }
+      published(c, p, l, t, l->command);
+      if (c->any_for >= 0) l->g = after(&l->g, l->command, l->sc.release);
     }
   }
 }
 
 static void actuate(const config *c, policy *p, loop *l, int64_t t) {
   for (int k = 0; k < M; k++) {
-    if (l->ac) {
+    if (l->ac && c->any_for < 0) {
       l->of_sc[k] = false;
       l->count[k] = 0;
     }
@@ -153,7 +192,9 @@ static void actuate(const config *c, policy *p, loop *l, int64_t t) {
       memmove(l->at[k], l->at[k] + 1, sizeof l->at[k] - sizeof l->at[k][0]);
     }
   }
-  if (t % p->u_every == 0) {
+  if (t % p->u_every == 0 && c->any_for >= 0) {
+    if (l->ac) propose(c, p, l, t);
+  } else if (t % p->u_every == 0) {
     double u[M];
     wanted(c, p, l->x, t, u);
     for (int k = 0; k < M; k++) {
@@ -167,8 +208,8 @@ static void actuate(const config *c, policy *p, loop *l, int64_t t) {
 
 static void fly(const config *c, uint64_t seed, int64_t time, int how, told *o) {
   policy p = policy_of(c, seed, how == BY_POINT || how == BY_TUBE);
-  loop l = {.last_read = 0};
-  begin();
+  loop l = {.last_read = 0, .g = closed()};
+  memcpy(l.u, l.g.held, sizeof l.u);
   if (!a_start(c, &p, l.x)) {
     return;
   }
@@ -237,7 +278,7 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
       continue;
     }
     trace.on = true;
-    bool is_good = good(c, x, true);
+    bool is_good = good(c, x, c->any_for < 0);
     trace.on = false;
     if (!is_good || trace.laws >= HOLDS_MAX) {
       continue;
@@ -261,10 +302,10 @@ void attack_contain(const config *c, uint64_t seed, int64_t count, int64_t how, 
 
 enum { SAMPLED = 100, LOOKS = 200 };
 
-/* Looks at which AC flies towards the danger, and what tube and point say there. */
-static int64_t dive(const config *c, policy *p, double (*x)[N], bool *tube, bool *spot) {
+/* Looks at which AC flies towards the danger, what tube and point say there, and what it commands. */
+static int64_t dive(const config *c, policy *p, double (*x)[N], double (*of_ac)[M], bool *tube, bool *spot) {
   double at[N], u[M], w[M + W + 1];
-  begin();
+  gate g = closed();
   if (!a_start(c, p, at)) {
     return 0;
   }
@@ -276,13 +317,15 @@ static int64_t dive(const config *c, policy *p, double (*x)[N], bool *tube, bool
   for (int64_t t = 0; looks < LOOKS; t += c->tick) {
     if (t % p->u_every == 0) {
       wanted(c, p, at, t, u);
+      g = after(&g, u, t);
     }
     if (t % p->w_every == 0) {
       winds(c, p, at, u, w);
     }
     if (t % c->delta_dm == 0) {
       memcpy(x[looks], at, sizeof at);
-      tube[looks] = good(c, at, true);
+      memcpy(of_ac[looks], u, sizeof u);
+      tube[looks] = c->any_for < 0 ? good(c, at, true) : commanded(at, &g, t);
       spot[looks] = point(c, at, u);
       looks++;
     }
@@ -294,7 +337,7 @@ static int64_t dive(const config *c, policy *p, double (*x)[N], bool *tube, bool
   return 0;
 }
 
-static bool somebody(const config *c, policy *p, const double *x) {
+static bool somebody(const config *c, policy *p, const double *x, const double *of_ac) {
   for (int k = 0; k < SAMPLED; k++) {
     policy q = policy_of(c, draw(p), false);
     q.aim = p->aim;
@@ -302,6 +345,7 @@ static bool somebody(const config *c, policy *p, const double *x) {
       q.ac = q.wind = AIMED;
     }
     constant(c, &q);
+    q.judged = c->any_for < 0 ? NULL : of_ac;
     told o = {.least = INFINITY};
     double from[N];
     memcpy(from, x, sizeof from);
@@ -316,13 +360,13 @@ static bool somebody(const config *c, policy *p, const double *x) {
 /* `count` dives: DM periods between the last good look and the last that SAMPLED adversaries
  * leave, summed, of the tube in `early` and of the point simulation in `late`. */
 void attack_late(const config *c, uint64_t seed, int64_t count, int64_t how, told *o) {
-  static double x[LOOKS][N];
+  static double x[LOOKS][N], of_ac[LOOKS][M];
   static bool tube[LOOKS], spot[LOOKS];
   (void)how;
   memset(o, 0, sizeof *o);
   for (uint64_t n = 0; o->dives < count && n < 10 * (uint64_t)count; n++) {
     policy p = policy_of(c, seed + n, false);
-    int64_t looks = dive(c, &p, x, tube, spot), no = 0, spots = 0, last = 0;
+    int64_t looks = dive(c, &p, x, of_ac, tube, spot), no = 0, spots = 0, last = 0;
     while (no < looks && tube[no]) {
       no++;
     }
@@ -333,7 +377,7 @@ void attack_late(const config *c, uint64_t seed, int64_t count, int64_t how, tol
       continue;
     }
     last = no > 0 ? no - 1 : 0;
-    while (last < looks && !somebody(c, &p, x[last])) {
+    while (last < looks && !somebody(c, &p, x[last], of_ac[last])) {
       last++;
     }
     o->dives++;

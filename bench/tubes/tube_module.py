@@ -44,6 +44,9 @@ STEPS_A_HOLD = 20
 """Into how many ticks, at least, a period of SC is cut."""
 AROUND = 50.0
 """How far from a declared start a state without a set may start."""
+NO_SHIELD = """enum { TIMES = 1 };
+static void replaced(double *until, const double *u, int64_t ct) { (void)until; }
+static void behind_gate(const double *u, const double *until) { (void)until; }"""
 FUNCTIONS = {"sin", "cos", "exp", "tan", "atan", "tanh", "sqrt"}
 
 
@@ -161,11 +164,15 @@ static void wishes(double *u) {{
   (void){ac}(&S, SOTER_ENABLED, &published, NULL);
   {commands[0]}
 }}
+static void held(double *u) {{
+  {commands[0]}
+}}
 static void begin(void) {{ memset(&S, 0, sizeof S); m_init(&S, NULL); }}
 static void observe(const double *y, int64_t stamp, int64_t now) {{
   S.header.ct = now;
   {read}
 }}
+{self._shield()}
 static void rates(const double *x_in, const double *u_in, const double *w_in, double *dx_out) {{
   m_state *const s = &S;
   soter_fault status = SOTER_OK;
@@ -185,6 +192,26 @@ static double resting(const double *x) {{
 
     def _step(self, index: int) -> str:
         return f"m_{self.system.components[index].name.replace('.', '_')}_step"
+
+    def _shield(self) -> str:
+        """What a publication leaves in the shield's topic, as docs/semantics.md has it."""
+        shield = self.p.module.shield
+        if shield is None:
+            return NO_SHIELD
+        topic = self.system.topics[shield.topic]
+        ends = ", ".join(f"{{{r.low!r}, {r.high!r}}}" for r in self.p.controls)
+        return f"""enum {{ CELLS = {shield.cells}, TIMES = {len(topic.default)} }};
+static void replaced(double *until, const double *u, int64_t ct) {{
+  static const double ENDS_OF[M][2] = {{{ends}}};
+  for (int k = 0; k < M; k++) {{
+    int cell = (int)((u[k] - ENDS_OF[k][0]) / (ENDS_OF[k][1] - ENDS_OF[k][0]) * CELLS);
+    until[k * CELLS + (cell < CELLS ? cell : CELLS - 1)] = 1e-9 * (double)ct;
+  }}
+}}
+static void behind_gate(const double *u_in, const double *until) {{
+  {self._controls()[1]}
+  memcpy(&S.topics.{_name(topic.name)}, until, TIMES * sizeof *until);
+}}"""
 
     def _aims(self) -> list[Node]:
         """Conditions all of which hold in C, those of `safe` first."""
@@ -303,7 +330,17 @@ class Config(ct.Structure):
     TIMES = (
         *("tick", "delta_dm", "phase_dm", "late_dm", "response_dm", "age_dm"),
         *("delta_sc", "phase_sc", "late_sc", "response_sc", "age_sc", "least", "most"),
-        *("horizon", "alpha", "delay", "jitter", "switches", "delta_ac", "free", "steps"),
+        *(
+            "horizon",
+            "alpha",
+            "delay",
+            "jitter",
+            "switches",
+            "delta_ac",
+            "free",
+            "steps",
+            "any_for",
+        ),
     )
     _fields_ = (
         *((name, ct.c_int64) for name in TIMES),
@@ -364,6 +401,7 @@ def config_of(module: Module) -> Config:
     tick = max(d for d in _divisors(tick) if d <= t.delta_sc // STEPS_A_HOLD)
     c = Config(tick=tick, switches=tubes.switches, free=_constant(module, "FREE_STEPS"), **times)
     c.steps = _constant(module, "STEPS")
+    c.any_for = tubes.any_command if p.module.shield is not None else -1
     errors = dict(zip(check.states, check.errors(), strict=True))
     for i in range(len(p.quantities.states)):
         c.error[i] = errors.get(i, 0.0)

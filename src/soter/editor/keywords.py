@@ -146,7 +146,7 @@ WORDS: dict[str, str] = {
     "moves": "What SC still moves where `rest` holds, each by at most so much.",
     "down": "`gap by 0.2 down`: the bound is one on the way down; up it may go anywhere.",
     "up": "`x by 0.2 up`: the bound is one on the way up; down it may go anywhere.",
-    "shield": "Each command of AC is judged before it acts: into how many cells it is cut.",
+    "shield": "Each command of AC is judged before it acts; a number: by cells of a grid.",
     "toward": "`shield 8 toward sc;`: what is not permitted is moved toward SC's command.",
     "verify": "What `soter verify` is to know: over which states, how late things are.",
     "grid": "States that are analysed together, in cells: `grid p.x in [0, 1] / 200;`.",

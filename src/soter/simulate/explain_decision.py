@@ -181,6 +181,8 @@ class _PredicateReader:
         symbol = module.symbol
         self._level_known: int | None = None
         """What the facts of a step say of the one level that there is; None: it is computed."""
+        self._refused_known: bool | None = None
+        """The same of commands that are judged."""
         self._ttf = [] if symbol.ttf is None else self._parts(disjuncts(symbol.ttf))
         self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
 
@@ -191,7 +193,8 @@ class _PredicateReader:
         ttf: tuple[PredicatePart, ...] = ()
         safer: tuple[PredicatePart, ...] = ()
         if self.module.symbol.rest is not None:
-            self._level_known = 0 if facts["ttf"] else 2
+            self._level_known = 2 if facts["safer"] else 0
+            self._refused_known = bool(facts["ttf"])
         if not self._evaluator.unbound:  # an extern function is asked once, by the run
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
@@ -323,7 +326,8 @@ class _PredicateReader:
             )
             values = ", ".join(f"{o.text} = {_short(o.value)}" for o in operands)
             text = f"{values}: a command that may still act is not permitted"
-            return PredicatePart(text, bool(refused(env)), operands)
+            known = self._refused_known
+            return PredicatePart(text, bool(refused(env)) if known is None else known, operands)
 
         return part
 

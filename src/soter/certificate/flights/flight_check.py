@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 REST = "rest"
 OF_LOGS = ("D006", "D007", "D023")
+ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
 PARAMETER = "param "
 """What a log calls a parameter that is not at its default begins so."""
 
@@ -155,7 +156,8 @@ class Flights:
         if missing:
             return f"the log does not say what it read of {', '.join(missing)}"
         try:
-            return known.good(verdict.estimate) or ""
+            why = known.good(verdict.estimate) or ""
+            return ANY_COMMAND + why if why and known.judges else why
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
             return in_words(error)
 

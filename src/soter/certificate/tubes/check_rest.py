@@ -21,7 +21,7 @@ from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.time.claimed_times import compare_times
 from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_claims import answers, drifts, keeps
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest, shield_of
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
@@ -99,8 +99,9 @@ def _compared(
     """The problem, B and Y; all else in an entry is that of the program."""
     only_keys(entry, KEYS, "a module")
     rest = entry["rest"]
-    only_keys(rest, REST_KEYS, "`rest`")
     problem = read_rest(flat, entry["module"])
+    judged = shield_of(problem)
+    only_keys(rest, REST_KEYS + (" shield" if judged else ""), "`rest`")
     facts = problem.facts
     if entry["recover_ns"] is not None:
         raise RejectedError("no claim rests on the time to return")
@@ -123,6 +124,7 @@ def _compared(
     ):
         if type(rest[name]) is not int or rest[name] != own:
             raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
+    _compare_shield(judged, rest.get("shield"))
     _compare_reads(problem, rest["reads"])
     names = [s.name for s in facts.states]
     moves = {
@@ -145,6 +147,19 @@ def _compare_inputs(facts: Facts, given: object) -> None:
     for a, b in zip(given, known, strict=True):
         if a != b:
             raise RejectedError(f"the range of {b['name']} is another one in the program")
+
+
+def _compare_shield(own: dict[str, int] | None, given: object) -> None:
+    """Cells, and times for which a command counts and any may act: longer ones are sound."""
+    if own is None:
+        return
+    if not isinstance(given, dict) or given.keys() != own.keys():
+        raise RejectedError("how commands are judged is not as the program says")
+    for name, by_program in own.items():
+        exactly = name == "cells"
+        claimed = given[name]
+        if type(claimed) is not int or claimed < by_program or (exactly and claimed > by_program):
+            raise RejectedError(f"{name} is {claimed} in the manifest, {by_program} by the program")
 
 
 def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:

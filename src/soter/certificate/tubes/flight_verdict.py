@@ -73,6 +73,14 @@ class ModuleTube:
         """What an estimate is made of, as `topic.field`, in the order of the states."""
         return [self.problem.leaf(s) for s in self.problem.followed]
 
+    @property
+    def judges(self) -> bool:
+        """Whether its DM looks at commands, too: then more is good than what is good here.
+
+        What is good here is good with any command, until the next verdict is in force.
+        """
+        return self.problem.facts.symbol.shield is not None
+
     def good(self, estimate: Mapping[str, float]) -> str | None:
         """None where the estimate is good, else why that is not certain."""
         box = []

@@ -25,6 +25,7 @@ from flint import arb
 
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.flow_chains import NOW, Times
+from soter.certificate.grid.shield import cells_of
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import (
@@ -186,13 +187,38 @@ def _refuse(facts: Facts) -> None:
         "an abstraction": bool(symbol.verify.abstracts),
         "a tower": len(facts.tower) > 1,
         "modes of other modules": facts.modes,
-        "a shield": symbol.shield is not None,
+        "moved commands": symbol.toward_sc,
         "a grid": bool(symbol.verify.groups),
         "predicates of its own": symbol.ttf is not None or symbol.safer is not None,
         "variables of SC": bool(facts.sc.node is None or facts.sc.node.locals),
     }
     for what in (what for what, there in wrong.items() if there):
         raise NotRecheckedError(f"`rest` beside {what}")
+
+
+def shield_of(problem: RestProblem) -> dict[str, int] | None:
+    """How commands are judged, by the program; None: they are not.
+
+    NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns`: a state
+    that is read is A old at most, and a command acts L after the one in its place was published at
+    most; that it was replaced is noted for the release of the step that replaced it, which may have
+    published later, but before SC began its next one. `any_command_ns`: what SC publishes passes
+    once the next verdict is in force, so Delta after the last good one at the earliest, and acts
+    L_min after that; the output that is complete in time is so H* - A after that verdict.
+    """
+    facts = problem.facts
+    if facts.symbol.shield is None:
+        return None
+    setting, own = facts.setting, facts.own
+    cells, least = cells_of(facts), min(e.least for e in setting.effects)
+    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady())
+    acted = own.age + max(e.most for e in setting.effects) + setting.sc.period + out
+    any_command = own.h_star - own.age - setting.dm.period - least
+    return {
+        "cells": cells,
+        "acted_ns": acted,
+        "any_command_ns": min(any_command, facts.times["H_ns"]),
+    }
 
 
 # ---------------------------------------------------------------- states

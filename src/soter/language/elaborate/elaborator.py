@@ -16,7 +16,7 @@ from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
 from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
 from soter.language.elaborate.margin_and_latch_topics import make_latch_topics, make_margin_topics
-from soter.language.elaborate.shield_topics import CELLS_MAX, make_shield_topics, refuse_overrun
+from soter.language.elaborate.shield_topics import make_shield_topics, refuse_overrun
 from soter.language.elaborate.system_size import TooLargeError
 from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
 from soter.language.elaborate.tests_and_faults.faults import place_faults
@@ -512,7 +512,7 @@ class Elaborator(Topics):
             self.long_duration(module.rest.within, "the time of `rest`")
             for move in module.rest.moves:
                 self._bound(move.by, "how far something moves")
-        shield = self.count(module.shield, "`shield`", 1, CELLS_MAX)
+        shield = self.count(module.shield, "`shield`", 1, typed.CELLS_MAX)
         if shield is not None:
             self._shields[index] = shield
         return Module(

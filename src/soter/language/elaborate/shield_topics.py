@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 NEVER_HELD = -1.0e18
 """s: before every run."""
-CELLS_MAX = 64
 
 
 def make_shield_topics(

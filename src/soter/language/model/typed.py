@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 SYNTHESIZED = "synthesized"
 """Name of the extern node that stands where SC is to be synthesized."""
+CELLS_MAX = 64
+"""Into how many cells a number of a command is cut at most, and by `shield;`."""
 
 # ---------------------------------------------------------------- variables
 

@@ -641,6 +641,13 @@ class Rest(Node):
     span: Span
 
 
+@node()
+class EachCommand(Node):
+    """`shield;`, without a number: SC is followed from each command of AC."""
+
+    span: Span
+
+
 @node(kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
@@ -659,7 +666,7 @@ class RtaDecl(Decl):
     wcet: SyntaxExpr | None = None
     jitter: SyntaxExpr | None = None
     returns: Returns | None = None
-    shield: SyntaxExpr | None = None
+    shield: SyntaxExpr | EachCommand | None = None
     """`shield 8;`: into how many cells each number that it publishes is cut."""
     toward_sc: bool = False
     """`shield 8 toward sc;`: what it does not permit is moved toward SC's command."""

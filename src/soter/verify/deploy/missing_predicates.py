@@ -20,7 +20,7 @@ from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.typed import Literal
+from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
@@ -32,7 +32,7 @@ from soter.verify.problem.estimates import seen
 from soter.verify.problem.extract import cases, extract
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable, predicates
-from soter.verify.tables.shield_tables import shield_expressions
+from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
@@ -227,10 +227,25 @@ def _shield(
     """
     shield, span = module.shield, module.symbol.span
     assert shield is not None
+    tubes = [x for x in level_tables if isinstance(x, TubeLevels)]
+    if tubes:
+        w = ShieldWriter(problem, flat, shield)
+        judged = tubes[0].judged(w)
+        shield.held, shield.permits = w.held(), w.chain("&&", [*w.fresh(), judged])
+        return _scoped(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
     shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
+    return _scoped(flat, module, shield, scope, ttf)
+
+
+def _scoped(
+    flat: System, module: Module, shield: Shield, scope: dict[Any, int], ttf: TypedExpr
+) -> TypedExpr:
+    """`ttf`, once the module and its DM know the topics that a shield reads."""
+    assert shield.held is not None
+    assert shield.permits is not None
     hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
     scope = {**scope, **{flat.topics[i].symbol: i for i in hidden}}
     for symbol in topic_reads(shield.held, shield.permits, *shield.moved):

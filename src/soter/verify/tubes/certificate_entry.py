@@ -56,8 +56,19 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
             },
             "box": _ends(names, claims.box),
             "ways": _ends(names, claims.ways),
+            **_shield(result),
         },
     }
+
+
+def _shield(result: TubeResult) -> dict[str, object]:
+    """How commands are judged, where they are."""
+    problem, shield = result.problem, result.problem.module.shield
+    if shield is None:
+        return {}
+    acted, any_command = problem.times.acted, result.check.times.any_command
+    ns = {"acted_ns": acted, "any_command_ns": any_command}
+    return {"shield": {"cells": shield.cells, **ns}}
 
 
 def _ends(names: list[str], ranges: Mapping[int, Interval]) -> dict[str, list[str]]:

@@ -19,6 +19,7 @@ from soter.core.abstract_execution import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.check.step_cost import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
+from soter.verify.tables.shield_tables import command_edges
 from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
@@ -28,6 +29,7 @@ from soter.verify.tubes.problem import read_by, refused
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from soter.language.model.system import Shield
     from soter.language.model.typed import Cost
     from soter.verify.tubes.expressions import Node
     from soter.verify.tubes.print_forms import Inputs
@@ -43,6 +45,8 @@ NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
 """How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
 nothing; columns that are kept."""
+ENDINGS = 2
+"""Into how many the times are cut at which a judged command may end to act."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ class TubeTimes:
     """delta."""
     switches: int
     """N_T: after so many outputs of SC, the first not counted, it has to be at rest."""
+    any_command: int = 0
+    """W: where commands are judged, for so long any of U may act before SC's output is complete."""
 
     @property
     def depth(self) -> int:
@@ -76,7 +82,9 @@ class TubeTimes:
         h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
         earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
         switches = (problem.within_ns - j) // period
-        return TubeTimes(min(earliest, h), h, t.start, t.delay_sc, j, period, switches)
+        any_command = t.schedule.h_star - t.age_dm - t.delta_dm - t.acts_least
+        times = min(earliest, h), h, t.start, t.delay_sc, j, period, switches
+        return TubeTimes(*times, min(any_command, h))
 
 
 class TubeCheck:
@@ -170,12 +178,21 @@ class TubeCheck:
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """`ways`: Y of each state that `moves` does not name and a condition reads."""
-        return "\n".join([*self._parts(ways), self._check()])
+        judge = (
+            [] if self.problem.module.shield is None else [self._judge(self.problem.module.shield)]
+        )
+        return "\n".join([*self._parts(ways), self._check(), *judge])
 
     def cost(self) -> Cost:
-        """Of one call of `good`, at worst."""
+        """Of one look, at worst: of `good`, and where commands are judged of that."""
         known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
-        return cost_of(functions_of(known)["good"])
+        functions = functions_of(known)
+        look = cost_of(functions["good"])
+        if self.problem.module.shield is None:
+            return look
+        judged = cost_of(functions["judged"])
+        both = look.operations + judged.operations
+        return look._replace(operations=both, bytes=max(look.bytes, judged.bytes))
 
     def operations(self, switches: int) -> int:
         """Of the dearest function, if SC rests within so many outputs; `TooLongError`."""
@@ -206,6 +223,23 @@ class TubeCheck:
         """Where SC leads; of one that reads nothing its answer is always the same."""
         settles = "answer.soter" if self.read_by_law else "constant.soter"
         return "\n".join([part("check.soter"), part(settles)])
+
+    def _judge(self, shield: Shield) -> str:
+        """What a command may begin (`judged.soter`)."""
+        times = self.times
+        of_v = times.latest - times.any_command
+        numbers = len(self.problem.system.topics[shield.topic].default)
+        cells = [command_edges(r.low, r.high, shield.cells) for r in self.problem.controls]
+        edges = f"float[CELLS + 1][{len(cells)}]"
+        lines = [
+            f"const CELLS: int = {shield.cells};",
+            f"const HELD: int = {numbers};",
+            f"const EDGES: {edges} = {_array([_list(e) for e in cells])};",
+            f"const ENDINGS: int = {ENDINGS};",
+            f"const ENDING: float = {number(near(of_v, ENDINGS))};",
+            f"const ANY_FOR: float = {number(near(times.any_command))};",
+        ]
+        return "\n".join([*lines, part("judged.soter")])
 
     def _over(self) -> Inputs:
         """What stands for each input: states by their place among those that are followed."""

@@ -7,18 +7,21 @@ Non-goals: the check (`tube_check.py`), when it is put into a module (`deploy/`)
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
 from soter.language.model.types import FLOAT, INT, ArrayType
+from soter.verify.tables.grid_tables import estimate
 from soter.verify.tables.level_table import LevelTable
 from soter.verify.tubes.generated_functions import functions_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from soter.language.model.typed import FunSymbol
     from soter.verify.problem.problem import Group
+    from soter.verify.tables.shield_tables import ShieldWriter
     from soter.verify.tables.typed_tree_builder import Writer
     from soter.verify.tubes.rest_claims import RestClaims
     from soter.verify.tubes.tube_check import TubeCheck
@@ -43,20 +46,31 @@ class TubeLevels(LevelTable):
         """With what is shown offline."""
         return cls(tuple(check.states), check.in_flight(claims.ways))
 
+    @cached_property
+    def functions(self) -> Mapping[str, FunSymbol]:
+        """Of the check."""
+        return functions_of(self.text)
+
     def share(self, group: Group) -> float:
         """There is no group to have a share of."""
         raise NotImplementedError
 
     def function(self, w: Writer, name: str) -> FunSymbol:
         """`fun level(x0: float, ...): int`."""
-        good = functions_of(self.text)["good"]
+        good = self.functions["good"]
         inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(self.states)))
-        estimate = t.Aggregate(
-            ArrayType(FLOAT, len(inputs)), w.span, tuple(w.read(x) for x in inputs)
-        )
-        found = w.call(good, estimate)
+        of = ArrayType(FLOAT, len(inputs))
+        found = w.call(good, t.Aggregate(of, w.span, tuple(w.read(x) for x in inputs)))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
         return w.function(name, inputs, [w.give(answer)])
+
+    def judged(self, w: ShieldWriter) -> t.TypedExpr:
+        """Whether the commands that may act at an estimate are ones that SC brings to rest."""
+        controls = [w.command(k) for k in range(len(w.problem.controls))]
+        own = t.Aggregate(ArrayType(FLOAT, len(controls)), w.span, tuple(controls))
+        seen = tuple(estimate(w, w.problem, self))
+        at = t.Aggregate(ArrayType(FLOAT, len(seen)), w.span, seen)
+        return w.call(self.functions["judged"], at, own, w.times(), w.since())
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """It is made anew from the program, and is no part of a certificate."""

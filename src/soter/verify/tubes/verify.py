@@ -39,6 +39,7 @@ IN_FLIGHT = (
     "decided in flight: AC keeps control only where SC, followed from the estimate, surely comes "
     "to rest within C"
 )
+JUDGED = "; a command acts only where SC, followed from it and those that still act, comes to rest"
 DECIDED = ", decided in flight (rest and start proved)"
 SOUND = Assumption(
     "tubes",
@@ -102,7 +103,8 @@ def verify_by_tubes(
         rest.hint = ANSWERS
     elif why:
         rest.hint = MOVES if not claims.kept else KEPT if claims.box else ""
-    flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or IN_FLIGHT)
+    in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
+    flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
         **result.findings,
         "P2a": rest,

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.time.claimed_times import TIME_KEYS
-from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.rest_problem import read_rest, shield_of
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ def entry(flat: System, box: dict[str, Any], ways: dict[str, Any]) -> dict[str, 
     """Of its only module, with B and Y by names of states."""
     problem = read_rest(flat, flat.modules[0].name)
     facts, names = problem.facts, [s.name for s in problem.facts.states]
+    judged = shield_of(problem)
     inputs = (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
     return {
         "system": flat.name,
@@ -59,5 +60,6 @@ def entry(flat: System, box: dict[str, Any], ways: dict[str, Any]) -> dict[str, 
             },
             "box": {n: [x.hex() for x in ends] for n, ends in box.items()},
             "ways": {n: [x.hex() for x in ends] for n, ends in ways.items()},
+            **({} if judged is None else {"shield": judged}),
         },
     }

@@ -343,3 +343,40 @@ def test_an_entry_for_another_module_is_not_confirmed() -> None:
     plain = changed(PLAIN, (clause, "ttf true; safer false;"))
     with pytest.raises(RejectedError, match="no `rest`"):
         recheck_rest(flat_of(plain), made)
+
+
+JUDGED = changed(HELD, (" rest abs(seen)", " shield; rest abs(seen)"))
+SHIELD = {
+    "any may act for too short a time": ("any_command_ns", -1),
+    "a command counts for too short a time": ("acted_ns", -1),
+    "cells are wider": ("cells", -1),
+    "cells are narrower": ("cells", 1),
+}
+
+
+@pytest.mark.parametrize("name", SHIELD)
+def test_how_commands_are_judged_is_held_to_the_program(name: str) -> None:
+    flat, given = held(JUDGED)
+    recheck_rest(flat, deepcopy(given))
+    key, by = SHIELD[name]
+    given["rest"]["shield"][key] += by
+    with pytest.raises(RejectedError, match=key):
+        recheck_rest(flat, given)
+
+
+def test_a_shield_is_in_the_certificate_where_the_program_has_one() -> None:
+    flat, given = held(JUDGED)
+    shield = given["rest"].pop("shield")
+    assert shield == {"cells": 64, "any_command_ns": 0, "acted_ns": 40_000_000}
+    with pytest.raises((RejectedError, LookupError)):
+        recheck_rest(flat, given)
+    flat, given = held()
+    given["rest"]["shield"] = shield
+    with pytest.raises(RejectedError):
+        recheck_rest(flat, given)
+
+
+def test_longer_times_of_a_shield_are_sound() -> None:
+    flat, given = held(JUDGED)
+    given["rest"]["shield"]["any_command_ns"] += 1
+    recheck_rest(flat, given)

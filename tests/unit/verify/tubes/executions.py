@@ -61,6 +61,8 @@ class Configuration(NamedTuple):
     acting: tuple[int | None, ...]
     """Of each component; None: AC's, so any of U at every tick."""
     flying: tuple[Flying, ...]
+    published: tuple[tuple[int, int], ...] = ()
+    """Where commands are judged: what was published, and how many ticks ago."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ class Executions:
         start = Configuration(
             (), 0, 0, None, None, self.local, Mode(False), (None,) * sizes, ((),) * sizes
         )
+        start = self.first_of(start)
         todo = [(0, start._replace(past=(x,))) for x in starts]
         told, modes = set(todo), {Mode(False)}
         while todo:
@@ -97,6 +100,10 @@ class Executions:
                     told.add((later, after))
                     todo.append((later, after))
         return False, modes
+
+    def first_of(self, start: Configuration) -> Configuration:
+        """What an execution begins with."""
+        return start
 
     def tick(self, here: Configuration, now: int) -> Iterator[Configuration]:
         """What is read, DM, SC, what acts, the plant. Both orders within an instant."""

@@ -11,6 +11,7 @@ import pytest
 from generators.schedule_systems import _drawn
 from unit.verify.tubes.executions import Mode
 from unit.verify.tubes.fallback_runs import Check, Times
+from unit.verify.tubes.judged_commands import Judge, JudgedExecutions
 from unit.verify.tubes.naive_variants import REFUSED, SAFE, VARIANTS, VIOLATED
 from unit.verify.tubes.small_systems import drawn, off
 
@@ -149,3 +150,61 @@ def test_a_step_of_sc_is_out_before_the_next_one_is_due() -> None:
         else:
             otherwise += s.published > s.sc.period
     assert min(with_nodes, waits_longer, otherwise) > 0
+
+
+NAIVE = {"looks_only": (185, 410, 1294), "earliest": (410, 1023, 2503)}
+"""Of each wrong gate, numbers of modules that are unsafe with it."""
+
+
+def judged(number: int) -> tuple[JudgedExecutions, set[int]] | None:
+    """A drawn module with a gate; W is H* less A, Delta and L_min."""
+    if (got := drawn(number)) is None:
+        return None
+    module, starts = got
+    t, check = module.times, module.checks[0]
+    any_for = check.horizon - t.age - t.dm[0] - t.least
+    return JudgedExecutions(t, module.checks, judge=Judge(check, any_for)), starts
+
+
+def test_no_execution_with_a_gate_is_unsafe() -> None:
+    flown = 0
+    for number in range(300):
+        if (got := judged(number)) is not None:
+            module, starts = got
+            unsafe, modes = module.violated(starts)
+            assert not unsafe, number
+            flown += {Mode(True), Mode(False)} <= modes
+    assert flown > 10
+
+
+@pytest.mark.parametrize(("kind", "number"), [(k, n) for k, ns in NAIVE.items() for n in ns])
+def test_a_naive_gate_is_seen_to_be_unsafe(kind: str, number: int) -> None:
+    """It judges at looks alone; or it goes by alpha, which is of looks, for what AC publishes."""
+    got = judged(number)
+    assert got is not None
+    module, starts = got
+    assert module.judge is not None
+    if kind == "looks_only":
+        wrong = replace(module, looks_only=True)
+    else:
+        late = replace(module.judge, earliest=module.checks[0].alpha)
+        wrong = replace(module, judge=late)
+    assert wrong.violated(starts)[0]
+    assert not module.violated(starts)[0]
+
+
+def test_a_judge_permits_what_the_check_of_any_command_does_not() -> None:
+    """And nothing less: what is good with any command is good with each."""
+    more = 0
+    for number in range(300):
+        if (got := judged(number)) is None:
+            continue
+        module, _ = got
+        check, judge = module.checks[0], module.judge
+        assert judge is not None
+        every = replace(check, alpha=0)
+        for x in check.safe:
+            each = [judge.good(x, frozenset(u)) for u in check.commands]
+            assert all(each) or not every.good(x)
+            more += any(each) and not check.good(x)
+    assert more > 0

@@ -112,7 +112,7 @@ class ModuleChecker:
         if decl.clean:
             counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
             clean = number(decl.clean, context, INT, "`clean`", counts)
-        shield = number(decl.shield, context, INT, "`shield`") if decl.shield else None
+        shield = self._shield(decl, context)
         wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
         jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
         if decl.ac is None or decl.sc is None or decl.safe is None:
@@ -142,6 +142,24 @@ class ModuleChecker:
         )
         self.shared.later(module, decl, scope)
         return module
+
+    def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
+        """Into how many cells commands are cut; of `shield;` as many as there may be.
+
+        M027 for `shield;` in a module without `rest`.
+        """
+        if not isinstance(decl.shield, tree.EachCommand):
+            number = self.shared.number
+            return number(decl.shield, context, INT, "`shield`") if decl.shield else None
+        if decl.rest is None:
+            self.diagnostics.error(
+                "M027",
+                f"module `{decl.name.text}` has a shield that says no number, and no `rest`",
+                decl.shield.span,
+                notes=("on a grid it judges cells; only a module with `rest` follows SC",),
+                helps=("say into how many cells each command is cut, as in `shield 8;`",),
+            )
+        return typed.Literal(INT, decl.shield.span, typed.CELLS_MAX)
 
     def _synthesized(
         self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
@@ -234,7 +252,11 @@ class ModuleChecker:
                 other,
                 also=((rest.span, "`rest`"),),
                 notes=("with `rest` the DM follows SC from each estimate: nothing else decides",),
-                helps=(f"leave out {quoted}, or `rest`",),
+                helps=(
+                    f"leave out {quoted}, or `rest`"
+                    if not word.startswith("shield")
+                    else "`shield;` and no more: SC is followed from each command",
+                ),
             )
         sure = not is_error(condition) and self._of_a_state(condition, decl)
         if not sure or is_error(within) or None in moves:
@@ -410,8 +432,11 @@ class ModuleChecker:
 def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
     """What cannot stand beside `rest`: clauses of the module and of its `verify` block."""
     for word in ("ttf", "safer", "shield"):
-        if (part := getattr(decl, word)) is not None:
+        part = getattr(decl, word)
+        if part is not None and not isinstance(part, tree.EachCommand):
             yield word, part.span
+    if isinstance(decl.shield, tree.EachCommand) and decl.toward_sc:
+        yield "shield toward sc", decl.shield.span
     if decl.failsafe:
         yield "failsafe", decl.failsafe[0][0].span
     if isinstance(decl.ac, tree.ModuleAsAc):

@@ -315,15 +315,21 @@ class NodeParser(VerifyParser):
         self.keep_once(parts, "returns", returns, at)
 
     def _shield(self, parts: OnceParts) -> None:
-        """`shield 8;`, or `shield 8 toward sc;`."""
+        """`shield 8;`, `shield 8 toward sc;`, or `shield;`."""
         at = self.i
         self.i += 1
         what = "the value of `shield`"
-        cells = self.expr(what)
+        no_number = self.kinds[self.i] == ";" or self.texts[self.i : self.i + 2] == ["toward", "sc"]
+        cells = None if no_number else self.expr(what)
         toward = self.accept_word("toward")
         if toward:
             self.expect_word("sc", "after `toward`")
-        self.keep_once(parts, "shield", (self.ended(cells, what), toward), at)
+        if cells is None:
+            self.semicolon("`shield`")
+            kept: object = tree.EachCommand(self.span_from(self.starts[at]))
+        else:
+            kept = self.ended(cells, what)
+        self.keep_once(parts, "shield", (kept, toward), at)
 
     def _rest(self, parts: OnceParts) -> None:
         """`rest e moves x by d, gap by d down within T;`."""

@@ -1,0 +1,111 @@
+"""Programs with `rest` and `shield;`: what their gates say of commands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.api import Program
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_to_prove
+from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.problem import TubeProblem
+from soter.verify.tubes.tube_check import TubeCheck
+from unit.verify.tubes.test_rest_claims import FOLLOW, SENSED, verified
+from unit.verify.tubes.test_rest_programs import changed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+JUDGED = FOLLOW.read_text(encoding="utf-8").replace("  rest abs(", "  shield;\n  rest abs(")
+Pair = tuple[float, float]
+CELLS = 64
+NEVER, NOW = -1e18, 5.0
+
+
+def check_of(text: str) -> TubeCheck:
+    flat = system_to_prove(check_file("module.soter", text), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    return TubeCheck(problem)
+
+
+def test_what_is_proved_beforehand_does_not_hang_on_commands(tmp_path: Path) -> None:
+    m = verified(tmp_path, JUDGED)
+    said = {n: f.verdict for n, f in m.findings.items()}
+    assert (m.verdict, said["P2a"], said["start"]) == ("assumed", "proved", "proved")
+    assert "a command acts only where" in m.findings["P3"].text
+    assert m.not_rechecked == ""
+
+
+def test_a_command_is_judged_with_those_that_may_still_act() -> None:
+    """A train at 20 m/s, 12.4 m from one that stands: 10 m to brake, and what it comes to."""
+    caller = Caller(check_of(JUDGED).in_flight({2: Interval(-0.31, 0.31)}))
+    gas, brake, near = (1.0, 0.0), (0.0, 1.0), (12.4, 0.0, 20.0)
+
+    def permits(own: Pair, held: Pair | None = None, since: float = NOW) -> bool:
+        until = [NEVER] * (2 * CELLS)
+        for k, u in enumerate(held or ()):
+            until[CELLS * k + min(CELLS - 1, int(u * CELLS))] = NOW
+        return caller.holds("judged", near, own, tuple(until), since)
+
+    assert permits(brake)
+    assert not permits(gas)
+    assert not permits(gas, brake)
+    assert not permits(brake, gas)
+    assert permits(brake, gas, NOW + 1e-9)  # which was held too long ago
+    assert not caller.holds("good", near)
+    assert not permits((-0.1, 1.0))
+    assert not permits((0.0, 1.1))
+    assert not permits((float("nan"), 1.0))
+
+
+@pytest.mark.parametrize(
+    ("within", "any_for", "acted"),
+    [("", 0, 70), ("acts within 9ms;", 9, 79), ("acts within 4ms to 9ms;", 5, 79)],
+)
+def test_times_of_a_judged_command(within: str, any_for: int, acted: int) -> None:
+    """W is H* less A, Delta and L_min; a command counts for A, L and a period of SC."""
+    check = check_of(changed(JUDGED, ("within 5s;\n", f"within 5s;\n  verify {{ {within} }}\n")))
+    assert check.times.any_command == any_for * 1_000_000
+    assert check.problem.times.acted == acted * 1_000_000
+
+
+def test_a_shield_of_what_may_be_of_any_age_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SoterError) as caught:
+        verified(tmp_path, changed(JUDGED, (" max_age 20ms;", ";")))
+    assert caught.value.diagnostics[0].code == "R011"
+
+
+def test_flights_are_safe_and_the_same_in_both_engines(tmp_path: Path) -> None:
+    """AC does whatever its draws say; what is refused is a gate fault, and SC takes over."""
+    path = tmp_path / "wild.soter"
+    path.write_text(
+        JUDGED.replace(
+            "gas: clamp(wanted, 0.0, 1.0), brake: clamp(-wanted, 0.0, 1.0)",
+            "gas: choose { 0.0, 1.0 }, brake: choose { 0.0, 0.05 }",
+        ),
+        encoding="utf-8",
+    )
+    program = Program(str(path))
+    faults = 0
+    for seed in (1, 2):
+        run = program.simulate(until="30s", seed=seed)
+        assert run.violations == 0
+        assert 0.0 < run.modules["Follow"].ac_share < 1.0
+        faults += run.modules["Follow"].gate_faults
+    assert faults > 0
+    near = changed(path.read_text(encoding="utf-8"), ("gap: float = 60.0", "gap: float = 2.0"))
+    path.write_text(changed(near, ("v: float = 10.0", "v: float = 0.9")), encoding="utf-8")
+    program = Program(str(path))
+    one, two = (program.simulate(until="100ms", engine=e) for e in ("native", "interp"))
+    assert one.trace_sha256 == two.trace_sha256
+    assert one.modules["Follow"].ac_share > 0.0
+
+
+def test_sc_that_reads_has_a_shield_too(tmp_path: Path) -> None:
+    m = verified(tmp_path, SENSED.replace("  rest abs(", "  shield;\n  rest abs("))
+    assert m.findings["start"].verdict == "proved"
