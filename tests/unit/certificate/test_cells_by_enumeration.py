@@ -154,11 +154,11 @@ def test_runs_beyond_an_end_are_followed_while_they_stay_in_the_last_cell() -> N
         ((exact(0.0), exact(1.0) + hair), [0.0, 2.0], True),
         ((exact(0.0) + hair, exact(6.0) - hair), [-9.0, 9.0], True),
     ):
-        assert grid.followed_beyond([start, tuple(plane)], [*box, -50.0, 50.0]) is fine
+        assert grid.followed_beyond([start, tuple(plane)], [*box, -50.0, 50.0]) is fine  # type: ignore[list-item]
     second = Grid((EDGES, EDGES), (False, True))
-    start = [(exact(0.0), exact(6.0)), (exact(3.0), exact(6.0))]
-    assert second.followed_beyond(start, [-50.0, 50.0, 0.0, 6.0]) is True
-    assert second.followed_beyond(start, [-50.0, 50.0, -0.5, 6.0]) is False
+    start = [(exact(0.0), exact(6.0)), (exact(3.0), exact(6.0))]  # type: ignore[assignment]
+    assert second.followed_beyond(start, [-50.0, 50.0, 0.0, 6.0]) is True  # type: ignore[arg-type]
+    assert second.followed_beyond(start, [-50.0, 50.0, -0.5, 6.0]) is False  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("edges", [(2.0, 3.0, 5.0), (-5.0, -1.0, 0.0), (0.0, 1.0)])
@@ -297,7 +297,7 @@ def test_a_block_is_covered_where_all_of_it_is_wanted() -> None:
     assert list(uncovered(todo, ((0, 2), (0, 1)), lambda _: True, 100)) == []
     four = np.ones((2, 2), dtype=np.bool_)
     tried: list[int] = []
-    assert not list(uncovered(four, ((0, 2), (0, 2)), lambda at: not tried.append(volume(at)), 4))
+    assert not list(uncovered(four, ((0, 2), (0, 2)), lambda at: not tried.append(volume(at)), 4))  # type: ignore[func-returns-value]
     assert tried == [4]
 
 
@@ -322,7 +322,7 @@ def test_parts_of_a_box_are_all_of_it(splits: int) -> None:
     assert len(set(seen)) == len(seen)
     assert len(seen) == (7 if splits >= 2 else splits + 1)
     fails: list[Any] = []
-    assert not finer(box, lambda part: bool(fails.append(part)), splits)
+    assert not finer(box, lambda part: bool(fails.append(part)), splits)  # type: ignore[func-returns-value]
     assert len(fails) == splits + 1  # the first half of the first half ...
     last = fails[-1]
     assert math.isclose(float(last[0][1] * last[1][1]), 32.0 / 2**splits)

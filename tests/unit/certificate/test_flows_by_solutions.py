@@ -81,7 +81,7 @@ def swirl(terms: Terms, x: Any, y: Any, u: Any) -> list[Any]:
 
 @pytest.mark.parametrize("kept", list(itertools.product((True, False), repeat=4)))
 def test_a_box_is_cut_at_kept_ends_alone(kept: tuple[bool, ...]) -> None:
-    ends = KeptEnds(MODEL, (1, 0), [kept[:2], kept[2:]])
+    ends = KeptEnds(MODEL, (1, 0), [kept[:2], kept[2:]])  # type: ignore[list-item]
     box = [(-9.0, 7.0), (-5.0, 5.0)]
     wanted = [
         (max(low, first) if a else low, min(high, last) if b else high)

@@ -172,7 +172,7 @@ def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: b
         assert all(length > 0 for length, _ in spans)
         assert [old for _, old in spans] == [handed, *[0] * (len(spans) - 1)]
         if count == 1 and not apart:
-            assert spans == [(whole, handed)]
+            assert spans == [(whole, handed)]  # type: ignore[comparison-overlap]
         else:
             assert len(spans) == count + (handed > 0)
             assert not handed or spans[0][0] == handed

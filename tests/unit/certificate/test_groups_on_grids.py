@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid import grid_group
 from soter.certificate.grid.grid_group import (
@@ -91,7 +92,7 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
             plain=lambda _: plain, edges=lambda _: LINE.edges[0] if edges is None else edges
         )
         own = [GridGroup(g) for g in groups]
-        return fails(lambda: own[0].compare(given, facts, own, entry) or ())
+        return fails(lambda: own[0].compare(given, facts, own, entry) or ())  # type: ignore[func-returns-value]
 
     axis = {"state": "x", "edges": "e"}
     entry = {"axes": [axis], "levels": "l"}
@@ -146,7 +147,7 @@ def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     assert all(k == {"admits": True, "anywhere": True} for k in asked)
 
 
-@pytest.mark.parametrize("claims", [set(), {"P2a"}, set(grid_group.FREE)])
+@pytest.mark.parametrize("claims", [set(), {"P2a"}, set(FREE)])
 def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.MonkeyPatch) -> None:
     led: list[Any] = []
     stayed: list[Any] = []
@@ -171,7 +172,7 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
         check.tried(claims)
         assert [(a, n) for a, n, *_ in led] == wanted
         assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
-        assert stayed == ([(a, 4) for a, _ in wanted] if claims & grid_group.FREE else [])
+        assert stayed == ([(a, 4) for a, _ in wanted] if claims & FREE else [])
 
 
 def test_who_sees_rates(monkeypatch: pytest.MonkeyPatch) -> None:

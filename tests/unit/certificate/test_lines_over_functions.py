@@ -82,7 +82,8 @@ def test_the_greatest_double_whose_sum_stays_below() -> None:
     draw = np.random.default_rng(5)
     pairs = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, -1.0), (0.1, 0.3), (1e16, 1.0)]
     pairs += [
-        tuple(map(float, draw.normal(size=2) * 10.0 ** draw.integers(-9, 9, 2))) for _ in range(300)
+        tuple(map(float, draw.normal(size=2) * 10.0 ** draw.integers(-9, 9, 2)))  # type: ignore[misc]
+        for _ in range(300)
     ]
     for bound, added in pairs:
         most = greatest_below(bound, added)
@@ -317,8 +318,8 @@ def test_a_noisy_kink_is_enclosed_by_the_best_line_of_its_chord() -> None:
             s = Fraction(float(slope))
             points = {Fraction(p) for p in (low, high, noise, -noise) if low <= p <= high}
             n = Fraction(noise)
-            most = max(max(x + n, 0) - s * x for x in points)
-            least = min(max(x - n, 0) - s * x for x in points)
+            most = max(max(x + n, 0) - s * x for x in points)  # type: ignore[operator]
+            least = min(max(x - n, 0) - s * x for x in points)  # type: ignore[operator]
             assert near(offset, (most + least) / 2, Fraction(1, 10**15))
             assert near(spread, (most - least) / 2, Fraction(1, 10**15))
             if low < high and high + noise > 0:

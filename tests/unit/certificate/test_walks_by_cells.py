@@ -19,6 +19,7 @@ from soter.certificate.grid.group_claims import (
     ranked,
     witnessed,
 )
+from soter.certificate.grid.sc_chains import EVERY
 from soter.certificate.terms.arb_balls import exact
 from unit.certificate.grid_tables import LINE, bools, tables
 
@@ -173,7 +174,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
     )
     every = Cells(LINE, bools(1, 1, 1, 1))
     group = tables([1] * 4)
-    whole = group_claims.EVERY
+    whole = EVERY
     for good, wanted in (
         ({whole}, True), ({"a", "b"}, True), ({"c", "d"}, True), ({"a", "d"}, False),
         (set(), False), ({"a"}, False), ({"b", "c"}, False),
@@ -213,7 +214,7 @@ def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) ->
     assert check.chain(1) is check.chain(1)
     assert check.chain(1) is not check.chain(4)
     assert check.chain(1, "late") is not check.chain(1)
-    assert compiled == [(1, group_claims.EVERY), (4, group_claims.EVERY), (1, "late")]
+    assert compiled == [(1, EVERY), (4, EVERY), (1, "late")]
     compiled.clear()
     phases = FreeCheck(None, tables([1] * 4), 7)  # type: ignore[arg-type]
     assert phases.phase(4) is phases.phase(4)
@@ -242,7 +243,7 @@ def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
             group.grid = grid
             check: Any = ChainCheck(None, group)  # type: ignore[arg-type]
             chain = SimpleNamespace(first=step, later=step, last=last if place == "last" else None)
-            check._chains[1, group_claims.EVERY] = chain
+            check._chains[1, EVERY] = chain
             box = [(exact(3.5), exact(4.0))]
             found = list(check.reached(box, [1], cells, 1))
             assert bool(found) is fine, (fall, place)

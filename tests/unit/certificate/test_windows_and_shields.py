@@ -37,7 +37,7 @@ def test_a_window_holds_its_share_of_all_runs() -> None:
             begin, end = Window(0, 1, age, count).taken(delay)
             assert (begin, end) == (-delay * (age + 1) / count, -delay * age / count)
     assert EVERY.ends(jitter) == (jitter, jitter)
-    assert EVERY.taken(delay) == (-delay, 0)
+    assert EVERY.taken(delay) == (-delay, 0)  # type: ignore[comparison-overlap]
 
 
 @pytest.mark.parametrize("jitter", [0, 2])
@@ -116,7 +116,7 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
         check: Any = SimpleNamespace(group=group, model=model, keeps=keeps)
         found = estimates.drifts(check, bools(1, 1, 1, 1), inside, LINE.whole)
         assert sorted(a for ((a, _),) in found) == left
-        assert {s for w, s in asked if w == 1 + 2 * error} == {estimates.SPLITS}
+        assert {s for w, s in asked if w == 1 + 2 * error} == {estimates.SPLITS}  # type: ignore[attr-defined]
         assert {s for w, s in asked if w > 1 + 2 * error} == {0}
 
 
@@ -167,7 +167,7 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
         return iter(())
 
     monkeypatch.setattr(shield, "cells_of", lambda _: 2)
-    monkeypatch.setattr(shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))
+    monkeypatch.setattr(shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))  # type: ignore[has-type]
     monkeypatch.setattr(shield, "CaseModel", lambda facts, *_: facts)
     monkeypatch.setattr(shield, "FreeCheck", lambda model, group, ns: (model, group, ns))
     monkeypatch.setattr(shield, "drifts", drifts)

@@ -486,15 +486,13 @@ UNKNOWN = (
 
 
 def test_a_face_behind_which_nothing_is_known_has_no_slope() -> None:
-    """s0 and s1 are the same number of [-1, 1], the command is 0: no end times 0 is no number, and
-    where nothing bounds a rate no step is found.
-    """
+    """s0 and s1 are one number of [-1, 1], the command is 0: no rate is bounded, no step found."""
     text, symbols, moves = source_of(UNKNOWN, TIMES)
     x = (0.0, 0.0, -1.0, 1.0, (1.0, *[0.0] * (symbols - 1)))
     none = (0.0, 0.0, 0.0, 0.0, (0.0,) * symbols)
     caller = Caller(text)
-    still = (0.0, 0.0)
-    faced = caller.value("faced", 0, ((-1.0, -0.8), (-1.0, 1.0)), (still,), (still,), (0.0,))
+    still = ((0.0, 0.0),)
+    faced = caller.value("faced", 0, ((-1.0, -0.8), (-1.0, 1.0)), still, still, (0.0,))
     for row in (faced, caller.value("widened", none, float("nan"))[2:4]):
         assert tuple(row) == (-ENDLESS, ENDLESS)
     *_, found = caller.value("flow", (x, x), (none,), (0.0,), 0.02, moves)
