@@ -17,6 +17,7 @@ import pytest
 
 from soter.certificate.reading import symbolic_reading
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import identical, is_known, whole
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import (
     FALSE,
@@ -29,7 +30,7 @@ from soter.certificate.terms.terms import (
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.statements import Environment, Evaluator
 from soter.language.front_end import check_file
-from soter.language.model.types import FLOAT
+from soter.language.model.types import FLOAT, ArrayType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -348,3 +349,79 @@ def test_a_condition_is_left_behind(known: Proposition) -> None:
     assert terms.path is before
     assert len(terms.obligations) == (1 if known is TRUE else 0)
     assert reader.tried(True, lambda: 3) == (True, 3)
+
+
+# ---------------------------------------------------------------- what is not looked at
+
+SIDES = """extern fun drawn(x: float): float from "c:drawn.c:drawn";
+fun of_and(c: bool, x: float): bool { return c && drawn(x) > 0.0; }
+fun of_or(c: bool, x: float): bool { return c || drawn(x) > 0.0; }
+fun of_choice(c: bool, x: float): float { return c ? drawn(x) : x; }
+fun of_if(c: bool, x: float): float { if c { return drawn(x); } return x; }
+fun of_else(c: bool, x: float): float { if c { } else { return drawn(x); } return x; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "looks", "other"),
+    [
+        ("and", True, False),
+        ("or", False, True),
+        ("choice", True, "x"),
+        ("if", True, "x"),
+        ("else", False, "x"),
+    ],
+)
+def test_the_side_that_is_not_taken_is_not_looked_at(
+    tmp_path: Path, name: str, looks: bool, other: Any
+) -> None:
+    """Where a condition is known: nothing is known of the function that is only asked there."""
+    path = tmp_path / "sides.soter"
+    path.write_text("soter 1;\n" + SIDES)
+    program = check_file(str(path)).program
+    assert program is not None
+    terms = Terms()
+    (x,) = inputs_of(terms, (-2.0, 2.0))
+    fun = program.funs[f"of_{name}"]
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    found = reader.called(fun, [not looks, x])
+    assert found is x if other == "x" else found is other
+    for c in (looks, terms.below(x)):
+        with pytest.raises(NotRecheckedError, match="extern"):
+            reader.called(fun, [c, x])
+
+
+def test_one_part_of_a_value_is_made_new() -> None:
+    """That at the indices, and only where they are known and there is such a part."""
+    terms = Terms()
+    (x,) = inputs_of(terms, (0.0, 1.0))
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    many = ArrayType(ArrayType(FLOAT, 2), 3)
+    old = ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+    assert reader.replaced(many, old, [], 9.0) == 9.0
+    for i, k in itertools.product(range(3), range(2)):
+        rows = [list(row) for row in old]
+        rows[i][k] = 9.0
+        assert reader.replaced(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
+    for keys in ([x, 0], [0, x], [whole(x), 0]):
+        with pytest.raises(NotRecheckedError, match="an assignment at an index that depends"):
+            reader.replaced(many, old, keys, 9.0)
+    for keys in ([3, 0], [0, 2], [-1, 0]):
+        with pytest.raises(StepFault):
+            reader.replaced(many, old, keys, 9.0)
+
+
+def test_a_value_is_known_where_all_of_it_is() -> None:
+    terms = Terms()
+    (x,) = inputs_of(terms, (0.0, 1.0))
+    unknown = (x, whole(x), terms.below(x))
+    for known in (True, False, 0, 2, -0.0, (), (1.0, (2, True)), ((), 3.0)):
+        assert is_known(known)
+        for y in unknown:
+            assert not is_known(y)
+            assert not is_known((known, y))
+            assert not is_known((y, known))
+            assert not is_known((known, (known, y)))
+    for a, b in itertools.product((0.0, -0.0, 1.0, 1, 0, True, False), repeat=2):
+        same = type(a) is type(b) and math.copysign(1.0, a) == math.copysign(1.0, b) and a == b
+        assert identical(a, b) is same
