@@ -280,3 +280,41 @@ def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     for i in facts.others:
         value = values[i.owner]
         assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]
+
+
+KEPT = "var k: int in [1, 3] = 2; var far: bool = false;"
+SLOW = "node Slow period 20ms { subscribes x, y; publishes u;"
+OTHER = """topic w: float in [-1.0, 1.0];
+node Quick period 20ms { subscribes x; publishes w; step { publish w = 1.0; } }
+node Calm period 20ms { subscribes x; publishes w; step { publish w = 0.0; } }
+rta N { ac Quick; sc Calm; period 20ms; safe x < 3.0; ttf x > 2.0; safer x < 1.0; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("kept", "law", "ends"),
+    [
+        ("", "0.5", (0.5, 0.5)),
+        (KEPT, "0.125 * float(k)", (0.125, 0.375)),
+        (KEPT, "far ? -0.25 : 0.25 * float(k)", (-0.25, 0.75)),
+        ("", "mode(N) == Mode.AC ? 0.5 : -0.25", (-0.25, 0.5)),
+        (KEPT, "mode(N) == Mode.AC ? 0.25 * float(k) : (far ? -0.5 : 0.0)", (-0.5, 0.75)),
+    ],
+)
+def test_a_command_is_any_of_those_of_all_locals_and_modes(
+    tmp_path: Path, kept: str, law: str, ends: tuple[float, float]
+) -> None:
+    """Without any of them it is the one that the step publishes."""
+    facts = facts_of(
+        tmp_path,
+        (
+            f"{SLOW} step {{ publish u = clamp(-x,",
+            f"{SLOW} {kept} step {{ publish u = clamp({law},",
+        ),
+        ("topic u:", f"{OTHER}topic u:"),
+        ("module M; }", "module M; module N; }"),
+    )
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    terms, states = model.new_terms()
+    (command,) = model.commands(terms, states)
+    assert (float(command.low), float(command.high)) == pytest.approx(ends)
