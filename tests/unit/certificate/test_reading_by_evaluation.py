@@ -136,6 +136,9 @@ BODIES = {
     "fault_and_return": """let i = 3;
   if x > 1.0 { return TABLE[i]; }
   return y;""",
+    "fault_behind_a_return": """let i = 3;
+  if x > 1.0 { return y; }
+  return TABLE[i];""",
     "fault_of_a_choice": """let i = 3;
   let first = x > 0.0 ? TABLE[i] : y;
   return first + (y > 1.0 ? x : 1.0);""",
@@ -403,12 +406,13 @@ def test_one_part_of_a_value_is_made_new() -> None:
         rows = [list(row) for row in old]
         rows[i][k] = 9.0
         assert reader.replaced(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
-    for keys in ([x, 0], [0, x], [whole(x), 0]):
+    unknown: list[list[Any]] = [[x, 0], [0, x], [whole(x), 0]]
+    for keys in unknown:
         with pytest.raises(NotRecheckedError, match="an assignment at an index that depends"):
             reader.replaced(many, old, keys, 9.0)
-    for keys in ([3, 0], [0, 2], [-1, 0]):
+    for beyond in ([3, 0], [0, 2], [-1, 0]):
         with pytest.raises(StepFault):
-            reader.replaced(many, old, keys, 9.0)
+            reader.replaced(many, old, beyond, 9.0)
 
 
 def test_a_value_is_known_where_all_of_it_is() -> None:
