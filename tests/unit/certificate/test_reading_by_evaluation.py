@@ -17,7 +17,15 @@ import pytest
 
 from soter.certificate.reading import symbolic_reading
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
-from soter.certificate.reading.symbolic_values import identical, is_known, whole
+from soter.certificate.reading.symbolic_values import (
+    filled,
+    flat,
+    identical,
+    is_known,
+    plain,
+    truth_of,
+    whole,
+)
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import (
     FALSE,
@@ -30,7 +38,8 @@ from soter.certificate.terms.terms import (
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.statements import Environment, Evaluator
 from soter.language.front_end import check_file
-from soter.language.model.types import FLOAT, ArrayType
+from soter.language.model.typed import VarRead
+from soter.language.model.types import FLOAT, ArrayType, ListType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -429,3 +438,52 @@ def test_a_value_is_known_where_all_of_it_is() -> None:
     for a, b in itertools.product((0.0, -0.0, 1.0, 1, 0, True, False), repeat=2):
         same = type(a) is type(b) and math.copysign(1.0, a) == math.copysign(1.0, b) and a == b
         assert identical(a, b) is same
+
+
+@pytest.mark.parametrize("kind", ["term", "whole", "number", "pair", "nothing"])
+def test_a_bool_is_known_or_a_proposition(tmp_path: Path, kind: str) -> None:
+    """Whatever else is in its place is refused, as a condition, a value, or a part of `for`."""
+    path = tmp_path / "bools.soter"
+    path.write_text("soter 1;\nfun same(c: bool): bool { return c; }\n")
+    program = check_file(str(path)).program
+    assert program is not None
+    terms = Terms()
+    (x,) = inputs_of(terms, (-1.0, 1.0))
+    strange = {"term": x, "whole": whole(x), "number": 1.0, "pair": (True, True), "nothing": None}
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    for fine in (True, False, terms.below(x)):
+        assert reader.called(program.funs["same"], [fine]) is fine
+        truth = truth_of(fine)
+        assert truth is (fine if isinstance(fine, Proposition) else TRUE if fine else FALSE)
+        assert plain(truth) is fine
+    for refuses in (lambda y: reader.called(program.funs["same"], [y]), truth_of):
+        with pytest.raises(NotRecheckedError, match="such a bool"):
+            refuses(strange[kind])
+
+
+def test_a_loop_goes_over_what_is_known_to_be_there() -> None:
+    terms = Terms()
+    (x,) = inputs_of(terms, (-1.0, 1.0))
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    variable: Any = object()
+    sequence: Any = VarRead(ListType(FLOAT, 3), None, variable)  # type: ignore[arg-type]
+    each: Any = SimpleNamespace(type=FLOAT)
+    loop: Any = SimpleNamespace(sequence=sequence, variable=each, body=(), span=None)
+    for count in range(3):
+        frame = CallFrame({variable: (x,) * count})
+        assert len(reader._unrolled(loop, frame)) == count
+    with pytest.raises(NotRecheckedError, match="such a `for`"):
+        reader._unrolled(loop, CallFrame({variable: x}))
+
+
+def test_leaves_make_a_value_of_their_type_and_none_is_left() -> None:
+    of = ArrayType(ArrayType(FLOAT, 2), 2)
+    assert filled(of, [1.0, 2.0, 3.0, 4.0]) == ((1.0, 2.0), (3.0, 4.0))
+    assert flat(filled(of, [1.0, 2.0, 3.0, 4.0])) == [1.0, 2.0, 3.0, 4.0]
+    assert filled(FLOAT, [7.0]) == 7.0
+    assert flat(7.0) == [7.0]
+    for more in ([1.0] * 5, [1.0] * 9):
+        with pytest.raises(NotRecheckedError, match="a list on a topic"):
+            filled(of, more)
+    with pytest.raises(NotRecheckedError, match="a list on a topic"):
+        filled(ListType(FLOAT, 3), [1.0])
