@@ -449,7 +449,13 @@ def test_a_bool_is_known_or_a_proposition(tmp_path: Path, kind: str) -> None:
     assert program is not None
     terms = Terms()
     (x,) = inputs_of(terms, (-1.0, 1.0))
-    strange = {"term": x, "whole": whole(x), "number": 1.0, "pair": (True, True), "nothing": None}
+    strange: dict[str, Any] = {
+        "term": x,
+        "whole": whole(x),
+        "number": 1.0,
+        "pair": (True, True),
+        "nothing": None,
+    }
     reader = SymbolicReader(terms, Surroundings({}, {}))
     for fine in (True, False, terms.below(x)):
         assert reader.called(program.funs["same"], [fine]) is fine
