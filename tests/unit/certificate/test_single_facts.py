@@ -333,7 +333,7 @@ def test_a_run_starts_as_is_declared_and_where_what_flies_is(
     monkeypatch.setattr(problem, "flown", lambda *_: begun)
     plant = SimpleNamespace(states=states, der={states[0]: 1}, next={})
     c: Any = SimpleNamespace(
-        name="p", index=4, plant=plant, initial=(0.5, 1.0, 3),
+        name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),
         initial_range=((-0.25, 0.75), None, None),
     )  # fmt: skip
     facts: Any = SimpleNamespace(states=[], parameters=[])
