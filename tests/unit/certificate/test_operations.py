@@ -149,3 +149,30 @@ def test_a_form_of_another_length_is_refused() -> None:
     for form in ((exact(1.0),), (exact(1.0),) * 3, (make.input(0),)):
         with pytest.raises(AssertionError, match="another length"):
             function(form)
+
+
+@pytest.mark.parametrize("known", [0.0, 1.0, -1.0])
+@pytest.mark.parametrize("name", ["add", "sub", "mul", "smaller", "larger"])
+def test_what_needs_no_operation_is_left_out(name: str, known: float) -> None:
+    """Sums with 0 and products with 0, 1 and -1 are known, of what nothing bounds as well."""
+    make = Builder()
+    x, number = make.input(0), make.constant(exact(known))
+    for turned in (False, True):
+        made = make.apply(name, *((x, number) if turned else (number, x)))
+        value = {
+            ("add", 0.0): x,
+            ("sub", 0.0): x if turned else -x,
+            ("mul", 0.0): make.zero,
+            ("mul", 1.0): x,
+            ("mul", -1.0): -x,
+        }.get((name, known))
+        if value is not None:
+            assert made is value
+        else:
+            assert made.operation == name
+        (computed,) = Function(make, 1, [made])((exact(3.0),))
+        pair = (exact(3.0), exact(known)) if turned else (exact(known), exact(3.0))
+        assert computed == OPERATIONS[name](*pair)
+    nothing = make.apply("mul", number, x)
+    (of_all,) = Function(make, 1, [nothing])((arb(0, math.inf),))
+    assert of_all.is_zero() is (known == 0.0)

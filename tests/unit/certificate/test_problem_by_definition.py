@@ -165,16 +165,31 @@ Q = (("system S { p: P;", Z),)
             ),
             True,
         ),
+        (
+            (
+                "grid x.a in [-3.0, 3.0] / 100;",
+                "grid x.a in [-3.0, 3.0] / 100; grid q.q in [-9.0, 9.0] / 9;",
+            ),
+            True,
+        ),
     ],
 )
+@pytest.mark.parametrize("inner", [False, True])
 def test_a_plant_is_part_of_the_problem_where_it_is_read(
-    tmp_path: Path, pair: tuple[str, str], there: bool
+    tmp_path: Path, pair: tuple[str, str], there: bool, inner: bool
 ) -> None:
-    pairs = [*Q, pair]
+    """Of the system in which its module stands, whichever holds that."""
+    pairs, home = [*Q, pair], ""
+    if inner:
+        home = "low."
+        pairs += [
+            ("system S {", "system Inner {"),
+            ("module M; }", "module M; }\nsystem S { low: Inner; }"),
+        ]
     if "- z" in pair[1] or "grid z" in pair[1]:
         pairs.append(("subscribes x, y, wish;", "subscribes x, y, wish, z;"))
-    facts = facts_with(tmp_path, *pairs)
-    assert [c.name for c in facts.plants] == ["p", "q"][: 1 + there]
+    facts = facts_with(tmp_path, *pairs, module=f"{home}M")
+    assert [c.name for c in facts.plants] == [f"{home}p", f"{home}q"][: 1 + there]
 
 
 def test_flows_and_maps_are_told_apart() -> None:

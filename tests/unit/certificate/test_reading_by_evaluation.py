@@ -17,6 +17,15 @@ import pytest
 
 from soter.certificate.reading import symbolic_reading
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.reading.symbolic_values import (
+    filled,
+    flat,
+    identical,
+    is_known,
+    plain,
+    truth_of,
+    whole,
+)
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import (
     FALSE,
@@ -29,7 +38,8 @@ from soter.certificate.terms.terms import (
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.statements import Environment, Evaluator
 from soter.language.front_end import check_file
-from soter.language.model.types import FLOAT
+from soter.language.model.typed import VarRead
+from soter.language.model.types import FLOAT, ArrayType, ListType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,6 +145,9 @@ BODIES = {
     "fault_and_return": """let i = 3;
   if x > 1.0 { return TABLE[i]; }
   return y;""",
+    "fault_behind_a_return": """let i = 3;
+  if x > 1.0 { return y; }
+  return TABLE[i];""",
     "fault_of_a_choice": """let i = 3;
   let first = x > 0.0 ? TABLE[i] : y;
   return first + (y > 1.0 ? x : 1.0);""",
@@ -348,3 +361,135 @@ def test_a_condition_is_left_behind(known: Proposition) -> None:
     assert terms.path is before
     assert len(terms.obligations) == (1 if known is TRUE else 0)
     assert reader.tried(True, lambda: 3) == (True, 3)
+
+
+# ---------------------------------------------------------------- what is not looked at
+
+SIDES = """extern fun drawn(x: float): float from "c:drawn.c:drawn";
+fun of_and(c: bool, x: float): bool { return c && drawn(x) > 0.0; }
+fun of_or(c: bool, x: float): bool { return c || drawn(x) > 0.0; }
+fun of_choice(c: bool, x: float): float { return c ? drawn(x) : x; }
+fun of_if(c: bool, x: float): float { if c { return drawn(x); } return x; }
+fun of_else(c: bool, x: float): float { if c { } else { return drawn(x); } return x; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "looks", "other"),
+    [
+        ("and", True, False),
+        ("or", False, True),
+        ("choice", True, "x"),
+        ("if", True, "x"),
+        ("else", False, "x"),
+    ],
+)
+def test_the_side_that_is_not_taken_is_not_looked_at(
+    tmp_path: Path, name: str, looks: bool, other: Any
+) -> None:
+    """Where a condition is known: nothing is known of the function that is only asked there."""
+    path = tmp_path / "sides.soter"
+    path.write_text("soter 1;\n" + SIDES)
+    program = check_file(str(path)).program
+    assert program is not None
+    terms = Terms()
+    (x,) = inputs_of(terms, (-2.0, 2.0))
+    fun = program.funs[f"of_{name}"]
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    found = reader.called(fun, [not looks, x])
+    assert found is x if other == "x" else found is other
+    for c in (looks, terms.below(x)):
+        with pytest.raises(NotRecheckedError, match="extern"):
+            reader.called(fun, [c, x])
+
+
+def test_one_part_of_a_value_is_made_new() -> None:
+    """That at the indices, and only where they are known and there is such a part."""
+    terms = Terms()
+    (x,) = inputs_of(terms, (0.0, 1.0))
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    many = ArrayType(ArrayType(FLOAT, 2), 3)
+    old = ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
+    assert reader.replaced(many, old, [], 9.0) == 9.0
+    for i, k in itertools.product(range(3), range(2)):
+        rows = [list(row) for row in old]
+        rows[i][k] = 9.0
+        assert reader.replaced(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
+    unknown: list[list[Any]] = [[x, 0], [0, x], [whole(x), 0]]
+    for keys in unknown:
+        with pytest.raises(NotRecheckedError, match="an assignment at an index that depends"):
+            reader.replaced(many, old, keys, 9.0)
+    for beyond in ([3, 0], [0, 2], [-1, 0]):
+        with pytest.raises(StepFault):
+            reader.replaced(many, old, beyond, 9.0)
+
+
+def test_a_value_is_known_where_all_of_it_is() -> None:
+    terms = Terms()
+    (x,) = inputs_of(terms, (0.0, 1.0))
+    unknown = (x, whole(x), terms.below(x))
+    for known in (True, False, 0, 2, -0.0, (), (1.0, (2, True)), ((), 3.0)):
+        assert is_known(known)
+        for y in unknown:
+            assert not is_known(y)
+            assert not is_known((known, y))
+            assert not is_known((y, known))
+            assert not is_known((known, (known, y)))
+    for a, b in itertools.product((0.0, -0.0, 1.0, 1, 0, True, False), repeat=2):
+        same = type(a) is type(b) and math.copysign(1.0, a) == math.copysign(1.0, b) and a == b
+        assert identical(a, b) is same
+
+
+@pytest.mark.parametrize("kind", ["term", "whole", "number", "pair", "nothing"])
+def test_a_bool_is_known_or_a_proposition(tmp_path: Path, kind: str) -> None:
+    """Whatever else is in its place is refused, as a condition, a value, or a part of `for`."""
+    path = tmp_path / "bools.soter"
+    path.write_text("soter 1;\nfun same(c: bool): bool { return c; }\n")
+    program = check_file(str(path)).program
+    assert program is not None
+    terms = Terms()
+    (x,) = inputs_of(terms, (-1.0, 1.0))
+    strange: dict[str, Any] = {
+        "term": x,
+        "whole": whole(x),
+        "number": 1.0,
+        "pair": (True, True),
+        "nothing": None,
+    }
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    for fine in (True, False, terms.below(x)):
+        assert reader.called(program.funs["same"], [fine]) is fine
+        truth = truth_of(fine)
+        assert truth is (fine if isinstance(fine, Proposition) else TRUE if fine else FALSE)
+        assert plain(truth) is fine
+    for refuses in (lambda y: reader.called(program.funs["same"], [y]), truth_of):
+        with pytest.raises(NotRecheckedError, match="such a bool"):
+            refuses(strange[kind])
+
+
+def test_a_loop_goes_over_what_is_known_to_be_there() -> None:
+    terms = Terms()
+    (x,) = inputs_of(terms, (-1.0, 1.0))
+    reader = SymbolicReader(terms, Surroundings({}, {}))
+    variable: Any = object()
+    sequence: Any = VarRead(ListType(FLOAT, 3), None, variable)  # type: ignore[arg-type]
+    each: Any = SimpleNamespace(type=FLOAT)
+    loop: Any = SimpleNamespace(sequence=sequence, variable=each, body=(), span=None)
+    for count in range(3):
+        frame = CallFrame({variable: (x,) * count})
+        assert len(reader._unrolled(loop, frame)) == count
+    with pytest.raises(NotRecheckedError, match="such a `for`"):
+        reader._unrolled(loop, CallFrame({variable: x}))
+
+
+def test_leaves_make_a_value_of_their_type_and_none_is_left() -> None:
+    of = ArrayType(ArrayType(FLOAT, 2), 2)
+    assert filled(of, [1.0, 2.0, 3.0, 4.0]) == ((1.0, 2.0), (3.0, 4.0))
+    assert flat(filled(of, [1.0, 2.0, 3.0, 4.0])) == [1.0, 2.0, 3.0, 4.0]
+    assert filled(FLOAT, [7.0]) == 7.0
+    assert flat(7.0) == [7.0]
+    for more in ([1.0] * 5, [1.0] * 9):
+        with pytest.raises(NotRecheckedError, match="a list on a topic"):
+            filled(of, more)
+    with pytest.raises(NotRecheckedError, match="a list on a topic"):
+        filled(ListType(FLOAT, 3), [1.0])

@@ -22,7 +22,8 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.tree_walk import nodes
-from soter.language.model.typed import AgeRead
+from soter.language.model.typed import AgeRead, Variable
+from soter.language.model.types import FLOAT, IntType, ListType, RecordType
 from unit.certificate.test_single_refusals import facts_of
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 
 arb = type(ZERO)
+NO_SPAN: Any = None
 
 
 # ---------------------------------------------------------------- reading
@@ -280,3 +282,84 @@ def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:
     for i in facts.others:
         value = values[i.owner]
         assert (float(value.low), float(value.high)) == sets[facts.system.topics[i.owner].name]
+
+
+KEPT = "var k: int in [1, 3] = 2; var far: bool = false;"
+SLOW = "node Slow period 20ms { subscribes x, y; publishes u;"
+OTHER = """topic w: float in [-1.0, 1.0];
+node Quick period 20ms { subscribes x; publishes w; step { publish w = 1.0; } }
+node Calm period 20ms { subscribes x; publishes w; step { publish w = 0.0; } }
+rta N { ac Quick; sc Calm; period 20ms; safe x < 3.0; ttf x > 2.0; safer x < 1.0; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("kept", "law", "ends"),
+    [
+        ("", "0.5", (0.5, 0.5)),
+        (KEPT, "0.125 * float(k)", (0.125, 0.375)),
+        (KEPT, "far ? -0.25 : 0.25 * float(k)", (-0.25, 0.75)),
+        ("", "mode(N) == Mode.AC ? 0.5 : -0.25", (-0.25, 0.5)),
+        (KEPT, "mode(N) == Mode.AC ? 0.25 * float(k) : (far ? -0.5 : 0.0)", (-0.5, 0.75)),
+    ],
+)
+def test_a_command_is_any_of_those_of_all_locals_and_modes(
+    tmp_path: Path, kept: str, law: str, ends: tuple[float, float]
+) -> None:
+    """Without any of them it is the one that the step publishes."""
+    facts = facts_of(
+        tmp_path,
+        (
+            f"{SLOW} step {{ publish u = clamp(-x,",
+            f"{SLOW} {kept} step {{ publish u = clamp({law},",
+        ),
+        ("topic u:", f"{OTHER}topic u:"),
+        ("module M; }", "module M; module N; }"),
+    )
+    model = CaseModel(facts, (), ((-3.0, 3.0), (-1.0, 1.0)))
+    terms, states = model.new_terms()
+    (command,) = model.commands(terms, states)
+    assert (float(command.low), float(command.high)) == pytest.approx(ends)
+
+
+@pytest.mark.parametrize("real", [None, (-1.0, 0.25), (3.0, 2.0)])
+def test_a_run_starts_as_is_declared_and_where_what_flies_is(
+    monkeypatch: pytest.MonkeyPatch, real: tuple[float, float] | None
+) -> None:
+    """A state that is drawn, and one that begins at a number; whether each moves is the plant's."""
+    pairs = zip("abc", (FLOAT, FLOAT, IntType(1, 3)), strict=True)
+    states = [Variable(n, of, "state", NO_SPAN) for n, of in pairs]
+    begun = None if real is None else (*real, 2)
+    monkeypatch.setattr(problem, "flown", lambda *_: begun)
+    plant = SimpleNamespace(states=states, der={states[0]: 1}, next={})
+    c: Any = SimpleNamespace(
+        name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),
+        initial_range=((-0.25, 0.75), None, None),
+    )  # fmt: skip
+    facts: Any = SimpleNamespace(states=[], parameters=[])
+    problem._read_states(facts, c)
+    ends = [(-0.25, 0.75), (1.0, 1.0)]
+    if real is not None:
+        ends = [(min(a, x), max(b, x)) for (a, b), x in zip(ends, real, strict=True)]
+    assert [(s.low, s.high) for s in facts.states] == ends
+    (parameter,) = facts.parameters
+    assert (parameter.values, parameter.begins) == ((1, 2, 3), (3, 3 if real is None else 2))
+    for moves in ("der", "next"):
+        plant.der, plant.next = {}, {}
+        setattr(plant, moves, {states[2]: 1})
+        with pytest.raises(NotRecheckedError, match=r"the state `p\.c` moves and is no float"):
+            problem._read_states(facts, c)
+
+
+def test_a_list_is_no_state_that_is_followed() -> None:
+    of = RecordType((("few", ListType(FLOAT, 3)), ("x", FLOAT)))
+    state = Variable("s", of, "state", NO_SPAN)
+    plant = SimpleNamespace(states=[state], der={}, next={})
+    c: Any = SimpleNamespace(
+        name="p", index=0, plant=plant, initial=(((), 1.0),), initial_range=(None,)
+    )
+    facts: Any = SimpleNamespace(
+        states=[], parameters=[], symbol=SimpleNamespace(verify=SimpleNamespace(abstracts=()))
+    )
+    with pytest.raises(NotRecheckedError, match="a list in the state `s`"):
+        problem._read_states(facts, c)

@@ -132,7 +132,7 @@ def test_a_root_asks_that_there_is_one() -> None:
 
 
 @pytest.mark.parametrize("n", [1, 2])
-@pytest.mark.parametrize("memories", [0, 1])
+@pytest.mark.parametrize("memories", [0, 1, 2])
 def test_halves_of_a_form_are_that_form(n: int, memories: int) -> None:
     """Every state of it is in one of them, at twice what its beta is off the half's middle."""
     draw = np.random.default_rng(19)
@@ -160,7 +160,7 @@ def test_halves_of_a_form_are_that_form(n: int, memories: int) -> None:
                 if of is form:
                     expected = states
             for i, (x, y) in enumerate(zip(expected, states, strict=True)):
-                assert i >= n or not abs(x - y) > 1e-12
+                assert abs(x - y) < 1e-12
                 assert half[2 * i] - 1e-12 <= x <= half[2 * i + 1] + 1e-12
 
 
@@ -357,8 +357,12 @@ def test_a_field_that_the_list_does_not_have_is_refused(monkeypatch: pytest.Monk
         monkeypatch.setattr(supported_constructs, "ELABORATED", entries)
         with pytest.raises(NotRecheckedError, match="not known here"):
             supported_constructs._only_known_fields(Part)
-    monkeypatch.setattr(supported_constructs, "ELABORATED", {Part: "known added"})
-    supported_constructs._only_known_fields(Part)
+    entries = {Part: "known added", int: ""}
+    monkeypatch.setattr(supported_constructs, "ELABORATED", entries)
+    for of in entries:
+        supported_constructs._only_known_fields(of)
+    with pytest.raises(NotRecheckedError, match="not known here"):
+        supported_constructs._only_known_fields(float)
 
 
 def test_a_state_is_followed_through_names(tmp_path: Path) -> None:
