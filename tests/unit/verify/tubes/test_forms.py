@@ -7,11 +7,13 @@ from __future__ import annotations
 import math
 import random
 from fractions import Fraction
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from soter.language.prelude.function_error_bounds import BOUNDS
+from soter.verify.tubes.generated_functions import Caller
 from unit.verify.tubes.soter_forms import (
     FORMS,
     SIZES,
@@ -201,6 +203,48 @@ def test_wild_numbers_are_held_or_nothing_is_said(library: Library, name: str) -
         slack = (abs(value[1]) + Fraction(2) ** -1100) * Fraction(2) ** -250
         off = off_by(row, [Fraction(0)] * SYMBOLS, value[0], value[1])
         assert off <= slack, (name, rows, k, row, [float(v) for v in x])
+
+
+WIDE = [(1e200, 2e200), (-2e200, -1e200), (1e308, 1.5e308), (-1.5e308, -1e308), (5e-324, 1e-320),
+        (-1e-320, -5e-324), (-math.inf, math.inf), (0.0, math.inf), (1.0, math.inf),
+        (-math.inf, -1.0), (710.0, 720.0), (-1e308, 1e308), (1e299, 2e299), (0.5, 2.0)]  # fmt: skip
+OF_ONE: dict[str, Callable[..., Fraction]] = {
+    "neg": lambda x: -x,
+    "square": lambda x: x * x,
+    "abs": abs,
+    "inverse": lambda x: 1 / x,
+}
+OF_NUMBERS: dict[str, Callable[..., Fraction]] = {
+    "times": lambda x, k: x * k,
+    "over": lambda x, k: x / k,
+    "plus": lambda x, k: x + k,
+}
+OF_TWO: dict[str, Callable[..., Fraction]] = {
+    "add": lambda x, y: x + y,
+    "sub": lambda x, y: x - y,
+    "mul": lambda x, y: x * y,
+    "max": max,
+    "min": min,
+}
+
+
+def test_ranges_that_leave_the_doubles_hold_what_is_computed() -> None:
+    """No end is ever no number, which `min` and `max` of a program would leave out."""
+    caller = Caller(SIZES + FORMS)
+    asked: list[Any] = [(n, f, (a,), ()) for n, f in OF_ONE.items() for a in WIDE]
+    numbers = (1e200, -1e200, 1e-200, 1e308, -1e308, 3.0)
+    asked += [(n, f, (a,), (k,)) for n, f in OF_NUMBERS.items() for a in WIDE for k in numbers]
+    asked += [(n, f, (a, b), ()) for n, f in OF_TWO.items() for a in WIDE for b in WIDE]
+    asked += [(n, None, (a,), ()) for n in ("exp", "tanh", "atan", "share") for a in WIDE]
+    for name, f, over, k in asked:
+        got = caller.value(f"i_{name}", *over, *k)
+        if got is None:  # a divisor that may be zero
+            continue
+        assert got[0] <= got[1], (name, over, k, got)
+        for ends in product(*over) if f is not None else ():
+            if all(map(math.isfinite, ends)):
+                exactly = f(*map(Fraction, (*ends, *k)))
+                assert got[0] <= exactly <= got[1], (name, ends, k, got)
 
 
 def test_what_has_one_end_keeps_it_in_sums_limits_and_multiples(library: Library) -> None:
