@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -9,8 +10,9 @@ import pytest
 from soter.api import Program
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
+from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import TubeTimes
+from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
 from unit.verify.tubes.test_rest_claims import FOLLOW, SENSED, refused, verified
 
 if TYPE_CHECKING:
@@ -184,3 +186,57 @@ def test_ac_may_act_until_a_command_of_sc_acts_at_the_soonest(
     problem = extract(flat, flat.modules[0])
     assert isinstance(problem, TubeProblem)
     assert TubeTimes.of(problem).earliest == alpha * 1_000_000
+
+
+LOST = """soter 1;
+type Pose = { s0: float, v: float, s1: float };
+topic pose: Pose in { s0 in [-3.0, 3.0], v in [-4.0, 4.0], s1 in [0.5, 1.5] }
+  = { s0: 0.0, v: 3.9, s1: 1.0 } max_age 20ms;
+topic order: float in [-6.0, 6.0] = 0.0;
+plant Body period 10ms {
+  reads order;
+  drives pose = { s0: s0, v: v, s1: s1 };
+  state s0: float = 0.0;
+  state v: float = 3.9;
+  state s1: float = 1.0;
+  der s0 = v * min(max(0.001 * v, HUGE), 1.0) - s0;
+  der v = -2.0 * v + order;
+  der s1 = 1.0 - s1;
+  measured pose.s0 within 0.01, pose.v within 0.01, pose.s1 within 0.01;
+}
+node Ac period 50ms { publishes order; step { publish order = 0.0; } }
+node Sc period 50ms { subscribes pose; publishes order;
+  step { publish order = clamp(-pose.v, -1.0, 1.0); } }
+rta M { ac Ac; sc Sc; period 50ms; safe abs(pose.s0) < 0.5;
+  rest abs(pose.v) < 0.2 && abs(pose.s0) < 0.4 within 3s; }
+system S default { b: Body; module M; until 3s; }
+"""
+"""With v near 4 at first, s0 goes beyond 0.8 wherever the greatest of two is at least 1."""
+
+
+@pytest.mark.parametrize(
+    "huge", ["abs(s1 * 1e200 * 1e200)", "s1 / 1e-200 / 1e-200", "abs(-(s1 * 1e200 / 1e-200))"]
+)
+def test_what_leaves_the_doubles_is_not_left_out_of_a_greatest(tmp_path: Path, huge: str) -> None:
+    m = verified(tmp_path, LOST.replace("HUGE", huge))
+    assert m.findings["start"].verdict == "undecided"
+
+
+def test_a_step_of_no_length_ends_where_it_begins() -> None:
+    text = LOST.replace("HUGE", "1.0").replace("- s0;", "- s0 + 1e12;")
+    flat = system_to_prove(check_file("lost.soter", text), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    check = TubeCheck(problem)
+    generated = check.offline({})
+    sizes = {
+        k: int(v) for k, v in re.findall(r"^const (\w+): int = (\d+);", generated, re.MULTILINE)
+    }
+    none = (0.0,) * sizes["SYMBOLS"]
+    still = ((0.0, 0.0, 0.0, 0.0, none),)
+    step = Caller(generated).value(
+        "flow", still * 3, still, (0.0,) * sizes["MOVED"], 0.0, sizes["MOVES"]
+    )
+    end, *_, found = step
+    assert found
+    assert all(low <= 0.0 <= high for _, _, low, high, _ in end)
