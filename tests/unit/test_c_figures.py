@@ -48,6 +48,7 @@ BRANCHING = {
     "fall_back.h fall_back": "the definition of a fall-back run, read beside docs/proof.md",
     "tube_adversary.h a_start": "a case a kind of adversary",
     "tube_adversary.h wanted": "a case a kind of adversary",
+    "tube_loop.c actuate": "a closed loop, flat on purpose: read beside docs/semantics.md",
     "tube_loop.c attack_late": "a closed loop, flat on purpose: read beside docs/semantics.md",
     "tube_loop.c fly": "a closed loop, flat on purpose: read beside docs/semantics.md",
     "tube_loop.c trusted": "a closed loop, flat on purpose: read beside docs/semantics.md",

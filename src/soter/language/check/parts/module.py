@@ -151,7 +151,7 @@ class ModuleChecker:
         if not isinstance(decl.shield, tree.EachCommand):
             number = self.shared.number
             return number(decl.shield, context, INT, "`shield`") if decl.shield else None
-        if decl.rest is None:
+        if decl.rest is None and decl.name.text not in context.scope.broken:
             self.diagnostics.error(
                 "M027",
                 f"module `{decl.name.text}` has a shield that says no number, and no `rest`",
