@@ -336,7 +336,9 @@ def test_a_run_starts_as_is_declared_and_where_what_flies_is(
         name="p", index=4, plant=plant, initial=(0.875, 1.0, 3),
         initial_range=((-0.25, 0.75), None, None),
     )  # fmt: skip
-    facts: Any = SimpleNamespace(states=[], parameters=[])
+    abstracts = None if real is None else "Vehicle"
+    symbol = SimpleNamespace(verify=SimpleNamespace(abstracts=abstracts))
+    facts: Any = SimpleNamespace(states=[], parameters=[], symbol=symbol)
     problem._read_states(facts, c)
     ends = [(-0.25, 0.75), (1.0, 1.0)]
     if real is not None:

@@ -137,7 +137,10 @@ class CaseModel:
         values = self.topics(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
         with_modes = partial(stepping, terms, sc, known)
-        published = list(every_step(terms, sc.node, with_modes))
+        if sc.node.locals or modes_read(sc.node.step):
+            published = list(every_step(terms, sc.node, with_modes))
+        else:
+            published = [with_modes({})({})]
         return [commanded(terms, control, published) for control in self.facts.controls]
 
     def predicate(

@@ -126,7 +126,7 @@ def _read_states(facts: Facts, c: Component) -> None:
     """
     plant = c.plant
     assert plant is not None
-    begun = flown(facts, c.name)
+    begun = flown(facts, c.name) if facts.symbol.verify.abstracts else None
     starts = zip(plant.states, c.initial, c.initial_range, begun or c.initial, strict=True)
     for variable, initial, drawn, real in starts:
         moves = variable in plant.der or variable in plant.next
