@@ -144,6 +144,7 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
         return ONE, ZERO, noise
     last = (high + noise).max(ZERO)
     slope = _share(last / (high - low))  # of the chord: 1 where low + noise is above 0
+    # for every slope in [0, 1]: there x + noise is farthest above at high, elsewhere 0 is at low
     over = (-slope * low).max(last - slope * high)
     nearest = noise.max(low).min(high)
     under = (nearest - noise).max(ZERO) - slope * nearest

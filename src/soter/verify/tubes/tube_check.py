@@ -9,6 +9,7 @@ Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from importlib.resources import files
@@ -196,11 +197,9 @@ class TubeCheck:
 
     def operations(self, switches: int) -> int:
         """Of the dearest function, if SC rests within so many outputs; `TooLongError`."""
-        declared, self.times = self.times, replace(self.times, switches=switches)
-        try:
-            functions = functions_of(self.offline({}))
-        finally:
-            self.times = declared
+        shorter = copy(self)
+        shorter.times = replace(self.times, switches=switches)
+        functions = functions_of(shorter.offline({}))
         return max(cost_of(f).operations for f in functions.values())
 
     def offline(self, ways: Mapping[int, Interval]) -> str:

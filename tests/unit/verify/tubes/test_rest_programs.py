@@ -214,11 +214,8 @@ system S default { b: Body; module M; until 3s; }
 """With v near 4 at first, s0 goes beyond 0.8 wherever the greatest of two is at least 1."""
 
 
-@pytest.mark.parametrize(
-    "huge", ["abs(s1 * 1e200 * 1e200)", "s1 / 1e-200 / 1e-200", "abs(-(s1 * 1e200 / 1e-200))"]
-)
-def test_what_leaves_the_doubles_is_not_left_out_of_a_greatest(tmp_path: Path, huge: str) -> None:
-    m = verified(tmp_path, LOST.replace("HUGE", huge))
+def test_what_leaves_the_doubles_is_not_left_out_of_a_greatest(tmp_path: Path) -> None:
+    m = verified(tmp_path, LOST.replace("HUGE", "abs(s1 * 1e200 * 1e200)"))
     assert m.findings["start"].verdict == "undecided"
 
 
