@@ -102,10 +102,17 @@ def test_a_time_that_is_too_long_is_told_with_the_longest(tmp_path: Path) -> Non
         check.operations(int(steps) + 1)
 
 
+@pytest.fixture
+def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache without what an earlier run of these tests found of the same programs."""
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
+
+
 def said(program: Program, row: str = "P2a") -> Finding:
     return program.verify().modules[0].findings[row]
 
 
+@pytest.mark.usefixtures("nothing_kept")
 @pytest.mark.parametrize(("wind", "speed"), [("0.1", 0.125), ("0.2", 0.25)])
 def test_a_rest_that_wind_blows_away_is_told_with_how_far(
     tmp_path: Path, wind: str, speed: float
@@ -129,6 +136,7 @@ def test_a_rest_that_wind_blows_away_is_told_with_how_far(
     assert "anchor" in finding.hint
 
 
+@pytest.mark.usefixtures("nothing_kept")
 def test_a_run_that_is_not_back_ends_the_search(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -144,7 +152,7 @@ def test_a_run_that_is_not_back_ends_the_search(
     wrong = "clamp(0.3 * fix.x - fix.v, -1.0, 1.0)"
     finding = said(boat(tmp_path, wrong, "abs(fix.x) < 2.0 && abs(fix.v) < 0.5"))
     assert "a run from b.x = " in finding.text
-    assert asked.count("keeps") <= 2
+    assert 1 <= asked.count("keeps") <= 2
 
 
 def test_an_anchor_is_rest_under_wind(tmp_path: Path) -> None:
