@@ -76,6 +76,10 @@ class ExpressionReading(Execution["Value"]):
         if a is b:
             return a
         if isinstance(a, Node):
+            if b is condition:  # `condition && a`
+                return self.make.join("and", condition, a)
+            if a is condition:  # `condition || b`
+                return self.make.join("or", condition, b)
             if a.op in CONDITIONS or b.op in CONDITIONS:
                 yes = self.make.join("and", condition, a)
                 no = self.make.join("and", self.make.not_(condition), b)

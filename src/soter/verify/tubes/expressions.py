@@ -45,6 +45,7 @@ class Expressions:
 
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
+        self._negated: dict[Node, Node] = {}
         self.true, self.false = self._node("known", True), self._node("known", False)
 
     def _node(self, op: str, *of: object) -> Node:
@@ -195,7 +196,12 @@ class Expressions:
         return self._node("inside", a, low, high)
 
     def not_(self, a: Node) -> Node:
-        """The negation: of a > 0 it is -a >= 0."""
+        """The negation: of a > 0 it is -a >= 0. Each is made once, however often it is asked."""
+        if a not in self._negated:
+            self._negated[a] = self._not(a)
+        return self._negated[a]
+
+    def _not(self, a: Node) -> Node:
         if a.op == "known":
             return self.false if a is self.true else self.true
         if a.op in ("and", "or"):

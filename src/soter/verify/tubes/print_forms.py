@@ -7,6 +7,7 @@ Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter
 
 from __future__ import annotations
 
+from collections import Counter
 from math import isinf
 from typing import TYPE_CHECKING
 
@@ -42,17 +43,27 @@ def certain(
     """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
     body, names = _body([condition], inputs, FORMS)
     said = _condition if truth else _refuted
-    every = [said(c, names) for c in _parts(condition, "and" if truth else "or")]
+    for c, name_of in _met_again(condition).items():
+        body += f"  let {name_of} = {said(c, names)};\n"
+        names[c] = name_of
+    every = [said(c, names) for c in _parts(condition, "and" if truth else "or", names)]
     lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
     return f"fun {name}({parameters}): bool {{\n{body}{lines}  return true;\n}}\n"
 
 
-def _parts(condition: Node, op: str) -> list[Node]:
-    """What is joined by `op`, in one chain or in several."""
+def _met_again(condition: Node) -> dict[Node, str]:
+    """Names of conditions that several others are made of: written out at each, a text doubles."""
+    order = [c for c in in_order([condition]) if c.op in ("and", "or")]
+    uses = Counter(x for c in order for x in c.of)
+    return {c: f"c{k}" for k, c in enumerate(order) if uses[c] > 1}
+
+
+def _parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
+    """What is joined by `op`, in one chain or in several; what has a name is one part."""
     found, todo = [], [condition]
     while todo:
         c = todo.pop()
-        if c.op == op:
+        if c.op == op and c not in named:
             todo += reversed(c.of)
         else:
             found.append(c)
@@ -112,6 +123,8 @@ def _is_floor(e: Node) -> bool:
 
 def _condition(c: Node, names: Mapping[Node, str]) -> str:
     """That it certainly holds."""
+    if c in names:
+        return names[c]
     if c.op == "known":
         return "true" if c.of[0] else "false"
     if c.op in ("and", "or"):
@@ -125,6 +138,8 @@ def _condition(c: Node, names: Mapping[Node, str]) -> str:
 
 def _refuted(c: Node, names: Mapping[Node, str]) -> str:
     """That it certainly does not."""
+    if c in names:
+        return names[c]
     if c.op == "known":
         return "false" if c.of[0] else "true"
     if c.op in ("and", "or"):

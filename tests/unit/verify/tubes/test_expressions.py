@@ -6,16 +6,19 @@ import random
 import re
 from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 
 import pytest
+from bench.tubes.turning_car import BOXES, PROGRAM
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import tube_check
 from soter.verify.tubes.expressions import Expressions, NoExpressionError
+from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.print_forms import function
+from soter.verify.tubes.print_forms import certain, function
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import drawn_module
@@ -190,3 +193,65 @@ def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(tube_check, "STEPS", 2000)
     with pytest.raises(SoterError, match="symbols"):
         check.in_flight({})
+
+
+RANGE = """type Range = { lo: float, hi: float };
+type Point = { at: Range[6] };
+fun f_neg(a: Range): Range { return { lo: -a.hi, hi: -a.lo }; }
+"""
+
+
+def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> None:
+    """Each is made of the one before twice, which doubles a text at each of the signs."""
+    rng = random.Random(5)  # noqa: S311 - drawn conditions
+    for _ in range(20):
+        make = Expressions()
+        above = [make.compare(">", make.input("x", k), make.number(0.0)) for k in range(6)]
+        said = above[0]
+        asked = [lambda x: x[0] > 0.0]
+        for k in range(1, 6):
+            op, before = rng.choice(["and", "or", "same"]), asked[-1]
+            other = above[k]
+            if op == "same":
+                both = make.join("and", said, other)
+                said = make.join("or", both, make.join("and", make.not_(said), make.not_(other)))
+                asked.append(lambda x, k=k, f=before: f(x) == (x[k] > 0.0))
+            else:
+                said = make.join(op, said, other)
+                join = all if op == "and" else any
+                asked.append(lambda x, k=k, f=before, join=join: join([f(x), x[k] > 0.0]))
+        inputs = {("x", k): f"x.at[{k}]" for k in range(6)}
+        text = "\n".join(
+            certain(name, "x: Point", said, inputs, truth=truth)
+            for name, truth in (("holds", True), ("fails", False))
+        )
+        caller = Caller(RANGE + text)
+        for signs in product((-1.0, 1.0), repeat=6):
+            point = (tuple((s, s) for s in signs),)
+            assert caller.holds("holds", point) is asked[-1](signs)
+            assert caller.holds("fails", point) is not asked[-1](signs)
+
+
+def test_many_obstacles_in_a_loop_are_a_text_of_their_number() -> None:
+    """`free = free && ...` is a condition once more in what follows, and what is not."""
+    lengths = []
+    for count in (4, 8, 16):
+        make = Expressions()
+        free = make.true
+        for k in range(count):
+            clear = make.compare(">", make.input("x", k), make.number(0.0))
+            free = make.join(
+                "or", make.join("and", free, clear), make.join("and", make.not_(free), clear)
+            )
+        text = certain("f", "x: Point", free, {("x", k): f"x[{k}]" for k in range(count)})
+        lengths.append(len(text))
+    assert lengths[2] - lengths[1] < 3 * (lengths[1] - lengths[0])
+
+
+def test_a_loop_over_boxes_asks_of_each_once() -> None:
+    """`free && clear` is no choice between `clear` and `free`."""
+    flat = system_to_prove(check_file("turning_car.soter", PROGRAM), None)
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    safe = TubeCheck(problem).in_flight({}).split("fun safe(", 1)[1].split("\n}\n", 1)[0]
+    assert safe.count(".lo > 0.0") == len(BOXES)
