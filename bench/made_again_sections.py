@@ -99,6 +99,7 @@ SMALL = {
     "The stack of the trusted part": Small(apart="needs gcc and clang"),
     "Images for a Cortex-M": Small(apart=MINUTES),
     "What a check of rest costs": Small("--draws 20", machine=CLOCK),
+    "A check of rest beside tools for reach sets": Small(apart=PEER),
     "A check of rest on a Cortex-M7": Small(apart=MINUTES),
     "Bad files and options": Small("--count 5 --jobs 1", flights=5),
     "Hostile files": Small("--only data_csv,map_toml,policy_onnx", part=True),

@@ -220,6 +220,23 @@ BENCHMARKS = (
         "are drawn in the ranges of the bench; the least of three calls each.",
     ),
     Benchmark(
+        "A check of rest beside tools for reach sets",
+        (
+            "bench/tubes/peers.py", "--rtreach", "peer/libRtreach.so",
+            "--immrax", "peer/bin/python",
+        ),
+        "One question, on one core in one run: does a car that rolls out on a bend meet one of "
+        "twenty boxes? Model, horizon (1.75 s), estimate and errors are the same. `clear at`: how "
+        "near the first box may stand until the tool says no; `a decision`: the median of 200, a "
+        "centimetre before that. rtreach (pmusau17/rtreach_f1tenth, gcc -O3) rounds to nearest and "
+        "refines by halving its step until its time is up; immrax 0.3.4 (natural embedding, "
+        "compiled by JAX) follows its embedding by Euler's rule, whose own error is in no bound. "
+        "Both take the command as given; Soter's check has a window of any command as well (here "
+        "one command), ages and errors of what SC reads, and rounds outward. Target: ten times "
+        "faster than each. Of rtreach it is where both are as near to half a centimetre and less; "
+        "of immrax it is not.",
+    ),
+    Benchmark(
         "A check of rest on a Cortex-M7",
         ("bench/tubes/check_cost.py", "--board", "mps2-an500"),
         "The first 1,000 instants of each program under `qemu -icount`: instructions of a step of "

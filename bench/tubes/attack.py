@@ -11,6 +11,7 @@ Non-goals: the adversary (`tube_loop.c`), wrong variants (`wrong_rests.py`).
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from pathlib import Path
@@ -25,6 +26,7 @@ from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 
 BY_TUBE, BY_POINT, ALWAYS_AC = range(3)
 SEED = 56
+SHIELD = re.compile(r"^  shield;.*\n", re.MULTILINE)
 HEAD = (
     "| program | flights: violated | by the point | AC alone | AC, adversarial | holds: outside "
     "| stopped too early | the point |"
@@ -39,9 +41,12 @@ def programs() -> list[Path]:
 
 def row(path: Path, runs: int, holds: int, dives: int) -> tuple[str, bool]:
     """A line of the table, and whether everything held."""
-    loop = Loop(module_of(path.name, path.read_text(encoding="utf-8")))
+    text = path.read_text(encoding="utf-8")
+    loop = Loop(module_of(path.name, text))
     flown = [loop.run("fly", SEED, runs, how) for how in (BY_TUBE, BY_POINT, ALWAYS_AC)]
-    held = loop.run("contain", SEED, holds, 0)
+    any_command = SHIELD.sub("", text)  # a tube of the states alone, which is what is compared
+    followed = loop if any_command == text else Loop(module_of(path.name, any_command))
+    held = followed.run("contain", SEED, holds, 0)
     early = loop.run("late", SEED, dives, 0)
     _explain(path.stem, flown[BY_TUBE], held)
     told = [f"{t.violated:,} of {t.runs:,}" for t in flown]
