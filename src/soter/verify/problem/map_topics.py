@@ -94,8 +94,8 @@ def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
     return [
         Assumption(
             f"map {name}",
-            f"what `safe` calls free by any value of {name}, its default at the start, is free and "
-            "stays free",
+            f"where `safe` holds with a value of {name}, with its default at the start, it is safe "
+            "for ever: what it calls free stays free",
         )
         for name in names
     ]
