@@ -213,7 +213,16 @@ def read_rest(flat: System, name: str) -> RestProblem:
     within = int(number_of(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
     maps = maps_of(facts)
-    return RestProblem(facts, rest, within, states, leaves_of, sets, drifts, maps)
+    return RestProblem(
+        facts,
+        rest,
+        within_ns=within,
+        followed=states,
+        leaves=leaves_of,
+        sets=sets,
+        drifts=drifts,
+        maps=maps,
+    )
 
 
 def maps_of(facts: Facts) -> tuple[int, ...]:

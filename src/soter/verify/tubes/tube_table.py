@@ -36,7 +36,7 @@ class TubeLevels(LevelTable):
 
     states: tuple[int, ...]
     text: str
-    maps: int
+    maps: int = 0
     """How many numbers of maps it is given, after those of an estimate."""
     two_levels = True
     ends = ()

@@ -15,7 +15,7 @@ from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_problem import read_rest
 from soter.cli.main import main
 from unit.certificate.tubes import rest_entries
-from unit.verify.tubes.test_world_maps import ALONE, BEFORE_A_WALL, changed, check_of, seen_by
+from unit.verify.tubes.test_world_maps import BEFORE_A_WALL, changed, check_of
 
 if TYPE_CHECKING:
     from pathlib import Path
