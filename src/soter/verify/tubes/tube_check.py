@@ -41,6 +41,8 @@ PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
+FARTHEST = 1e100
+"""Above it a number of a map is none: sums of them, and products of two, are what forms hold."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
@@ -279,8 +281,8 @@ class TubeCheck:
         ]
 
     def _known(self) -> str:
-        """What `safe` asks first: that a map has no NaN and nothing beyond what forms hold."""
-        asked = f"    if !(abs({MAP}[k]) < LARGEST) {{ return false; }}"
+        """What `safe` asks first: that a map has no NaN, and nothing beyond `FARTHEST`."""
+        asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _faces(self, over: Inputs) -> str:

@@ -12,6 +12,9 @@ import pytest
 from soter.api import Program
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import AgeRead
+from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
@@ -120,7 +123,7 @@ def test_a_map_is_read_as_the_same_constants_would_be() -> None:
     assert said == {False, True}
 
 
-@pytest.mark.parametrize("wrong", [nan, inf, -inf, 1e301, -1e301])
+@pytest.mark.parametrize("wrong", [nan, inf, -inf, 1e101, -1e101])
 @pytest.mark.parametrize("at", [0, 1])
 def test_what_is_no_number_is_never_good(wrong: float, at: int) -> None:
     free = [-5.0, 15.0]
@@ -185,6 +188,17 @@ def test_ac_has_control_while_a_map_is_fresh(tmp_path: Path) -> None:
     rare = changed(BEFORE_A_WALL, (ALONE, "  input free every 1s;\n"))
     share = program(tmp_path, rare).simulate(until="8s", seed=2).modules["Stop"].ac_share
     assert share < 0.3
+
+
+def test_commands_are_judged_by_a_fresh_map_alone() -> None:
+    """Between two looks, too, in which its DM sees that a map is old."""
+    text = changed(BEFORE_A_WALL, ("  rest abs", "  shield;\n  rest abs"))
+    flat = system_to_prove(check_file("module.soter", text), "World", {}, exact=False)
+    complete(flat)
+    shield = flat.modules[0].shield
+    assert shield is not None
+    aged = {n.topic.name for n in nodes([shield.permits]) if isinstance(n, AgeRead)}
+    assert aged == {"sled", "free"}
 
 
 def test_the_start_is_proved_of_the_default(tmp_path: Path) -> None:
