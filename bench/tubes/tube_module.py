@@ -85,7 +85,8 @@ def module_of(
     source = check.in_flight(claims.ways)
     if changed is not None:
         source = changed(source)
-    put(flat, flat.modules[0], problem, [TubeLevels(tuple(check.states), source)])
+    levels = TubeLevels(tuple(check.states), source, len(problem.map_leaves))
+    put(flat, flat.modules[0], problem, [levels])
     return Module(problem, check, claims, generate(flat, prefix="m"))
 
 

@@ -24,6 +24,8 @@ from soter.certificate.tubes.rest_claims import answers, drifts, keeps
 from soter.certificate.tubes.rest_problem import read_rest, shield_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.language.model.system import System
@@ -50,13 +52,22 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
-    report.assumptions = [*assumptions_of(facts), RecheckAssumption(*SOUND)]
+    assumed = [*_contracts(problem), SOUND]
+    report.assumptions = [*assumptions_of(facts), *(RecheckAssumption(*a) for a in assumed)]
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.times = {**facts.times, "start_ns": facts.start_ns, "alpha_ns": problem.times.alpha}
     report.in_flight = True
     report.unseen = "its DM decides in flight"
     return facts, report
+
+
+def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
+    """What is taken for granted of maps (condition 7)."""
+    for index in problem.maps:
+        name = problem.facts.system.topics[index].name
+        free = f"where `safe` holds with a value of {name}, with its default at the start"
+        yield f"map {name}", f"{free}, it is safe for ever: what it calls free stays free"
 
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:

@@ -16,13 +16,14 @@ ends of sets that no run crosses (`grid/inward_flow.py`): that they lie in C is 
 from __future__ import annotations
 
 from functools import reduce
-from math import inf
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import flint
 from flint import arb
 
 from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.reading.symbolic_values import filled, flat
 from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF, exact
 from soter.certificate.terms.operations import NotCertainError
 from soter.certificate.tubes.rest_problem import (
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.certificate.tubes.tube_chains import Box
+    from soter.language.model.types import Value
 
 CUTS = 4
 """How often a part of the window is halved."""
@@ -61,7 +63,8 @@ class ModuleTube:
         self.problem, self.ways = problem, dict(ways)
         facts, members = problem.facts, problem.followed
         model = RestModel(facts, (), facts.extents)
-        self.constraint = Truths(model, members, lambda t, x: constraint(model, t, x))
+        self._seen: list[str] | None = None
+        self._within(problem.first_map)
         self.rest = Truths(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
@@ -70,8 +73,9 @@ class ModuleTube:
 
     @property
     def reads(self) -> list[str]:
-        """What an estimate is made of, as `topic.field`, in the order of the states."""
-        return [self.problem.leaf(s) for s in self.problem.followed]
+        """What an estimate is made of, as `topic.field`, in the order of the states; and maps."""
+        maps = [name for names in self.problem.map_leaves.values() for name in names]
+        return [*(self.problem.leaf(s) for s in self.problem.followed), *maps]
 
     @property
     def judges(self) -> bool:
@@ -83,7 +87,13 @@ class ModuleTube:
 
     def good(self, estimate: Mapping[str, float]) -> str | None:
         """None where the estimate is good, else why that is not certain."""
-        box = []
+        box, maps = [], {}
+        for index, names in self.problem.map_leaves.items():
+            numbers = [estimate[name] for name in names]
+            if not all(isfinite(x) for x in numbers):
+                return f"a number of `{self.problem.facts.system.topics[index].name}` is none"
+            maps[index] = filled(self.problem.facts.system.topics[index].type, numbers)
+        self._within(maps)
         for s in self.problem.followed:
             x, error = exact(estimate[self.problem.leaf(s)]), exact(self.problem.error(s))
             if not x.is_finite():
@@ -97,7 +107,18 @@ class ModuleTube:
         """The same of every start: until h_0 anything acts."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
+        self._within(self.problem.first_map)
         return self.followed(box, times.start_alpha, times.start)
+
+    def _within(self, maps: Mapping[int, Value]) -> None:
+        """C is that of these maps from here on."""
+        seen = [x.hex() for of in maps.values() for x in flat(of)]
+        if seen != self._seen:
+            model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
+            self._seen = seen
+            self.constraint = Truths(
+                model, self.problem.followed, lambda t, x: constraint(model, t, x)
+            )
 
     # ------------------------------------------------------------ tubes
 

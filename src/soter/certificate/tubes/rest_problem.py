@@ -16,10 +16,10 @@ theorem for a smaller C, of which every tube is asked that it stays there (`trut
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
@@ -33,22 +33,27 @@ from soter.certificate.reading.module_facts import (
     Facts,
     bounded_topics,
     driven_topics,
+    named,
     number_of,
     read_by,
+    read_by_sc,
 )
 from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.symbolic_values import filled
 from soter.certificate.terms.arb_balls import above, below, exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
-from soter.language.model.types import leaves
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from soter.certificate.terms.terms import Linear, Proposition
     from soter.language.model.system import System
     from soter.language.model.typed import RestSymbol
+    from soter.language.model.types import Value
 
     Range = tuple[float, float]
 
@@ -97,6 +102,19 @@ class RestProblem:
     """Of each state: doubles between which what shows it lies in its declared set."""
     drifts: dict[int, Range]
     """How far below and above what it was SC moves a state that `moves` names; inf: anywhere."""
+    maps: tuple[int, ...] = ()
+    """Topics that `safe` reads and no plant drives."""
+
+    @property
+    def first_map(self) -> dict[int, Value]:
+        """What is known of the world at the start: the default of each map."""
+        return {index: self.facts.system.topics[index].default for index in self.maps}
+
+    @property
+    def map_leaves(self) -> dict[int, list[str]]:
+        """What the DM reads of each map, as `topic.leaf`."""
+        topics = {index: self.facts.system.topics[index] for index in self.maps}
+        return {i: [name for _, name, _ in named(t.name, t.type)] for i, t in topics.items()}
 
     @property
     def own(self) -> tuple[int, ...]:
@@ -139,13 +157,32 @@ class RestProblem:
 
 @dataclass(eq=False)
 class RestModel(CaseModel):
-    """Terms of a module with `rest`; `far`: over states that nothing bounds, too."""
+    """Terms of a module with `rest`; `far`: over states that nothing bounds, too.
+
+    `known`: the values of maps; one that is not among them may have any.
+    """
 
     far: bool = True
+    known: Mapping[int, Value] = field(default_factory=dict)
 
     def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
         """Fresh terms, and the states in them."""
         return super().new_terms(FARTHEST if self.far else farthest)
+
+    def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
+        """The driven topics and the others in these states, and maps."""
+        found = super().topics(terms, states, errors=errors)
+        for index in maps_of(self.facts):
+            topic = self.facts.system.topics[index]
+            if index in self.known:
+                found[index] = self.known[index]
+                continue
+            ends = exact(-WIDE), exact(WIDE)
+            every = [
+                terms.input("box", name, *ends) for _, name, _ in named(topic.name, topic.type)
+            ]
+            found[index] = filled(topic.type, every)
+        return found
 
 
 def read_rest(flat: System, name: str) -> RestProblem:
@@ -159,6 +196,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
         raise DiffersError(f"`{name}` has no `rest`")
     check_supported(facts, followed=True)
     _refuse(facts)
+    _only_safe_reads_maps(facts, rest)
     setting = facts.setting
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)
@@ -174,7 +212,44 @@ def read_rest(flat: System, name: str) -> RestProblem:
     drifts = _drifts(facts, rest)
     within = int(number_of(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
-    return RestProblem(facts, rest, within, states, leaves_of, sets, drifts)
+    maps = maps_of(facts)
+    return RestProblem(
+        facts,
+        rest,
+        within_ns=within,
+        followed=states,
+        leaves=leaves_of,
+        sets=sets,
+        drifts=drifts,
+        maps=maps,
+    )
+
+
+def maps_of(facts: Facts) -> tuple[int, ...]:
+    """Topics that `safe` reads and neither a plant drives nor the module publishes."""
+    scope, driven = facts.module.scope.topics, driven_topics(facts)
+    read = [scope[t] for t in topic_reads(facts.symbol.safe)]
+    return tuple(i for i in read if i not in driven and i not in facts.module.outputs)
+
+
+def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
+    """What a map may be (condition 5 and 7), and that neither SC nor `rest` reads it."""
+    rest_reads = {facts.module.scope.topics[t] for t in topic_reads(rest.condition)}
+    by_sc = {facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)}
+    for index in maps_of(facts):
+        topic = facts.system.topics[index]
+        every = [(path, of) for path, of in leaves(topic.type)]
+        wrong = {
+            "is read by SC": index in by_sc,
+            "is read by `rest`": index in rest_reads,
+            "has no age": topic.max_age_ns is None,
+            "is a queue": topic.queue_of is not None,
+            "is not made of floats": any(
+                "[]" in path or not isinstance(of, FloatType) for path, of in every
+            ),
+        }
+        for what in (what for what, there in wrong.items() if there):
+            raise NotRecheckedError(f"the map `{topic.name}` {what}")
 
 
 def _refuse(facts: Facts) -> None:

@@ -15,6 +15,7 @@ from soter.language.model.types import FloatType, leaves
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
+from soter.verify.problem.map_topics import assumed_of_maps
 from soter.verify.problem.problem import Jumps
 from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
@@ -55,6 +56,7 @@ def assumptions_of(
     """Every assumption; a proof may show SCHEME, and what `jumps` says of `enters`."""
     assumptions = [
         *_environment(place, inputs, jumps),
+        *assumed_of_maps(place),
         *_ways(place, chains),
         *_timing(place, times, chains, kind),
     ]

@@ -12,6 +12,7 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes, plant_code, topic_reads
 from soter.language.model.types import BoolType, EnumType, IntType, leaves
 from soter.verify.problem.age_disjuncts import ttf_of_states
+from soter.verify.problem.map_topics import check_maps, maps_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -194,12 +195,15 @@ def _plant(
 
 def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
     symbol = place.module.symbol
+    maps = set(maps_of(place).values())
+    check_maps(place, diagnostics)
     for what, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
         if e is None:
             continue
         _facts([e], f"`{what}`", diagnostics)
         for topic, read in topic_reads(e).items():
-            if place.module.scope.topics[topic] not in place.driven:
+            index = place.module.scope.topics[topic]
+            if index not in place.driven and not (what == "safe" and index in maps):
                 diagnostics.error(
                     "R001",
                     f"`{what}` reads `{topic.name}`, which no verification plant drives",

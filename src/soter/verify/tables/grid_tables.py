@@ -191,7 +191,7 @@ def predicates(
     for i, each in enumerate(level_tables):
         name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
         fun = each.function(w, name)
-        arguments = estimate(w, problem, each)
+        arguments = [*estimate(w, problem, each), *each.more(w, problem)]
         lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
         highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
     safer = w.chain("&&", highs)

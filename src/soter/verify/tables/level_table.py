@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.language.model.typed import FunSymbol
-    from soter.verify.problem.problem import Group
+    from soter.language.model.typed import FunSymbol, TypedExpr
+    from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.typed_tree_builder import Writer
 
 
@@ -67,6 +67,11 @@ class LevelTable(ABC):
     @abstractmethod
     def function(self, w: Writer, name: str) -> FunSymbol:
         """`fun level(x0: float, ...): int`: the level of an estimate."""
+
+    def more(self, w: Writer, problem: Problem) -> list[TypedExpr]:
+        """What it is read with beside an estimate."""
+        del w, problem
+        return []
 
     @abstractmethod
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT
 from soter.verify.problem.estimates import seen
+from soter.verify.problem.map_topics import map_topics
 from soter.verify.tables import toward_sc
 from soter.verify.tables.grid_tables import GroupTable, cell_of, estimate, place_function
 
@@ -180,7 +181,8 @@ class ShieldWriter(toward_sc.ShieldParts):
 
     def fresh(self) -> list[t.TypedExpr]:
         """That what the DM reads is no older than it may be, as it is for its look."""
-        shown = {*seen(self.problem).values()}
+        maps = map_topics(self.problem.system, self.problem.module)
+        shown = {*seen(self.problem).values(), *maps}
         conditions: list[t.TypedExpr] = []
         for topic in self.problem.system.topics:
             if topic.symbol in shown and topic.max_age_ns is not None:

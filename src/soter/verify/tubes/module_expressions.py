@@ -23,21 +23,26 @@ from soter.verify.tubes.expressions import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from soter.core import core
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
-    from soter.verify.problem.problem import Problem
     from soter.verify.tubes.expressions import Node, Value
+    from soter.verify.tubes.problem import TubeProblem
+
+    Maps = Mapping[tuple[int, int], Node]
 
 Path = tuple[str, ...]
 
 
 class ModuleExpressions:
-    """Expressions over inputs "x" (states), "u" (controls), "w" (disturbances), "y" (reads)."""
+    """Expressions over inputs "x" (states), "u" (controls), "w" (disturbances), "y" (reads).
 
-    def __init__(self, problem: Problem) -> None:
+    Of `safe` also "m" (numbers of maps).
+    """
+
+    def __init__(self, problem: TubeProblem) -> None:
         self.problem = problem
         self.make = Expressions()
         q = problem.quantities
@@ -143,12 +148,19 @@ class ModuleExpressions:
             held = self.make.join("and", held, self.make.inside(u, r.low, r.high))
         return held
 
-    def predicate(self, e: TypedExpr) -> Node:
-        """A condition on true states, over x: that it is true, and that nothing faults there."""
+    def predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
+        """A condition on true states, over x: that it is true, and that nothing faults there.
+
+        `maps`: the numbers of maps, by topic and leaf.
+        """
         table = FunctionTable(self.problem.system)
         system, module = self.problem.system, self.problem.module
         p = lower_predicate(table, system, module.scope, e, e.span)
-        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, self._true)
+
+        def true(cell: core.Cell, t: Type) -> Value:
+            return self._topic(cell.owner, t, "x", maps)
+
+        body = ExpressionReading(self.make, {**self.functions, **table.by_name}, true)
         body.run(p.body)
         held: Node = body.expr(p.value)
         for guard in body.guards:
@@ -163,7 +175,8 @@ class ModuleExpressions:
         alone may make a plant fault.
         """
         system, make = self.problem.system, self.make
-        held = self.predicate(self.problem.module.symbol.safe)
+        maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
+        held = self.predicate(self.problem.module.symbol.safe, maps)
         for component, step in self._plants():
             body = self._started(component, step)
             body.run(step.publish)
@@ -218,14 +231,17 @@ class ModuleExpressions:
     def _cell(self, cell: core.Cell, t: Type) -> Value:
         return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
-    def _topic(self, index: int, t: Type, kind: str) -> Value:
-        """What plants publish, as the states that equal it."""
+    def _topic(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
+        """What plants publish, as the states that equal it, and the numbers of maps."""
 
         def at(t: Type, k: list[int]) -> Value:
             if isinstance(t, (RecordType, ArrayType)):
                 return tuple(at(f, k) for f in types_of(t))
-            state = self.problem.state_of_leaf.get((index, k[0]))
+            leaf = index, k[0]
             k[0] += 1
+            if maps is not None and leaf in maps:
+                return maps[leaf]
+            state = self.problem.state_of_leaf.get(leaf)
             if state is None:
                 raise NoExpressionError("SC or `safe` reads what no state equals")
             return self.make.input(kind, state)
@@ -239,9 +255,6 @@ class ModuleExpressions:
                 name = self.problem.quantities.states[state].name
                 raise NoExpressionError(f"SC sees `{name}` twice, with an error each")
         return self._topic(cell.owner, t, "y")
-
-    def _true(self, cell: core.Cell, t: Type) -> Value:
-        return self._topic(cell.owner, t, "x")
 
 
 def middle(r: Interval) -> float:

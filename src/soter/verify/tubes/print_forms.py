@@ -23,6 +23,8 @@ FORMS, RANGES = "f", "i"
 """What operations of each begin with."""
 WITH_NUMBER = ("add", "sub", "mul", "over", "friction")
 """What takes a number as it is, where its second operand is one."""
+MAP = "map"
+"""What the numbers of maps are called: no form knows more of them than that they are doubles."""
 
 
 def function(
@@ -38,9 +40,18 @@ def function(
 
 
 def certain(
-    name: str, parameters: str, condition: Node, inputs: Inputs, *, truth: bool = True
+    name: str,
+    parameters: str,
+    condition: Node,
+    inputs: Inputs,
+    *,
+    truth: bool = True,
+    first: str = "",
 ) -> str:
-    """The text of `fun name(parameters): bool`: whether a condition certainly has a truth."""
+    """The text of `fun name(parameters): bool`: whether a condition certainly has a truth.
+
+    `first`: what it begins with.
+    """
     body, names = _body([condition], inputs, FORMS)
     said = _condition if truth else _refuted
     for c, name_of in _met_again(condition).items():
@@ -48,7 +59,7 @@ def certain(
         names[c] = name_of
     every = [said(c, names) for c in _parts(condition, "and" if truth else "or", names)]
     lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
-    return f"fun {name}({parameters}): bool {{\n{body}{lines}  return true;\n}}\n"
+    return f"fun {name}({parameters}): bool {{\n{first}{body}{lines}  return true;\n}}\n"
 
 
 def _met_again(condition: Node) -> dict[Node, str]:
@@ -79,7 +90,7 @@ def _body(roots: Sequence[Node], inputs: Inputs, of: str) -> tuple[str, dict[Nod
     for e in order:
         if e.op in CONDITIONS or e not in used:
             continue
-        if e.op == "input":
+        if e.op == "input" and e.of[0] != "m":
             names[e] = inputs[e.of]
             continue
         names[e] = f"t{len(lines)}"
@@ -91,21 +102,21 @@ def _operands(e: Node) -> list[Node]:
     """The nodes that an operation names: of a clamp not its ends, of a sum not a number."""
     if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
         return [e.of[0].of[0]]
-    last = e.of[-1]
-    if isinstance(last, Node) and last.op == "number" and e.op in WITH_NUMBER:
+    if e.op in WITH_NUMBER and _exact(e.of[-1]):
         return [e.of[0]]
     return [x for x in e.of if isinstance(x, Node)]
 
 
 def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
-    if e.op == "number":
-        return f"{of}_number({number(e.of[0])})"
+    if value := _exact(e):
+        return f"{of}_number({value})"
     if e.op in ("over", "friction"):
         return f"{of}_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
     last = e.of[-1]
-    if isinstance(last, Node) and last.op == "number" and e.op in ("add", "sub", "mul"):
-        value = last.of[0] if e.op != "sub" else -last.of[0]
-        return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {number(value)})"
+    if e.op in ("add", "sub", "mul") and (value := _exact(last)):
+        if e.op == "sub":
+            value = number(-last.of[0]) if last.op == "number" else f"-{value}"
+        return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {value})"
     if e.op == "min" and last.op == "number" and _is_floor(e.of[0]):
         inner = e.of[0]
         ends = number(inner.of[1].of[0]), number(last.of[0])
@@ -115,6 +126,15 @@ def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
         return f"{of}_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
     arguments = ", ".join(names[x] for x in e.of)
     return f"{of}_{e.op}({arguments})"
+
+
+def _exact(e: object) -> str:
+    """What stands for a double: a constant, a number of a map; "" for anything else."""
+    if not isinstance(e, Node):
+        return ""
+    if e.op == "number":
+        return number(e.of[0])
+    return f"{MAP}[{e.of[1]}]" if e.op == "input" and e.of[0] == "m" else ""
 
 
 def _is_floor(e: Node) -> bool:

@@ -12,7 +12,8 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.model.types import leaves
+from soter.language.model.types import leaves, numbers_in
+from soter.verify.problem.map_topics import map_topics
 from soter.verify.problem.problem import TUBES, Problem
 
 if TYPE_CHECKING:
@@ -33,11 +34,21 @@ class Drift:
 
 @dataclass(eq=False, kw_only=True)
 class TubeProblem(Problem):
-    """`rest e moves ... within T;`. `drifts`: state -> what `moves` says of it."""
+    """`rest e moves ... within T;`. `drifts`: state -> what `moves` says of it.
+
+    `map_leaves`: the numbers of all maps that `safe` reads: topic and leaf of each.
+    """
 
     rest: TypedExpr
     within_ns: int
     drifts: dict[int, Drift]
+    map_leaves: tuple[tuple[int, int], ...]
+
+    @property
+    def first_map(self) -> list[float]:
+        """The numbers of the maps that the start is about: defaults."""
+        topics = [self.system.topics[t] for t in dict.fromkeys(t for t, _ in self.map_leaves)]
+        return [x for t in topics for x in numbers_in(t.default)]
 
     def leaf(self, state: int) -> str:
         """What the DM reads of a state, as `topic.field`."""
@@ -69,7 +80,15 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
     leaves_of = sorted(problem.state_of_leaf, key=lambda at: (at[0] in read) + (at[0] in by_sc))
     shown = {problem.state_of_leaf[at]: at for at in leaves_of}  # the last one counts: SC's
     given = vars(problem) | {"kind": TUBES, "topic_leaf_of_state": shown}
-    return TubeProblem(**given, rest=rest.condition, within_ns=within, drifts=drifts)
+    maps = map_topics(problem.system, problem.module).values()
+    numbers = [(t, k) for t in maps for k, _ in enumerate(leaves(problem.system.topics[t].type))]
+    return TubeProblem(
+        **given,
+        rest=rest.condition,
+        within_ns=within,
+        drifts=drifts,
+        map_leaves=tuple(numbers),
+    )
 
 
 def read_by(problem: Problem) -> set[int]:

@@ -24,7 +24,7 @@ from soter.verify.tables.shield_tables import command_edges
 from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
-from soter.verify.tubes.print_forms import RANGES, certain, function, number
+from soter.verify.tubes.print_forms import MAP, RANGES, certain, function, number
 from soter.verify.tubes.problem import read_by, refused
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
+FARTHEST = 1e100
+"""Above it a number of a map is none: sums of them, and products of two, are what forms hold."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
@@ -122,7 +124,7 @@ class TubeCheck:
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
         every_input = in_order([*asked, *(every[s] for s in self.states)])
-        if any(e.op == "input" and e.of[0] not in "xyuw" for e in every_input):
+        if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
         self._left_out()
         self._reads_what_sc_reads(module.seen)
@@ -182,7 +184,7 @@ class TubeCheck:
         judge = (
             [] if self.problem.module.shield is None else [self._judge(self.problem.module.shield)]
         )
-        return "\n".join([*self._parts(ways), self._check(), *judge])
+        return self._with_maps([*self._parts(ways), self._check(), *judge])
 
     def cost(self) -> Cost:
         """Of one look, at worst: of `good`, and where commands are judged of that."""
@@ -206,7 +208,7 @@ class TubeCheck:
         """The same with what is asked beforehand."""
         parts = self._parts(ways)
         over = self._over()
-        return "\n".join(
+        return self._with_maps(
             [
                 *parts,
                 self._check(),
@@ -215,6 +217,20 @@ class TubeCheck:
                 part("rest.soter"),
             ]
         )
+
+    def _with_maps(self, parts: Sequence[str]) -> str:
+        """A text; functions of a module without maps are not given any."""
+        text, first = "\n".join(parts), self.problem.first_map
+        if not first:
+            for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
+                text = text.replace(given, "")
+            return text
+        lines = [
+            f"const MAPS: int = {len(first)};",
+            "type Map = float[MAPS];",
+            f"const FIRST_MAP: Map = {_list(first)};",
+        ]
+        return "\n".join([*lines, text])
 
     # ------------------------------------------------------------ parts
 
@@ -259,10 +275,15 @@ class TubeCheck:
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
             self._faces(over),
             function("law", "y: Forms", self.law, over, "Controls"),
-            certain("safe", "x: Forms", self._safe, over),
+            certain("safe", f"x: Forms, {MAP}: Map", self._safe, over, first=self._known()),
             certain("rests", "x: Forms", self._rest, over),
             self._at_rest(ways),
         ]
+
+    def _known(self) -> str:
+        """What `safe` asks first: that a map has no NaN, and nothing beyond `FARTHEST`."""
+        asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
+        return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _faces(self, over: Inputs) -> str:
         """The rates of single states, for `slopes`."""
@@ -301,7 +322,8 @@ class TubeCheck:
             else:
                 lines.append("  if true { return false; }  // nothing is shown of where it goes")
         body = "\n".join(["  if !rests(x) { return false; }", "  var m = x;", *lines])
-        return f"fun at_rest(x: Forms): bool {{\n{body}\n  return safe(m);\n}}\n"
+        head = f"fun at_rest(x: Forms, {MAP}: Map): bool"
+        return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
     def errors(self) -> list[float]:
         """How far what is read of each state may be off."""

@@ -11,16 +11,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
-from soter.language.model.types import FLOAT, INT, ArrayType
+from soter.language.model.types import FLOAT, INT, ArrayType, leaves
 from soter.verify.tables.grid_tables import estimate
 from soter.verify.tables.level_table import LevelTable
 from soter.verify.tubes.generated_functions import functions_of
+from soter.verify.tubes.problem import TubeProblem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.language.model.typed import FunSymbol
-    from soter.verify.problem.problem import Group
+    from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.shield_tables import ShieldWriter
     from soter.verify.tables.typed_tree_builder import Writer
     from soter.verify.tubes.rest_claims import RestClaims
@@ -35,6 +36,8 @@ class TubeLevels(LevelTable):
 
     states: tuple[int, ...]
     text: str
+    maps: int = 0
+    """How many numbers of maps it is given, after those of an estimate."""
     two_levels = True
     ends = ()
     """Nothing is told apart by single numbers."""
@@ -44,7 +47,8 @@ class TubeLevels(LevelTable):
     @classmethod
     def of(cls, check: TubeCheck, claims: RestClaims) -> TubeLevels:
         """With what is shown offline."""
-        return cls(tuple(check.states), check.in_flight(claims.ways))
+        maps = len(check.problem.map_leaves)
+        return cls(tuple(check.states), check.in_flight(claims.ways), maps)
 
     @cached_property
     def functions(self) -> Mapping[str, FunSymbol]:
@@ -58,20 +62,34 @@ class TubeLevels(LevelTable):
     def function(self, w: Writer, name: str) -> FunSymbol:
         """`fun level(x0: float, ...): int`."""
         good = self.functions["good"]
-        inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(self.states)))
-        of = ArrayType(FLOAT, len(inputs))
-        found = w.call(good, t.Aggregate(of, w.span, tuple(w.read(x) for x in inputs)))
+        given = (("x", len(self.states)), ("m", self.maps))
+        inputs = [
+            [w.variable(f"{name}{k}", "parameter", FLOAT) for k in range(n)] for name, n in given
+        ]
+        found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
         answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
-        return w.function(name, inputs, [w.give(answer)])
+        return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
+
+    def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
+        """The numbers of maps."""
+        assert isinstance(problem, TubeProblem)
+        at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
+        paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
+        return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
 
     def judged(self, w: ShieldWriter) -> t.TypedExpr:
         """Whether the commands that may act at an estimate are ones that SC brings to rest."""
-        controls = [w.command(k) for k in range(len(w.problem.controls))]
-        own = t.Aggregate(ArrayType(FLOAT, len(controls)), w.span, tuple(controls))
-        seen = tuple(estimate(w, w.problem, self))
-        at = t.Aggregate(ArrayType(FLOAT, len(seen)), w.span, seen)
-        return w.call(self.functions["judged"], at, own, w.times(), w.since())
+        own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
+        at = _numbers(w, estimate(w, w.problem, self))
+        maps = self.more(w, w.problem)
+        given = [_numbers(w, maps)] if maps else []
+        return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
         """It is made anew from the program, and is no part of a certificate."""
         raise NotImplementedError
+
+
+def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
+    """An array of these."""
+    return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))

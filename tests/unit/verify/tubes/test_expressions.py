@@ -41,7 +41,9 @@ def law_of(answer: str) -> str:
     first = re.sub(r"u0: clamp\(.*?, -2\.0, 2\.0\)(?=[ ,])", f"u0: {answer}", sc, count=1)
     assert first != sc
     flat = system_to_prove(check_file("law.soter", before + "node Sc" + first), None)
-    module = ModuleExpressions(extract(flat, flat.modules[0]))
+    problem = extract(flat, flat.modules[0])
+    assert isinstance(problem, TubeProblem)
+    module = ModuleExpressions(problem)
     return function(
         "law", "y: Forms", module.law(), {("y", k): f"y[{k}]" for k in range(3)}, "Controls"
     )
