@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
+from soter.diagnostics.diagnostic import SoterError
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
+from soter.simulate.led_looks import LedLooks, followed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,9 +86,38 @@ class ObservedRun(Protocol):
 
 
 def changes(run: ObservedRun) -> list[DecisionStepRecord]:
-    """The DM steps that changed a mode, in order of time."""
+    """The DM steps that changed a mode, in order of time.
+
+    Where SC was followed and a step took control from AC they tell which part of the tube failed.
+    """
     explainer = Explainer(run.system, run.layout)
-    return [of_change(run.system, change, explainer) for change in run.changes]
+    found = [of_change(run.system, change, explainer) for change in run.changes]
+    for k, part in _failed_parts(run).items():
+        why = found[k].why
+        assert why is not None
+        found[k] = replace(found[k], why=replace(why, led=part))
+    return found
+
+
+def _failed_parts(run: ObservedRun) -> dict[int, str]:
+    """Of changes by number; nothing where no compiler of C can ask the check again."""
+    by_index = {m.index: m for m in followed(run.system)}
+    lost = {
+        k: c.states
+        for k, c in enumerate(run.changes)
+        if c.to != "AC" and c.ttf and c.module in by_index and c.states is not None
+    }
+    if not lost:
+        return {}
+    try:
+        looks = LedLooks(run.system)
+    except SoterError:
+        return {}
+    modules = {k: by_index[run.changes[k].module] for k in lost}
+    return {
+        k: looks.why_not(modules[k], looks.of(modules[k].index, *states, judged=True))
+        for k, states in lost.items()
+    }
 
 
 def of_change(
