@@ -152,7 +152,10 @@ class LedLooks:
 
     def __init__(self, system: System) -> None:
         self.modules = followed(system)
-        self._names = {m.index: estimate_of(m) for m in self.modules}
+        read = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
+        self.names = {m: [path_of(a) for a in every] for m, every in read.items()}
+        """What the check of a module reads of each state that it follows."""
+        self.units = {m: [getattr(a.type, "unit", "") for a in every] for m, every in read.items()}
         self._late = {
             m.index: [
                 t.name for t in system.topics if t.index not in published_before(system, m.dm)
@@ -174,7 +177,7 @@ class LedLooks:
             cases.append(f"    case {m.index}: said[0] = {good}; break;")
         source = source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1)
         source += ASKED.format(prefix=unit.prefix, cases="\n".join(cases))
-        held = ctypes.CDLL(str(library(replace(unit, source=source), "-O0")))
+        held = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
         self._ask = getattr(held, f"{unit.prefix}_led")
 
     def of(self, module: int, before: bytes | None, at: bytes, *, judged: bool = False) -> Led:
@@ -187,7 +190,7 @@ class LedLooks:
         if before is not None:
             for name in self._late[module]:
                 state["topics"][name] = np.frombuffer(before, dtype=self._dtype)["topics"][name]
-        rows = np.zeros((ROOM + 1, 3 + 2 * len(self._names[module])))
+        rows = np.zeros((ROOM + 1, 3 + 2 * len(self.names[module])))
         said = (ctypes.c_bool * 4)()
         places = [x.ctypes.data_as(ctypes.c_void_p) for x in (state, rows)]
         count = self._ask(module, judged, *places, ROOM, rows.shape[1], said)
@@ -212,7 +215,7 @@ class LedLooks:
         assert rest is not None
         about = rest.condition if led.failed == REST else module.symbol.safe
         read = tuple(_paths(about))
-        names = self._names[module.index]
+        names = self.names[module.index]
         ends = [
             f"{name} in [{low:.4g}, {high:.4g}]"
             for name, low, high in zip(names, led.at.low, led.at.high, strict=True)
@@ -225,12 +228,6 @@ class LedLooks:
 def followed(system: System) -> list[Module]:
     """Its modules whose decision modules follow SC."""
     return [m for m in system.modules if m.symbol.rest is not None and m.computed]
-
-
-def estimate_of(module: Module) -> list[str]:
-    """The leaves of topics that the check of a module reads, one a state."""
-    assert module.symbol.safer is not None
-    return [path_of(a) for a in calls_in(module.symbol.safer)[0].arguments]
 
 
 def _paths(e: object) -> Iterator[str]:
