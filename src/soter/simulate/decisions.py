@@ -7,6 +7,7 @@ Non-goals: deciding (the generated DM did), drawing.
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -16,7 +17,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
-from soter.simulate.led_looks import LedLooks, followed
+from soter.simulate.outputs.led_looks import LedLooks, followed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -101,23 +102,18 @@ def changes(run: ObservedRun) -> list[DecisionStepRecord]:
 
 def _failed_parts(run: ObservedRun) -> dict[int, str]:
     """Of changes by number; nothing where no compiler of C can ask the check again."""
-    by_index = {m.index: m for m in followed(run.system)}
-    lost = {
-        k: c.states
-        for k, c in enumerate(run.changes)
-        if c.to != "AC" and c.ttf and c.module in by_index and c.states is not None
-    }
-    if not lost:
-        return {}
-    try:
-        looks = LedLooks(run.system)
-    except SoterError:
-        return {}
-    modules = {k: by_index[run.changes[k].module] for k in lost}
-    return {
-        k: looks.why_not(modules[k], looks.of(modules[k].index, *states, judged=True))
-        for k, states in lost.items()
-    }
+    modules = {m.index: m for m in followed(run.system)}
+    lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
+    lost = [(k, c) for k, c in lost if c.module in modules]
+    told: dict[int, str] = {}
+    with contextlib.suppress(SoterError):
+        looks = LedLooks(run.system) if lost else None
+        for k, c in lost:
+            assert looks is not None
+            assert c.states is not None
+            led = looks.of(c.module, *c.states, judged=True)
+            told[k] = looks.told(modules[c.module], led)
+    return told
 
 
 def of_change(

@@ -25,8 +25,8 @@ BOXES_MAX = 16
 """Of a look; more of them touch each other in a drawing."""
 DIGITS = 3
 """Of the span of a state over all looks."""
-FREE, BY_SC, FAILED = 0, 1, 2
-"""What the first number of a box says: any command acts, SC leads, it is not shown to be safe."""
+BY_SC, FAILED = 1, 2
+"""What the first number of a box says: SC leads, it is not shown; 0: before SC acts."""
 NOTE = (
     "From what the decision module read, at the last look drawn: all states that are possible "
     "before SC acts (grey), and then while it leads to rest (blue). They are of the compiled check "
@@ -37,8 +37,11 @@ NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class LedLook:
-    """A look at `time_s`: `boxes` (k, 3 + 2 n): a kind, from and until when in s after the
-    estimate, the least and the largest of each of n states. `told`: how it ends."""
+    """A look at `time_s`; `told`: how it ends.
+
+    `boxes` (k, 3 + 2 n): a kind, from and until when in s after the estimate, the least and the
+    largest of each of n states.
+    """
 
     time_s: float
     boxes: NDArray[np.float64]
@@ -78,7 +81,11 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
         "units": list(picture.units),
         "scale": scale.tolist(),
         "looks": [
-            {"t": round(look.time_s, 4), "told": prose(look.told), "boxes": _whole(look.boxes, scale)}
+            {
+                "t": round(look.time_s, 4),
+                "told": prose(look.told),
+                "boxes": _whole(look.boxes, scale),
+            }
             for look in picture.looks
         ],
     }
