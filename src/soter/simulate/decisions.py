@@ -7,17 +7,15 @@ Non-goals: deciding (the generated DM did), drawing.
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import SoterError
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
-from soter.simulate.outputs.led_looks import LedLooks, followed
+from soter.simulate.outputs.led_looks import looks_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -102,17 +100,17 @@ def changes(run: ObservedRun) -> list[DecisionStepRecord]:
 
 def _failed_parts(run: ObservedRun) -> dict[int, str]:
     """Of changes by number; nothing where no compiler of C can ask the check again."""
-    modules = {m.index: m for m in followed(run.system)}
+    rests = [m.index for m in run.system.modules if m.symbol.rest is not None]
     lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
-    lost = [(k, c) for k, c in lost if c.module in modules]
-    told: dict[int, str] = {}
-    with contextlib.suppress(SoterError):
-        looks = LedLooks(run.system) if lost else None
-        for k, c in lost:
-            assert looks is not None
-            assert c.states is not None
-            led = looks.of(c.module, *c.states, judged=True)
-            told[k] = looks.told(modules[c.module], led)
+    lost = [(k, c) for k, c in lost if c.module in rests]
+    looks = looks_of(run.system) if lost else None
+    told = {}
+    for k, c in lost if looks is not None else ():
+        assert looks is not None
+        assert c.states is not None
+        led = looks.of(c.module, *c.states, judged=True)
+        if led.failed:
+            told[k] = looks.told(run.system.modules[c.module], led)
     return told
 
 

@@ -2,7 +2,7 @@
 
 Purpose: `LedPicture` of a module, its section of the page and the JSON that `assets/led.js` draws
 at the moment of the player. Boxes are rounded outwards, and next ones joined where there are many.
-Non-goals: the boxes (`simulate/led_looks.py`).
+Non-goals: the boxes (`simulate/outputs/led_looks.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.report.run.packed_json import script_json
-from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +36,7 @@ NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class LedLook:
-    """A look at `time_s`; `told`: how it ends.
+    """A look at `time_s`; `told`: how it ends, as HTML.
 
     `boxes` (k, 3 + 2 n): a kind, from and until when in s after the estimate, the least and the
     largest of each of n states.
@@ -83,7 +82,7 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
         "looks": [
             {
                 "t": round(look.time_s, 4),
-                "told": prose(look.told),
+                "told": look.told,
                 "boxes": _whole(look.boxes, scale),
             }
             for look in picture.looks

@@ -19,6 +19,7 @@ import numpy as np
 from soter.codegen.unit import UnitBuilder
 from soter.core.layout import state_dtype
 from soter.core.steps import lower
+from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children
 from soter.native.build import library
@@ -107,10 +108,10 @@ class Led:
 
 
 class LedLooks:
-    """The check of each module with `rest` of a system; SoterError where it cannot be compiled."""
+    """The checks of some modules of a system; SoterError, OSError where they are not compiled."""
 
-    def __init__(self, system: System) -> None:
-        self.modules = followed(system)
+    def __init__(self, system: System, modules: Sequence[Module]) -> None:
+        self.modules = modules
         read = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
         self.names = {m: tuple([path_of(a) for a in every]) for m, every in read.items()}
         """What the check of a module reads of each state that it follows."""
@@ -172,9 +173,12 @@ class LedLooks:
         return f"{TOLD[led.failed]}: {where} {start_s:.3g} to {end_s:.3g} s after the estimate"
 
 
-def followed(system: System) -> list[Module]:
-    """Its modules whose decision modules follow SC."""
-    return [m for m in system.modules if m.symbol.rest is not None and m.computed]
+def looks_of(system: System) -> LedLooks | None:
+    """Of its modules that follow SC; None: there is none, or no compiler that makes them."""
+    modules = [m for m in system.modules if m.symbol.rest is not None and m.computed]
+    with contextlib.suppress(SoterError, OSError):
+        return LedLooks(system, modules) if modules else None
+    return None
 
 
 def _paths(e: object) -> Iterator[str]:

@@ -10,13 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import SoterError
 from soter.report.run.led_picture import LedLook, LedPicture
+from soter.report.run.result_wording import prose
 from soter.simulate.decided_instants import decided_at
-from soter.simulate.outputs.led_looks import LedLooks, followed
+from soter.simulate.outputs.led_looks import looks_of
 
 if TYPE_CHECKING:
     from soter.language.model.system import Module
+    from soter.simulate.outputs.led_looks import LedLooks
     from soter.simulate.result import Run
 
 LOOKS_MAX = 120
@@ -25,11 +26,8 @@ LOOKS_MAX = 120
 
 def led_of_run(run: Run) -> tuple[LedPicture, ...]:
     """Of each module; none where steps are in any order, or no compiler of C is there."""
-    if run.system.shuffled or not followed(run.system):
-        return ()
-    try:
-        looks = LedLooks(run.system)
-    except SoterError:
+    looks = None if run.system.shuffled else looks_of(run.system)
+    if looks is None:
         return ()
     pictures = (_picture(run, looks, m) for m in looks.modules)
     return tuple(p for p in pictures if p.looks)
@@ -48,5 +46,5 @@ def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
         led = looks.of(m.index, *states, judged=bool(mode[row - 1]))
         if len(led.boxes):
             time_s = float(trace["header"]["ct"][row]) / 1e9
-            drawn.append(LedLook(time_s, led.boxes, looks.told(m, led)))
+            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led))))
     return LedPicture(m.name, looks.names[m.index], looks.units[m.index], tuple(drawn), len(rows))

@@ -13,12 +13,12 @@ import pytest
 from soter.api import Program
 from soter.report.run.led_picture import FAILED
 from soter.simulate.decided_instants import decided_at
-from soter.simulate.outputs.led_looks import GOOD, MOVES, REST, SAFE, LedLooks
+from soter.simulate.outputs.led_looks import GOOD, MOVES, REST, SAFE, looks_of
 from soter.simulate.outputs.led_of_run import led_of_run
 
 if TYPE_CHECKING:
     import browser
-    from soter.simulate.outputs.led_looks import Led
+    from soter.simulate.outputs.led_looks import Led, LedLooks
     from soter.simulate.result import Run
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -51,7 +51,8 @@ def looked(run: Run, looks: LedLooks, *, judged: bool = False) -> list[tuple[int
 )
 def test_it_says_what_the_decision_module_said(example: str) -> None:
     run = Program(str(EXAMPLES / f"{example}.soter")).simulate(until="12s")
-    looks, own = LedLooks(run.system), run.require_trace()["modules"][:, 0]
+    looks, own = looks_of(run.system), run.require_trace()["modules"][:, 0]
+    assert looks is not None
     judges = run.system.modules[0].shield is not None
     for row, led in looked(run, looks):
         assert (led.failed == GOOD) == bool(own["safer"][row])
@@ -97,7 +98,8 @@ def test_all_states_are_in_the_boxes_until_rest_where_sc_leads(
     path: str, plant: str, seed: int
 ) -> None:
     run = Program(str(EXAMPLES / f"{path}.soter")).simulate(until="30s", seed=seed)
-    looks = LedLooks(run.system)
+    looks = looks_of(run.system)
+    assert looks is not None
     asked, outside = held(run, looks, plant)
     assert asked > 1000
     assert outside == 0
@@ -107,7 +109,9 @@ def test_all_states_are_in_the_boxes_until_rest_where_sc_leads(
 def test_where_sc_leads_from_the_start_all_states_are_in_them(tmp_path: Path) -> None:
     text = TEXT.replace("module Follow;", "module Follow; force Follow sc;")
     run = flown(tmp_path, text, "6s")
-    asked, outside = held(run, LedLooks(run.system), "r")
+    looks = looks_of(run.system)
+    assert looks is not None
+    asked, outside = held(run, looks, "r")
     assert asked > 1000
     assert outside == 0
 
@@ -122,7 +126,8 @@ def test_where_sc_leads_from_the_start_all_states_are_in_them(tmp_path: Path) ->
 )
 def test_the_part_that_failed_is_named(tmp_path: Path, old: str, new: str, part: int) -> None:
     run = flown(tmp_path, TEXT.replace(old, new))
-    looks = LedLooks(run.system)
+    looks = looks_of(run.system)
+    assert looks is not None
     failed = [led for _, led in looked(run, looks) if led.failed == part]
     assert failed
     told = looks.told(looks.modules[0], failed[0])
