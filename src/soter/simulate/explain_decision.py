@@ -311,7 +311,7 @@ class _PredicateReader:
 
     def _computed(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         """A level of the estimate is compared, or commands are judged."""
-        if isinstance(e, typed.TypedUnary) and isinstance(e.operand, typed.TypedBinary):
+        if isinstance(e, typed.TypedUnary) and self.module.shield is None:
             return self._level(e.operand, for_ttf=True)  # not `safer`
         return self._level(e) if isinstance(e, typed.TypedBinary) else self._shield(e)
 
