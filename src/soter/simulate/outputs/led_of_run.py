@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 LOOKS_MAX = 120
 """Of a module on one page; those that took control are among them."""
+JUDGED = " (after the commands that might act at this look)"
 
 
 def led_of_run(run: Run) -> tuple[LedPicture, ...]:
@@ -44,7 +45,8 @@ def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
     for row in np.union1d(rows[even], lost):
         states = trace[row - 1].tobytes(), trace[row].tobytes()
         led = looks.of(m.index, *states, judged=bool(mode[row - 1]))
+        of = JUDGED if m.shield is not None and mode[row - 1] else ""
         if len(led.boxes):
             time_s = float(trace["header"]["ct"][row]) / 1e9
-            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led))))
+            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led) + of)))
     return LedPicture(m.name, looks.names[m.index], looks.units[m.index], tuple(drawn), len(rows))
