@@ -116,6 +116,18 @@ def test_where_sc_leads_from_the_start_all_states_are_in_them(tmp_path: Path) ->
     assert outside == 0
 
 
+def test_sc_may_begin_anywhere_in_the_step_before(tmp_path: Path) -> None:
+    run = flown(tmp_path, until="5s")
+    looks = looks_of(run.system)
+    assert looks is not None
+    for _, led in looked(run, looks):
+        spans = led.boxes[:, 2] - led.boxes[:, 1]
+        by_sc = led.boxes[:, 0] == 1.0
+        assert by_sc.any()
+        window = spans[~by_sc][-1]
+        assert (spans[by_sc] > window).all()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "part"),
     [
