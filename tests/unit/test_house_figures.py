@@ -148,7 +148,7 @@ ROOMS = {
     "tests/generators": (74, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (106, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
-    "tests/unit/report": (19, "as above"),
+    "tests/unit/report": (20, "as above"),
     "tests/unit/language": (20, "as above"),
     "tests/unit/certificate": (65, "as above; and what single functions promise, by kind"),
     "tests/unit/verify/diagnosis": (17, "as above"),

@@ -144,7 +144,8 @@ def _replayed(main: str) -> str:
     """The script of the player, where the page has one."""
     if 'class="player"' not in main:
         return ""
-    return f"<script>\n{_asset('player.js')}{_asset('replay.js')}</script>\n"
+    led = _asset("led.js") if 'class="led"' in main else ""
+    return f"<script>\n{_asset('player.js')}{_asset('replay.js')}{led}</script>\n"
 
 
 def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
+from soter.simulate.outputs.led_looks import looks_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,9 +85,33 @@ class ObservedRun(Protocol):
 
 
 def changes(run: ObservedRun) -> list[DecisionStepRecord]:
-    """The DM steps that changed a mode, in order of time."""
+    """The DM steps that changed a mode, in order of time.
+
+    Where SC was followed and a step took control from AC they tell which part of the tube failed.
+    """
     explainer = Explainer(run.system, run.layout)
-    return [of_change(run.system, change, explainer) for change in run.changes]
+    found = [of_change(run.system, change, explainer) for change in run.changes]
+    for k, part in _failed_parts(run).items():
+        why = found[k].why
+        assert why is not None
+        found[k] = replace(found[k], why=replace(why, led=part))
+    return found
+
+
+def _failed_parts(run: ObservedRun) -> dict[int, str]:
+    """Of changes by number; nothing where no compiler of C can ask the check again."""
+    rests = [m.index for m in run.system.modules if m.symbol.rest is not None]
+    lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
+    lost = [(k, c) for k, c in lost if c.module in rests]
+    looks = looks_of(run.system) if lost else None
+    told = {}
+    for k, c in lost if looks is not None else ():
+        assert looks is not None
+        assert c.states is not None
+        led = looks.of(c.module, *c.states, judged=True)
+        if led.failed:
+            told[k] = looks.told(run.system.modules[c.module], led)
+    return told
 
 
 def of_change(

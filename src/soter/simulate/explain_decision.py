@@ -103,7 +103,8 @@ class DecisionReason:
     """What a DM step went by.
 
     `ttf`, `safer`: their parts, any and all of which decide; empty where they are not `known`.
-    `owed`: outputs that AC owed.
+    `owed`: outputs that AC owed. `led`: which part of the tube failed that SC was followed in; only
+    of changes of mode (`decisions.changes`).
     """
 
     known: bool
@@ -112,6 +113,7 @@ class DecisionReason:
     stale: tuple[Stale, ...]
     gate_fault: GateFault | None
     owed: int
+    led: str = ""
 
     def words(self, before: str, after: str) -> list[str]:
         """What made the step decide as it did, one phrase each; nothing where AC just stays."""
@@ -120,6 +122,7 @@ class DecisionReason:
         phrases = [str(s) for s in self.stale]
         if before == "AC":
             phrases += [str(p) for p in self.ttf if p.value or p.value is None]
+            phrases += [self.led] if self.led else []
             if self.gate_fault is not None:
                 phrases.append("`{1}` of {0}".format(*self.gate_fault))
             return phrases
@@ -177,7 +180,7 @@ class _PredicateReader:
     def __init__(self, system: System, layout: StateLayout, module: Module) -> None:
         self.system, self.layout, self.module = system, layout, module
         self._evaluator = PredicateEvaluator.of(module.scope)
-        self._early = _published_before(system, module.dm)
+        self._early = published_before(system, module.dm)
         symbol = module.symbol
         self._level_known: int | None = None
         """What the facts of a step say of the one level that there is; None: it is computed."""
@@ -308,6 +311,8 @@ class _PredicateReader:
 
     def _computed(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
         """A level of the estimate is compared, or commands are judged."""
+        if isinstance(e, typed.TypedUnary) and self.module.shield is None:
+            return self._level(e.operand, for_ttf=True)  # not `safer`
         return self._level(e) if isinstance(e, typed.TypedBinary) else self._shield(e)
 
     def _shield(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
@@ -355,13 +360,16 @@ class _PredicateReader:
 
         return part
 
-    def _level(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
+    def _level(
+        self, e: typed.TypedExpr, *, for_ttf: bool = False
+    ) -> Callable[[Environment], PredicatePart]:
         """`level(x, ...) < 1` or `>= 2` of a computed predicate."""
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
         level = self._evaluator.expression(e.left)
-        arguments = [(_path(a), self._evaluator.expression(a)) for a in e.left.arguments]
-        for_ttf = e.op == "<"
+        arguments = [(path_of(a), self._evaluator.expression(a)) for a in e.left.arguments]
+        below = 2 if for_ttf else 1
+        for_ttf = for_ttf or e.op == "<"
         outside, inside = "outside S_0", "deep inside S_0"
         if self.module.symbol.rest is not None:
             outside, inside = "from where SC is not led to rest", "from where SC is led to rest"
@@ -372,7 +380,7 @@ class _PredicateReader:
             level_value = int(level(env)) if told is None else told
             where = ", ".join(f"{o.text} = {_short(o.value)}" for o in estimate)
             text = f"{where} {outside if for_ttf else inside}"
-            value = level_value < 1 if for_ttf else level_value > 1
+            value = level_value < below if for_ttf else level_value > 1
             return PredicatePart(text, value, (*estimate, Operand("level", level_value)))
 
         return part
@@ -410,7 +418,7 @@ def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 -
     return number
 
 
-def _published_before(system: System, dm: int) -> frozenset[int]:
+def published_before(system: System, dm: int) -> frozenset[int]:
     """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
     late = {i for c in system.components if c.index >= dm for i in _publishes(c)}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
@@ -463,12 +471,12 @@ def _short(value: Number) -> str:
     return f"{value:.{SHOWN}g}" if isinstance(value, float) else str(value)
 
 
-def _path(e: typed.TypedExpr) -> str:
+def path_of(e: typed.TypedExpr) -> str:
     """A leaf of a topic by its name: what a computed predicate reads."""
     if isinstance(e, typed.TypedField):
         assert hasattr(e.target.type, "fields")
-        return f"{_path(e.target)}.{e.target.type.fields[e.index][0]}"
+        return f"{path_of(e.target)}.{e.target.type.fields[e.index][0]}"
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
-        return f"{_path(e.target)}[{e.index.value}]"
+        return f"{path_of(e.target)}[{e.index.value}]"
     assert isinstance(e, typed.TopicRead)
     return e.topic.name

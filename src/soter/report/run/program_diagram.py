@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.report.run.led_picture import led_section
 from soter.report.run.live_diagram import live_json
 from soter.report.run.mode_bar import mode_bar
 from soter.report.run.packed_json import script_json
@@ -41,9 +42,14 @@ def program_section(
     if picture is None:
         return ""
     return (
-        f'<section class="program"><h2>The program</h2>{_player(picture, drawn)}'
+        f'<section class="program"><h2>The program</h2>{_player(picture, drawn)}{_led(picture)}'
         f'<div class="scroll">{picture.svg}</div></section>'
     )
+
+
+def _led(picture: Picture) -> str:
+    """Where SC would lead, at the moment of the player."""
+    return led_section(picture.led) if picture.live is not None and picture.live.end_s > 0 else ""
 
 
 def _player(picture: Picture, drawn: Mapping[str, tuple[int, int]] | None) -> str:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.report.run.led_picture import LedPicture
     from soter.report.run.live_diagram import Live
 
 Vec3 = tuple[float, float, float]
@@ -237,11 +238,12 @@ class Picture:
     """A drawing of the program, and what is replayed on it.
 
     Elements of the SVG with a component's name in `data-component` are lit up, those with the key
-    of a row in `data-value` filled.
+    of a row in `data-value` filled. `led`: where the SC of its modules would lead.
     """
 
     svg: str
     live: Live | None = None
+    led: tuple[LedPicture, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,7 @@ from soter.report.run.record import (
 from soter.report.run.result_wording import count_text
 from soter.simulate import decisions
 from soter.simulate.outputs import tower_control
+from soter.simulate.outputs.led_of_run import led_of_run
 from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_on_diagram import live_of_run
 
@@ -102,7 +103,8 @@ def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
-    picture = Picture(draw(run.system, live=True), live_of_run(run, _thinned(run)))
+    live = live_of_run(run, _thinned(run))
+    picture = Picture(draw(run.system, live=True), live, led_of_run(run))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
