@@ -146,6 +146,8 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
             yield f"fresh for {number(topic.max_age)}"
         else:
             yield "never stale: no `max_age`"
+        if topic.static:
+            yield "static: what it says stays true"
         writers = [n.name for n in program.nodes.values() if topic in n.publishes]
         writers += [p.name for p in program.plants.values() if topic in [t for t, _ in p.drives]]
         readers = [

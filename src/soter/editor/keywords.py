@@ -90,6 +90,8 @@ WORDS: dict[str, str] = {
     "input": "`input topic`: driven by the environment. In a system or test: which values, how"
     " often.",
     "in": "The set that a value stays in, the values that are drawn from, or what a loop is over.",
+    "static": "What this topic says of the world stays true: a map, for `safe` of a module with"
+    " `rest`.",
     "max_age": "Older than this, a topic is stale: a DM that reads it gives SC control.",
     "unit": 'What the numbers of a type count, for people: `float unit "m/s"`.',
     "node": "Code that runs every `period`: reads topics, publishes topics, keeps locals.",

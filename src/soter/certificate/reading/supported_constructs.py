@@ -66,7 +66,7 @@ DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
     "initial assumes guarantees takeover step bursts takes wcet jitter",
     t.Subscribed: "topic queue policy span",
-    t.TopicSymbol: "name span type input values default max_age",
+    t.TopicSymbol: "name span type input values default max_age static",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
     "sc_span over contract failsafe wcet jitter latch shield toward_sc rest",
     t.Latch: "topic span",

@@ -103,7 +103,7 @@ class RestProblem:
     drifts: dict[int, Range]
     """How far below and above what it was SC moves a state that `moves` names; inf: anywhere."""
     maps: tuple[int, ...] = ()
-    """Topics that `safe` reads and no plant drives."""
+    """`static` topics that `safe` reads and no plant drives."""
 
     @property
     def first_map(self) -> dict[int, Value]:
@@ -226,9 +226,9 @@ def read_rest(flat: System, name: str) -> RestProblem:
 
 
 def maps_of(facts: Facts) -> tuple[int, ...]:
-    """Topics that `safe` reads and neither a plant drives nor the module publishes."""
+    """`static` topics that `safe` reads and neither a plant drives nor the module publishes."""
     scope, driven = facts.module.scope.topics, driven_topics(facts)
-    read = [scope[t] for t in topic_reads(facts.symbol.safe)]
+    read = [scope[t] for t in topic_reads(facts.symbol.safe) if t.static]
     return tuple(i for i in read if i not in driven and i not in facts.module.outputs)
 
 

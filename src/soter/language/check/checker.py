@@ -191,7 +191,9 @@ class Checker:
         known = self._known_stand_ins.get(key)
         if known is None:
             name = ".".join((*prefix, topic.name.rsplit(".", 1)[-1]))
-            known = typed.TopicSymbol(name, span, topic.type, topic.input, {}, None, None)
+            known = typed.TopicSymbol(
+                name, span, topic.type, topic.input, {}, None, None, topic.static
+            )
             self._known_stand_ins[key] = known
             self.stand_ins[known] = (tuple(prefix), topic)
         return known

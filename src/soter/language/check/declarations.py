@@ -282,7 +282,14 @@ class DeclChecker:
         if isinstance(t, ErrorType):
             return None
         return typed.TopicSymbol(
-            full, decl.name.span, t, decl.input, values, sound(default), sound(max_age)
+            full,
+            decl.name.span,
+            t,
+            decl.input,
+            values,
+            sound(default),
+            sound(max_age),
+            decl.static,
         )
 
     def _value_set(

@@ -406,13 +406,17 @@ class RangeSet(Shown):
 
 @dataclass(eq=False, repr=False)
 class TopicSymbol(Symbol):
-    """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds."""
+    """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds.
+
+    `static`: it says of the world what stays true.
+    """
 
     type: Type
     input: bool
     values: dict[tuple[str, ...], RangeSet]
     default: TypedExpr | None
     max_age: TypedExpr | None
+    static: bool = False
 
 
 @dataclass(eq=False, repr=False)

@@ -158,6 +158,7 @@ PLACES: dict[str, tuple[Home, ...]] = {
     ),
     "phase": (Home("behind the period of a node", "node Lamp period 10ms phase 2ms { ... }"),),
     "max_age": (Home(_TOPIC, "topic motion: float max_age 20ms;"),),
+    "static": (Home(_TOPIC, "topic map: float max_age 1s static;"),),
     "unit": (Home("behind a type", 'topic motion: float unit "m";'),),
     "queue": (Home(_QUEUE, "subscribes motion queue 4;"),),
     "drop_oldest": (Home(f"{_QUEUE} with a queue", "subscribes motion queue 4 drop_oldest;"),),
@@ -311,7 +312,7 @@ def is_clause(word: str, rest: str) -> bool:
         return _RANGE.match(rest) is not None
     if word == "takes":
         return _TIMES.match(rest) is not None
-    if word == "induction":
+    if word in ("induction", "static"):
         return rest.lstrip()[:1] == ";"
     if word == "on":
         return rest.split(None, 1)[:1] == ["takeover"]

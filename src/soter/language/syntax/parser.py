@@ -408,7 +408,7 @@ class Parser(NodeParser):
         values: tree.ValueSet | None = None
         default: tree.SyntaxExpr | None = None
         max_age: tree.SyntaxExpr | None = None
-        order = 0
+        static, order = False, 0
         while True:
             at = self.i
             if self.accept("in"):
@@ -418,6 +418,8 @@ class Parser(NodeParser):
                 position, default = 2, self.expr("the default of the topic")
             elif self.accept_word("max_age"):
                 position, max_age = 3, self.time("`max_age`")
+            elif self.accept_word("static"):
+                position, static = 4, True
             else:
                 break
             if position <= order:
@@ -425,7 +427,7 @@ class Parser(NodeParser):
             order = max(order, position)
         self.semicolon("the topic")
         span = self.span_from(start)
-        return tree.TopicDecl(name, span, is_input, type_, values, default, max_age)
+        return tree.TopicDecl(name, span, is_input, type_, values, default, max_age, static)
 
     def _out_of_order(self, at: int, again: bool) -> None:
         word = self.texts[at]
@@ -438,7 +440,7 @@ class Parser(NodeParser):
                 "S005",
                 f"`{word}` stands too late in this topic",
                 span,
-                notes=("the order is: `in` values, `=` default, `max_age`",),
+                notes=("the order is: `in` values, `=` default, `max_age`, `static`",),
             )
         self.quiet = -1
 

@@ -441,13 +441,14 @@ ValueSet = IntervalExpr | RecordSet
 
 @node()
 class TopicDecl(Decl):
-    """`[input] topic name: type [in set] [= default] [max_age d];`."""
+    """`[input] topic name: type [in set] [= default] [max_age d] [static];`."""
 
     input: bool
     type: TypeExpr
     values: ValueSet | None
     default: SyntaxExpr | None
     max_age: SyntaxExpr | None
+    static: bool
 
 
 @node()

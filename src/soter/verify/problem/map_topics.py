@@ -1,4 +1,4 @@
-"""Maps: what `safe` of a module with `rest` reads and no plant drives.
+"""Maps: `static` topics that `safe` of a module with `rest` reads and no plant drives.
 
 Purpose: which topics they are, what is refused of them, and their contract as an assumption
 ("Decisions by tubes" in docs/proof.md, condition 7).
@@ -32,7 +32,8 @@ def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
     }
     at = module.scope.topics
     other = driven.union(module.outputs)
-    return {t: at[t] for t in topic_reads(module.symbol.safe) if at[t] not in other}
+    read = topic_reads(module.symbol.safe)
+    return {t: at[t] for t in read if t.static and at[t] not in other}
 
 
 def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:

@@ -204,13 +204,16 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
         for topic, read in topic_reads(e).items():
             index = place.module.scope.topics[topic]
             if index not in place.driven and not (what == "safe" and index in maps):
+                driven = "put the plant that drives it beside the module, or use `abstracts`"
+                followed = what == "safe" and symbol.rest is not None
+                a_map = "`static` at its end, if what it calls free stays free (`soter explain map`)"
                 diagnostics.error(
                     "R001",
                     f"`{what}` reads `{topic.name}`, which no verification plant drives",
                     read.span,
                     also=((topic.span, "declared here"),),
                     notes=("it is proved on the plant's true state",),
-                    helps=("put the plant that drives it beside the module, or use `abstracts`",),
+                    helps=(driven, a_map) if followed else (driven,),
                 )
     for what, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
         if e is not None:

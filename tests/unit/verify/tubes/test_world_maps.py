@@ -32,7 +32,7 @@ type Free = { low: float, high: float };
 topic sled: Sled in { v in [-1.0, 12.0] } max_age 20ms;
 topic push: Push in { gas in [0.0, 1.0], brake in [0.0, 1.0] } = { gas: 0.0, brake: 1.0 };
 input topic free: Free in { low in [-50.0, 0.0], high in [-10.0, 20.0] } = { low: -5.0, high: 5.0 }
-    max_age 250ms;
+    max_age 250ms static;
 node Fast period 50ms { publishes push; step { publish push = { gas: 1.0, brake: 0.0 }; } }
 node Brake period 50ms { publishes push; step { publish push = { gas: 0.0, brake: 1.0 }; } }
 plant Track period 10ms {
@@ -223,6 +223,7 @@ REFUSED: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     ),
     "rest reads it": ("R007", (("< 0.3 moves", "< 0.3 && free.low < 0.0 moves"),)),
     "it has no age": ("R011", (("\n    max_age 250ms", ""),)),
+    "nobody says that it stays true": ("R001", ((" static;", ";"),)),
     "it counts": (
         "R014",
         (

@@ -41,7 +41,7 @@ _SHOWN_MAX = 90
 _RATES = ("by", "at", "per", "for")
 #: The clauses of an item, in their order.
 _ORDERS: dict[str, tuple[str, ...]] = {
-    "topic": ("unit", "in", "=", "max_age"),
+    "topic": ("unit", "in", "=", "max_age", "static"),
     "param": ("unit", "=", "in"),
     "state": ("unit", "in", "="),
     "disturbance": ("unit", "in", "hold"),
