@@ -1,10 +1,10 @@
 """JSBSim's F-16 behind an autopilot, as a Gymnasium environment.
 
-Purpose: `F16`, which is what the plant of examples/rest/dive.soter stands for: JSBSim's aircraft with
-its own flight control system, and around it an autopilot that is asked for how fast the flight path
-turns up and for a bank. Its path reference goes through two lags, in place of the short period, and
-the aircraft is led along it by load factor. `Jet` is that as an environment, and `pilots` who fly it
-at the ground.
+Purpose: `F16`, which is what the plant of examples/rest/dive.soter stands for: JSBSim's aircraft
+with its own flight control system, and around it an autopilot that is asked for how fast the flight
+path turns up and for a bank. Its path reference goes through two lags, in place of the short
+period, and the aircraft is led along it by load factor. `Jet` is that as an environment, and a
+`Pilot` flies it at the ground.
 Non-goals: how far the model is off (`identify_f16.py`), dives with a module (`dives.py`).
 
 `pip install 'soter[jsbsim]'`. What JSBSim keeps (engine, surfaces) is its own, so no copy goes on.
@@ -38,8 +38,8 @@ STEEPEST, HIGHEST = -0.75, 0.4
 """Paths beyond which no pilot here asks for more."""
 CRUISE = 200.0
 """m/s, which throttle and speed brake hold."""
-AHEAD_S = 30.0
-"""How long a dive is flown."""
+DIVE_S = 30.0
+"""How long one is flown."""
 
 
 @dataclass(frozen=True)
@@ -170,16 +170,18 @@ class Plan:
 
 
 class Pilot:
-    """One of four ways to fly, which its seed chooses: `aims` at the ground and never pulls up;
-    means to pull up but `late`; `any` command, for a while each; `low`: goes down and flies level
-    at some hundred metres.
+    """One of four ways to fly.
+
+    `aims` at the ground and never pulls up; means to pull up but `late`; `any` command, for a while
+    each; goes down and flies level `low`, at some hundred metres.
     """
 
     WAYS = ("aims", "late", "any", "low")
 
     def __init__(self, draw: random.Random, way: str) -> None:
         self.draw, self.way = draw, way
-        self.plan = Plan(draw.uniform(-0.7, -0.25), draw.uniform(-BANK, BANK), draw.uniform(0.05, PULL))
+        bank, pull = draw.uniform(-BANK, BANK), draw.uniform(0.05, PULL)
+        self.plan = Plan(draw.uniform(-0.7, -0.3), bank, pull)
         self.height = draw.uniform(50.0, 900.0) if way == "late" else draw.uniform(250.0, 700.0)
         self.turn = 0.0
 
@@ -195,7 +197,7 @@ class Pilot:
             return turn, self.plan.bank
         wanted, fastest = self.plan.path, PULL
         if self.way == "aims" and draw.random() < 0.03:
-            self.plan = Plan(draw.uniform(-0.7, -0.1), draw.uniform(-BANK, BANK))
+            self.plan = Plan(draw.uniform(-0.7, -0.3), draw.uniform(-BANK, BANK))
         if self.way == "late" and height < self.height:
             wanted, fastest = 0.1, self.plan.pull
         if self.way == "low":
