@@ -549,7 +549,7 @@ BENCHMARKS = (
     Benchmark(
         "An F-16 of JSBSim beside its model",
         ("bench/tubes/identify_f16.py",),
-        "What examples/rest/dive.soter leaves of the flights of an aircraft that nobody here wrote: "
+        "What examples/rest/dive.soter leaves of flights of an aircraft that nobody here wrote: "
         "the speed is fitted to some flights, and bounds are of others. `no lag` and `one lag`: "
         "the same with a path that follows what is asked at once, or behind one lag.",
     ),
