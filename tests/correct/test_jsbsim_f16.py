@@ -16,6 +16,8 @@ from bench.tubes.jsbsim_f16 import Jet, Pilot  # noqa: E402
 
 from soter.gym.safety_warning import SafetyWarning  # noqa: E402
 
+pytestmark = pytest.mark.long
+
 AIMS = next(s for s in range(4, 100) if Pilot.WAYS[s % len(Pilot.WAYS)] == "aims")
 
 
