@@ -182,7 +182,7 @@ class Pilot:
         self.draw, self.way = draw, way
         bank, pull = draw.uniform(-BANK, BANK), draw.uniform(0.05, PULL)
         self.plan = Plan(draw.uniform(-0.7, -0.3), bank, pull)
-        self.height = draw.uniform(50.0, 900.0) if way == "late" else draw.uniform(250.0, 700.0)
+        self.height = draw.uniform(50.0, 400.0) if way == "late" else draw.uniform(250.0, 700.0)
         self.turn = 0.0
 
     def asks(self, seen: Any) -> tuple[float, float]:  # noqa: ANN401
