@@ -13,6 +13,7 @@ Non-goals: how far the model is off (`identify_f16.py`), dives with a module (`d
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ from gymnasium import spaces
 if TYPE_CHECKING:
     import random
 
+os.environ.setdefault("JSBSIM_DEBUG", "0")  # no banner for each aircraft
 FOOT = 0.3048
 G = 9.81
 STEP_S = 0.005
