@@ -564,6 +564,22 @@ BENCHMARKS = (
         "verdict says AC of a state that is not good, and nothing else contradicts that.",
     ),
     Benchmark(
+        "An F-16 of JSBSim beside its model",
+        ("bench/tubes/identify_f16.py",),
+        "What examples/rest/dive.soter leaves of flights of an aircraft that nobody here wrote: "
+        "the speed is fitted to some flights, and bounds are of others. `no lag` and `one lag`: "
+        "the same with a path that follows what is asked at once, or behind one lag.",
+    ),
+    Benchmark(
+        "Dives of an F-16 of JSBSim",
+        ("bench/tubes/dives.py",),
+        "Each dive alone and with the module of examples/rest/dive.soter, which decides in flight. "
+        "`aims` never pulls up, `late` means to but often too late, `any` gives any command, `low` "
+        "flies level at some hundred metres. `for nothing`: SC had control for a "
+        "while, and alone this pilot would not have hit; `alarms`: dives in which a step was "
+        "outside of the model. Targets: 50 or more hit alone, none with it.",
+    ),
+    Benchmark(
         "Certificates: checking them again",
         ("bench/recheck/time_to_recheck.py",),
         "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
