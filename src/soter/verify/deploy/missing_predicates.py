@@ -163,7 +163,9 @@ def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaim
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
-    return RestClaims.read(folder / REST)
+    claims = RestClaims.read(folder / REST)
+    check.columns = claims.columns
+    return claims
 
 
 def _carry(here: System, there: System) -> None:

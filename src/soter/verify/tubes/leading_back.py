@@ -8,19 +8,21 @@ Non-goals: the box (`rest_claims.py`), the tube (`rest.soter`).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import announce, phase
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.module_expressions import middle
 from soter.verify.tubes.rest_runs import runs_from
+from soter.verify.tubes.tube_check import KEEP, KEEP_MORE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.verify.tubes.generated_functions import Caller
     from soter.verify.tubes.rest_runs import Astray
     from soter.verify.tubes.tube_check import TubeCheck
 
@@ -88,7 +90,10 @@ class _Search:
         while todo:
             part, depth, share = todo.pop()
             tried += 1
-            if (way := self._way(part, self._box)) is not None:
+            way = self._way(part, self._box)
+            if way is None and not depth:
+                way = self._with_more_columns()
+            if way is not None:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
@@ -108,6 +113,20 @@ class _Search:
             if progress is not None:
                 progress(shown)
         return Led(ways)
+
+    def _with_more_columns(self) -> Box | None:
+        """As `_way` of all of the box; where it is not shown so either all is as it was."""
+        check, caller = self._check, self._caller
+        if not check.read_by_law:  # no answer shares a symbol with a state
+            return None
+        check.columns = KEEP_MORE
+        with suppress(TooLongError):
+            check.cost()
+            self._caller = Caller(check.offline({}))
+            if (way := self._way(self._box, self._box)) is not None:
+                return way
+        check.columns, self._caller = KEEP, caller
+        return None
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """Where SC leads through from a part back into a box; None: it is not shown to."""

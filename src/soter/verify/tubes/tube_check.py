@@ -43,9 +43,11 @@ SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
-FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
+FREE, STEPS, LONGEST = 2, 1, 8
 """How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
-nothing; columns that are kept."""
+nothing."""
+KEEP, KEEP_MORE = 6, 40
+"""Columns that are kept; of an SC that acts on what it reads through many others more are needed."""
 ENDINGS = 2
 """Into how many the times are cut at which a judged command may end to act."""
 
@@ -93,8 +95,11 @@ class TubeCheck:
 
     `states`: those that what is asked hangs on, in the order of estimates; all others are left out
     (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state;
-    `rooms`: where states are within C, by the sets of what plants publish.
+    `rooms`: where states are within C, by the sets of what plants publish; `columns`: how many a
+    tube keeps: any number is sound, and `leading_back.py` looks for one that shows rest.
     """
+
+    columns = KEEP
 
     def __init__(self, problem: TubeProblem) -> None:
         self.problem = problem
@@ -319,7 +324,7 @@ class TubeCheck:
         q, times = self.problem.quantities, self.times
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
-        read = 2 * n + KEEP
+        read = 2 * n + self.columns
         closed, moves = read + n, read + n + moved
         symbols, holds = moves + moved * STEPS + 1, times.switches + 1
         if not self.read_by_law:  # no command shares a symbol with a state, and none switches
@@ -330,7 +335,7 @@ class TubeCheck:
             raise refused(self.problem, msg)
         whole = {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
-            "EFFECTS": len(self._effects), "KEEP": KEEP, "READS": read, "CLOSED": closed,
+            "EFFECTS": len(self._effects), "KEEP": self.columns, "READS": read, "CLOSED": closed,
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
             "HOLDS": holds, "DEPTH": times.depth, "FACES": len(self._faced),
             "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
