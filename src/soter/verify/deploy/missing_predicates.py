@@ -36,7 +36,7 @@ from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown
-from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_check import KEEP, KEEP_MORE, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 
 if TYPE_CHECKING:
@@ -146,7 +146,10 @@ def followed_costs(flat: System) -> dict[str, Cost]:
         with contextlib.suppress(SoterError, TooLongError):
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
-            found[module.symbol.name] = TubeCheck(problem).cost()
+            check = TubeCheck(problem)
+            found[module.symbol.name] = check.cost()
+            check.columns = KEEP_MORE if check.read_by_law else KEEP
+            found[module.symbol.name] = check.cost()
     return found
 
 
