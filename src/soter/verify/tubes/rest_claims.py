@@ -40,8 +40,8 @@ HALVINGS = 12
 class RestClaims:
     """What was found; a text where something is not shown, "" where it is.
 
-    `ways`: Y, by state, of those that `moves` does not name. `box`: B. `columns`: those of the tubes
-    that show it, and of the check that flies.
+    `ways`: Y, by state, of those that `moves` does not name. `box`: B. `columns`: those of the
+    tubes that show it, and of the check that flies.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)

@@ -47,7 +47,7 @@ FREE, STEPS, LONGEST = 2, 1, 8
 """How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
 nothing."""
 KEEP, KEEP_MORE = 6, 40
-"""Columns that are kept; of an SC that acts on what it reads through many others more are needed."""
+"""Columns that are kept: more of an SC that acts on what it reads through many other states."""
 ENDINGS = 2
 """Into how many the times are cut at which a judged command may end to act."""
 

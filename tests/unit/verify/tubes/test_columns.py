@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 HOVER = """soter 1;
 type Pose = { x: float, v: float, pitch: float, turn: float };
-topic pose: Pose in { x in [-8.0, 8.0], v in [-6.0, 6.0], pitch in [-1.2, 1.2], turn in [-9.0, 9.0] }
-    max_age 100us;
+topic pose: Pose in { x in [-8.0, 8.0], v in [-6.0, 6.0], pitch in [-1.2, 1.2],
+    turn in [-9.0, 9.0] } max_age 100us;
 topic torque: float in [-60.0, 60.0] = 0.0;
 node Ac period 40ms { publishes torque; step { publish torque = 0.0; } }
 node Sc period 40ms phase 20ms { subscribes pose; publishes torque;
