@@ -36,7 +36,7 @@ from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown
-from soter.verify.tubes.tube_check import KEEP, KEEP_MORE, TubeCheck
+from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ def followed_costs(flat: System) -> dict[str, Cost]:
             assert isinstance(problem, TubeProblem)
             check = TubeCheck(problem)
             found[module.symbol.name] = check.cost()
-            check.columns = KEEP_MORE if check.read_by_law else KEEP
+            check.cut = MOST if check.read_by_law else PLAIN
             found[module.symbol.name] = check.cost()
     return found
 
@@ -167,7 +167,7 @@ def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaim
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
     claims = RestClaims.read(folder / REST)
-    check.columns = claims.columns
+    check.cut = claims.cut
     return claims
 
 

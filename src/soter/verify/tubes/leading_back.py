@@ -18,7 +18,7 @@ from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.module_expressions import middle
 from soter.verify.tubes.rest_runs import runs_from
-from soter.verify.tubes.tube_check import KEEP, KEEP_MORE
+from soter.verify.tubes.tube_check import CUTS, PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -90,9 +90,7 @@ class _Search:
         while todo:
             part, depth, share = todo.pop()
             tried += 1
-            way = self._way(part, self._box)
-            if way is None and not depth:
-                way = self._with_more_columns()
+            way = self._way(part, self._box) if depth else self._whole()
             if way is not None:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
@@ -114,19 +112,23 @@ class _Search:
                 progress(shown)
         return Led(ways)
 
-    def _with_more_columns(self) -> Box | None:
-        """As `_way` of all of the box; where it is not shown so either all is as it was."""
-        check, caller = self._check, self._caller
-        if not check.read_by_law:  # no answer shares a symbol with a state
-            return None
-        check.columns = KEEP_MORE
-        with suppress(TooLongError):
-            check.cost()
-            self._caller = Caller(check.offline({}))
-            if (way := self._way(self._box, self._box)) is not None:
-                return way
-        check.columns, self._caller = KEEP, caller
-        return None
+    def _whole(self) -> Box | None:
+        """`_way` of all of the box, by the first of `CUTS` that shows the start, too; or `PLAIN`."""
+        check = self._check
+        for check.cut in range(len(CUTS)) if check.read_by_law else ():  # noqa: B020 - of an object
+            with suppress(TooLongError):
+                check.cost()
+                self._caller = Caller(check.offline({}))
+                way = self._way(self._box, self._box)
+                if way is not None and self._starts(way):
+                    return way
+        check.cut = PLAIN
+        self._caller = Caller(check.offline({}))
+        return self._way(self._box, self._box)
+
+    def _starts(self, way: Box) -> bool:
+        initial = {s: self._check.problem.initial[s] for s in self._check.states}
+        return Caller(self._check.offline(way)).holds("starts", ends(self._check, initial))
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """Where SC leads through from a part back into a box; None: it is not shown to."""

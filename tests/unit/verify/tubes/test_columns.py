@@ -16,7 +16,7 @@ from soter.verify.tubes import leading_back
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import shown
-from soter.verify.tubes.tube_check import KEEP, KEEP_MORE, TubeCheck
+from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN, TubeCheck
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -87,11 +87,12 @@ def test_as_many_columns_fly_as_rest_is_shown_with(
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(tmp_path))
     check = check_of(HOVER)
-    assert kept_in_flight(check) == KEEP
+    assert kept_in_flight(check) == CUTS[0][0]
     for again in (check, check_of(HOVER)):  # computed, then from the cache
         claims = rest_claims(again)
         assert (claims.kept, claims.start) == ("", "")
-        assert claims.columns == again.columns == kept_in_flight(again) == KEEP_MORE
+        assert claims.cut == again.cut == MOST
+        assert kept_in_flight(again) == CUTS[MOST][0]
 
 
 @pytest.mark.parametrize("why", ["they do not fit into a step", "they do not show it either"])
@@ -102,4 +103,4 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
         most = Caller(check.offline({})).operations("follows")
         monkeypatch.setattr(step_cost, "MAX_OPERATIONS", int(1.05 * most))
     assert "does not certainly lead back" in shown(check).kept
-    assert check.columns == KEEP
+    assert check.cut == PLAIN
