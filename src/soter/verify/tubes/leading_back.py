@@ -113,7 +113,7 @@ class _Search:
         return Led(ways)
 
     def _whole(self) -> Box | None:
-        """`_way` of all of the box, by the first of `CUTS` that shows the start, too; or `PLAIN`."""
+        """`_way` of all of the box, by the first of `CUTS` that shows the start, too."""
         check = self._check
         for check.cut in range(len(CUTS)) if check.read_by_law else ():  # noqa: B020 - of an object
             with suppress(TooLongError):

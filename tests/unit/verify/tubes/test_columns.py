@@ -82,6 +82,7 @@ def test_units_of_a_state_do_not_matter_for_what_is_kept() -> None:
             assert after[i][4] == tuple(unit * a for a in before[i][4]), (state, i)
 
 
+@pytest.mark.long
 def test_as_many_columns_fly_as_rest_is_shown_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -95,6 +96,7 @@ def test_as_many_columns_fly_as_rest_is_shown_with(
         assert kept_in_flight(again) == CUTS[MOST][0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("why", ["they do not fit into a step", "they do not show it either"])
 def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch, why: str) -> None:
     check = check_of(HOVER if "fit" in why else HOVER.replace("max_age 100us", "max_age 8ms"))
