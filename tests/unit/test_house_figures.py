@@ -152,7 +152,7 @@ ROOMS = {
     "tests/unit/language": (20, "as above"),
     "tests/unit/certificate": (65, "as above; and what single functions promise, by kind"),
     "tests/unit/verify/diagnosis": (17, "as above"),
-    "tests/unit/verify/tubes": (17, "as above, and what enumerates small systems for them"),
+    "tests/unit/verify/tubes": (18, "as above, and what enumerates small systems for them"),
     "tests/unit/cli": (37, "as above: a file a command"),
     "tests/unit/explore": (40, "as above; the engine's strategies are asked one by one"),
 }
