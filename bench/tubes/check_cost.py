@@ -51,6 +51,7 @@ RANGES: dict[str, list[tuple[float, float]]] = {
     "docking_3d": [
         (-60, 60), (-120, -20), (-60, 60), (-0.5, 0.5), (-0.5, 0.5), (-0.5, 0.5),
     ],
+    "quadrotor": [(-6, 6), (1, 7), (-2.5, 2.5), (-1.5, 1.5), (-0.3, 0.3), (-1.5, 1.5)],
 }  # fmt: skip
 """Of estimates, in the order of the states."""
 CLOCK_HZ, CLOCKS = 480e6, 2.0

@@ -36,7 +36,7 @@ from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown
-from soter.verify.tubes.tube_check import TubeCheck
+from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 
 if TYPE_CHECKING:
@@ -146,7 +146,10 @@ def followed_costs(flat: System) -> dict[str, Cost]:
         with contextlib.suppress(SoterError, TooLongError):
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
-            found[module.symbol.name] = TubeCheck(problem).cost()
+            check = TubeCheck(problem)
+            found[module.symbol.name] = check.cost()
+            check.cut = MOST if check.read_by_law else PLAIN
+            found[module.symbol.name] = check.cost()
     return found
 
 
@@ -163,7 +166,9 @@ def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaim
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
-    return RestClaims.read(folder / REST)
+    claims = RestClaims.read(folder / REST)
+    check.cut = claims.cut
+    return claims
 
 
 def _carry(here: System, there: System) -> None:

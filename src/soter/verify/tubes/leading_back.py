@@ -8,19 +8,21 @@ Non-goals: the box (`rest_claims.py`), the tube (`rest.soter`).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import announce, phase
 from soter.verify.problem.problem import Interval
+from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.module_expressions import middle
 from soter.verify.tubes.rest_runs import runs_from
+from soter.verify.tubes.tube_check import CUTS, PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.verify.tubes.generated_functions import Caller
     from soter.verify.tubes.rest_runs import Astray
     from soter.verify.tubes.tube_check import TubeCheck
 
@@ -88,7 +90,8 @@ class _Search:
         while todo:
             part, depth, share = todo.pop()
             tried += 1
-            if (way := self._way(part, self._box)) is not None:
+            way = self._way(part, self._box) if depth else self._whole()
+            if way is not None:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
@@ -108,6 +111,24 @@ class _Search:
             if progress is not None:
                 progress(shown)
         return Led(ways)
+
+    def _whole(self) -> Box | None:
+        """`_way` of all of the box, by the first of `CUTS` that shows the start, too."""
+        check = self._check
+        for check.cut in range(len(CUTS)) if check.read_by_law else ():  # noqa: B020 - of an object
+            with suppress(TooLongError):
+                check.cost()
+                self._caller = Caller(check.offline({}))
+                way = self._way(self._box, self._box)
+                if way is not None and self._starts(way):
+                    return way
+        check.cut = PLAIN
+        self._caller = Caller(check.offline({}))
+        return self._way(self._box, self._box)
+
+    def _starts(self, way: Box) -> bool:
+        initial = {s: self._check.problem.initial[s] for s in self._check.states}
+        return Caller(self._check.offline(way)).holds("starts", ends(self._check, initial))
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """Where SC leads through from a part back into a box; None: it is not shown to."""

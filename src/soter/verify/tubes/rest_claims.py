@@ -22,6 +22,7 @@ from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.leading_back import ends, led_back, told
 from soter.verify.tubes.problem import refused
 from soter.verify.tubes.rest_drift import undrifted
+from soter.verify.tubes.tube_check import PLAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -39,7 +40,8 @@ HALVINGS = 12
 class RestClaims:
     """What was found; a text where something is not shown, "" where it is.
 
-    `ways`: Y, by state, of those that `moves` does not name. `box`: B.
+    `ways`: Y, by state, of those that `moves` does not name. `box`: B. `cut`: that of the tubes
+    that show it, and of the check that flies.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
@@ -48,6 +50,7 @@ class RestClaims:
     kept: str = ""
     moves: str = ""
     start: str = ""
+    cut: int = PLAIN
 
     def write(self, path: Path) -> None:
         """As JSON; the ends of ranges as they are."""
@@ -77,6 +80,7 @@ def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
         raise _too_long(check) from None
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims, progress)
+    claims.cut = check.cut
     if not claims.kept:
         phase(f"{check.problem.name}: how far SC moves what `moves` names")
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}

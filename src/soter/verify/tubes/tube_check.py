@@ -45,9 +45,12 @@ FARTHEST = 1e100
 """Above it a number of a map is none: sums of them, and products of two, are what forms hold."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
-FREE, STEPS, LONGEST, KEEP = 2, 1, 8, 6
+FREE, STEPS, LONGEST = 2, 1, 8
 """How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
-nothing; columns that are kept."""
+nothing."""
+CUTS = (6, True), (6, False), (40, True)
+"""How many columns are kept, and whether those that are most as shares of their states, or most."""
+PLAIN, MOST = 1, 2
 ENDINGS = 2
 """Into how many the times are cut at which a judged command may end to act."""
 
@@ -95,7 +98,8 @@ class TubeCheck:
 
     `states`: those that what is asked hangs on, in the order of estimates; all others are left out
     (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state;
-    `rooms`: where states are within C, by the sets of what plants publish.
+    `rooms`: where states are within C, by the sets of what plants publish; `cut`: which of
+    `CUTS` tubes have: any is sound, and `leading_back.py` looks for one that shows rest.
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -121,6 +125,7 @@ class TubeCheck:
         asked = [*self.law, self._defined, self._safe, self._rest]
         self.states = _behind(asked, every)
         self.read_by_law = _inputs([*self.law, self._defined])
+        self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
         self.read_by_rates = _inputs([every[s] for s in self.states])
         self.read_by_rest = _inputs([self._rest])
         every_input = in_order([*asked, *(every[s] for s in self.states)])
@@ -341,7 +346,8 @@ class TubeCheck:
         q, times = self.problem.quantities, self.times
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
-        read = 2 * n + KEEP
+        keep, shares = CUTS[self.cut]
+        read = 2 * n + keep
         closed, moves = read + n, read + n + moved
         symbols, holds = moves + moved * STEPS + 1, times.switches + 1
         if not self.read_by_law:  # no command shares a symbol with a state, and none switches
@@ -352,7 +358,7 @@ class TubeCheck:
             raise refused(self.problem, msg)
         whole = {
             "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
-            "EFFECTS": len(self._effects), "KEEP": KEEP, "READS": read, "CLOSED": closed,
+            "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "CLOSED": closed,
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
             "HOLDS": holds, "DEPTH": times.depth, "FACES": len(self._faced),
             "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
@@ -373,6 +379,7 @@ class TubeCheck:
         }
         lines = [f"const {name}: int = {value};" for name, value in whole.items()]
         lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
+        lines += [f"const SHARES: bool = {str(shares).lower()};"]
         lines += [f"const RESET: float = {0.5 if self.read_by_law else 0.9};"]
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]

@@ -17,7 +17,7 @@ from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import KEEP, TubeCheck, TubeTimes
+from soter.verify.tubes.tube_check import CUTS, TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import DrawnModule, drawn_module
 from unit.verify.tubes.soter_forms import Library, down, drawn, eps_of, off_by, up
 
@@ -327,7 +327,7 @@ def test_reduced_forms_hold_states_and_commands_of_one_run(
     for one choice of the new symbols that x and u share.
     """
     for library, s, module, rng in each(subjects, "reduced"):
-        n, m, keep = module.states, module.controls, KEEP
+        n, m, keep = module.states, module.controls, CUTS[0][0]
         for _ in range(2 * BOXES):
             eps = [eps_of(rng, s.symbols)]
             x = [drawn(rng, eps, rng.choice((1.0, 1e-3)), -3.0, 3.0) for _ in range(n)]
@@ -382,7 +382,7 @@ def test_reads_hold_what_was_so_long_ago_with_any_error(
             forms = rows_at(x=[f.row for f in x], v=[f.row for f in v])(s.symbols)
             got = library.call(s.name, 2, forms)
             assert got is not None
-            reads = 2 * n + KEEP
+            reads = 2 * n + CUTS[0][0]
             for age in (Fraction(0), late / 3, late):
                 for i in range(n):
                     side = rng.choice((-1, 0, 1))
