@@ -222,8 +222,11 @@ BENCHMARKS = (
     Benchmark(
         "A check of rest beside tools for reach sets",
         (
-            "bench/tubes/peers.py", "--rtreach", "peer/libRtreach.so",
-            "--immrax", "peer/bin/python",
+            "bench/tubes/peers.py",
+            "--rtreach",
+            "peer/libRtreach.so",
+            "--immrax",
+            "peer/bin/python",
         ),
         "One question, on one core in one run: does a car that rolls out on a bend meet one of "
         "twenty boxes? Model, horizon (1.75 s), estimate and errors are the same. `clear at`: how "

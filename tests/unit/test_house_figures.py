@@ -145,6 +145,7 @@ ROOMS = {
         17,
         "one elaborator and what it places: a file a part of a system, found by its name",
     ),
+    "bench/tubes": (18, "a file an attack or a measurement, and what they fly"),
     "tests/generators": (74, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (107, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),

@@ -192,7 +192,14 @@ class Checker:
         if known is None:
             name = ".".join((*prefix, topic.name.rsplit(".", 1)[-1]))
             known = typed.TopicSymbol(
-                name, span, topic.type, topic.input, {}, None, None, topic.static
+                name,
+                span,
+                topic.type,
+                input=topic.input,
+                values={},
+                default=None,
+                max_age=None,
+                static=topic.static,
             )
             self._known_stand_ins[key] = known
             self.stand_ins[known] = (tuple(prefix), topic)

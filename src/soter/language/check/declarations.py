@@ -285,11 +285,11 @@ class DeclChecker:
             full,
             decl.name.span,
             t,
-            decl.input,
-            values,
-            sound(default),
-            sound(max_age),
-            decl.static,
+            input=decl.input,
+            values=values,
+            default=sound(default),
+            max_age=sound(max_age),
+            static=decl.static,
         )
 
     def _value_set(

@@ -427,7 +427,9 @@ class Parser(NodeParser):
             order = max(order, position)
         self.semicolon("the topic")
         span = self.span_from(start)
-        return tree.TopicDecl(name, span, is_input, type_, values, default, max_age, static)
+        return tree.TopicDecl(
+            name, span, is_input, type_, values, default=default, max_age=max_age, static=static
+        )
 
     def _out_of_order(self, at: int, again: bool) -> None:
         word = self.texts[at]

@@ -38,8 +38,8 @@ _OPERATOR_LEVEL = {
     "+": 6, "-": 6, "*": 7, "/": 7, "%": 7,
 }  # fmt: skip
 _CLAUSE_WORDS = {
-    "in", "max_age", "static", "within", "from", "leadsto", "by", "moves", "phase", "queue", "hold", "every",
-    "at", "unit",
+    "in", "max_age", "static", "within", "from", "leadsto", "by", "moves", "phase", "queue", "hold",
+    "every", "at", "unit",
 }  # fmt: skip
 _ITEM_BOUNDARY, _AFTER_COMMA, _BEFORE_CLAUSE, _AFTER_ASSIGN, _ELSEWHERE = 0, 1, 2, 18, 99
 

@@ -206,7 +206,9 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
             if index not in place.driven and not (what == "safe" and index in maps):
                 driven = "put the plant that drives it beside the module, or use `abstracts`"
                 followed = what == "safe" and symbol.rest is not None
-                a_map = "`static` at its end, if what it calls free stays free (`soter explain map`)"
+                a_map = (
+                    "`static` at its end, if what it calls free stays free (`soter explain map`)"
+                )
                 diagnostics.error(
                     "R001",
                     f"`{what}` reads `{topic.name}`, which no verification plant drives",
