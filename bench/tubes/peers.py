@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -101,7 +101,7 @@ class Rtreach:
     def __init__(self, library: str) -> None:
         self._library = ct.CDLL(str(Path(library).resolve()))
         self._kept = [self._corners(b) for b in grown()]  # what C points to
-        pointers = [ct.addressof(b[-1]) for b in self._kept]
+        pointers = [ct.addressof(of) for of, *_ in self._kept]
         self._boxes = (ct.c_void_p * len(BOXES))(*pointers)
         ct.c_void_p.in_dll(self._library, "obstacles").value = ct.addressof(self._boxes)
         ct.c_int.in_dll(self._library, "obstacle_count").value = len(BOXES)
@@ -111,9 +111,9 @@ class Rtreach:
         self._lifted.restype = ct.c_bool
 
     @staticmethod
-    def _corners(box: Sequence[float]) -> tuple[object, ...]:
+    def _corners(box: Sequence[float]) -> tuple[ct.Array[Any], ...]:
         x, y = ((ct.c_double * 2)(*box[k : k + 2]) for k in (0, 2))
-        return x, y, (ct.c_void_p * 2)(ct.addressof(x), ct.addressof(y))
+        return (ct.c_void_p * 2)(ct.addressof(x), ct.addressof(y)), x, y
 
     def ask(self, x: Sequence[float], step_s: float) -> tuple[bool, float]:
         """Whether it is clear, and microseconds; a negative budget would refine."""
@@ -121,9 +121,9 @@ class Rtreach:
         at_each = self._at_each
         init = (_Range * DIMENSIONS)(*ends)
         settings = _Settings(init, HORIZON_S, step_s, 100.0, 0, at_each, None, None)
-        began = time.perf_counter()
+        began = time.process_time()
         clear = self._lifted(0, ct.byref(settings), STEER, CH)
-        return clear, 1e6 * (time.perf_counter() - began)
+        return clear, 1e6 * (time.process_time() - began)
 
     def rows(self) -> Iterator[Row]:
         """A row a step, each half of the one before."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import operator
 import random
 import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import product
+from typing import TYPE_CHECKING
 
 import pytest
 from bench.tubes.turning_car import BOXES, PROGRAM
@@ -22,6 +24,9 @@ from soter.verify.tubes.print_forms import certain, function
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import drawn_module
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 WHOLE = """
 const LISTED: float[2] = [0.5, 0.25];
@@ -197,6 +202,11 @@ def test_more_symbols_than_sums_allow_for_are_refused(monkeypatch: pytest.Monkey
         check.in_flight({})
 
 
+MEANT: dict[str, Callable[[bool, bool], bool]] = {
+    "and": operator.and_,
+    "or": operator.or_,
+    "same": operator.eq,
+}
 RANGE = """type Range = { lo: float, hi: float };
 type Point = { at: Range[6] };
 fun f_neg(a: Range): Range { return { lo: -a.hi, hi: -a.lo }; }
@@ -210,28 +220,28 @@ def test_conditions_that_are_met_again_are_written_once_and_mean_the_same() -> N
         make = Expressions()
         above = [make.compare(">", make.input("x", k), make.number(0.0)) for k in range(6)]
         said = above[0]
-        asked = [lambda x: x[0] > 0.0]
+        ops: list[str] = []
         for k in range(1, 6):
-            op, before = rng.choice(["and", "or", "same"]), asked[-1]
+            ops.append(op := rng.choice(["and", "or", "same"]))
             other = above[k]
             if op == "same":
                 both = make.join("and", said, other)
                 said = make.join("or", both, make.join("and", make.not_(said), make.not_(other)))
-                asked.append(lambda x, k=k, f=before: f(x) == (x[k] > 0.0))
             else:
                 said = make.join(op, said, other)
-                join = all if op == "and" else any
-                asked.append(lambda x, k=k, f=before, join=join: join([f(x), x[k] > 0.0]))
         inputs = {("x", k): f"x.at[{k}]" for k in range(6)}
         text = "\n".join(
-            certain(name, "x: Point", said, inputs, truth=truth)
-            for name, truth in (("holds", True), ("fails", False))
+            certain(name, "x: Point", said, inputs, truth=whether)
+            for name, whether in (("holds", True), ("fails", False))
         )
         caller = Caller(RANGE + text)
         for signs in product((-1.0, 1.0), repeat=6):
             point = (tuple((s, s) for s in signs),)
-            assert caller.holds("holds", point) is asked[-1](signs)
-            assert caller.holds("fails", point) is not asked[-1](signs)
+            truth = signs[0] > 0.0
+            for op, sign in zip(ops, signs[1:], strict=True):
+                truth = MEANT[op](truth, sign > 0.0)
+            assert caller.holds("holds", point) is truth
+            assert caller.holds("fails", point) is not truth
 
 
 def test_many_obstacles_in_a_loop_are_a_text_of_their_number() -> None:
