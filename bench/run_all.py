@@ -236,8 +236,8 @@ BENCHMARKS = (
         "compiled by JAX) follows its embedding by Euler's rule, whose own error is in no bound. "
         "Both take the command as given; Soter's check has a window of any command as well (here "
         "one command), ages and errors of what SC reads, and rounds outward. Target: ten times "
-        "faster than each. Of rtreach it is where both are as near to half a centimetre and less; "
-        "of immrax it is not.",
+        "faster than each: reached where rtreach is as near to a millimetre, not where it may be "
+        "some centimetres off, and not against immrax.",
     ),
     Benchmark(
         "A check of rest on a Cortex-M7",
