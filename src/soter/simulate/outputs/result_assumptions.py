@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
 from soter.language.model.system import claims_nothing, modules_above
+from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -56,6 +57,12 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         )
     assumptions += [
         f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
+    ]
+    assumptions += [
+        f"{m.name}: what {system.topics[m.scope.topics[t]].name} calls free stays free, for ever"
+        for m in free
+        for t in topic_reads(m.symbol.safe)
+        if t.static
     ]
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:

@@ -14,6 +14,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
+from soter.simulate.outputs.to_report import report_page
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
@@ -188,6 +189,12 @@ def test_ac_has_control_while_a_map_is_fresh(tmp_path: Path) -> None:
     rare = changed(BEFORE_A_WALL, (ALONE, "  input free every 1s;\n"))
     share = program(tmp_path, rare).simulate(until="8s", seed=2).modules["Stop"].ac_share
     assert share < 0.3
+
+
+def test_a_run_rests_on_what_its_map_says(tmp_path: Path) -> None:
+    run = program(tmp_path, BEFORE_A_WALL).simulate(until="100ms")
+    rests_on = report_page(run, "a map", {}).assumptions
+    assert "Stop: what free calls free stays free, for ever" in rests_on
 
 
 def test_commands_are_judged_by_a_fresh_map_alone() -> None:
