@@ -14,6 +14,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import announce, phase
+from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.module_expressions import middle
@@ -113,16 +114,26 @@ class _Search:
         return Led(ways)
 
     def _whole(self) -> Box | None:
-        """`_way` of all of the box, by the first of `CUTS` that shows the start, too."""
-        check = self._check
-        for check.cut in range(len(CUTS)) if check.read_by_law else ():  # noqa: B020 - of an object
-            with suppress(TooLongError):
-                check.cost()
-                self._caller = Caller(check.offline({}))
-                way = self._way(self._box, self._box)
+        """`_way` of all of the box, by the first of `CUTS` that shows the start, too.
+
+        Where none does, by the first that shows rest: a start may be among what a map calls free.
+        """
+        cuts = range(len(CUTS)) if self._check.read_by_law else ()
+        found: int | None = None
+        for cut in cuts:
+            with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
+                way = self._way_by(cut)
                 if way is not None and self._starts(way):
                     return way
-        check.cut = PLAIN
+                if way is not None and found is None:
+                    found = cut
+        return self._way_by(PLAIN if found is None else found)
+
+    def _way_by(self, cut: int) -> Box | None:
+        check = self._check
+        check.cut = cut
+        if cut != PLAIN:
+            check.cost()
         self._caller = Caller(check.offline({}))
         return self._way(self._box, self._box)
 

@@ -106,3 +106,16 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
         monkeypatch.setattr(step_cost, "MAX_OPERATIONS", int(1.05 * most))
     assert "does not certainly lead back" in shown(check).kept
     assert check.cut == PLAIN
+
+
+@pytest.mark.long
+def test_a_start_that_is_not_shown_leaves_rest_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As one that a map does not call free: what shows rest flies all the same."""
+    still = "state x: float; state v: float;"
+    assert still in HOVER
+    check = check_of(HOVER.replace(still, "state x: float = 6.95; state v: float = 3.0;"))
+    monkeypatch.setattr(leading_back, "SPLITS", 0)
+    claims = shown(check)
+    assert claims.kept == ""
+    assert "from b.x in [6.95, 6.95]" in claims.start
+    assert check.cut == MOST
