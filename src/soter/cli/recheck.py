@@ -212,6 +212,9 @@ def _of_flight(flight: FlightReport) -> Iterator[str]:
     )
     if flight.cut:
         yield visible(f"read up to there, and no further: {flight.cut}")
+    if flight.unlogged:
+        names = ", ".join(flight.unlogged)
+        yield visible(f"the log has no message of {names}: what was read is as the log says")
     for d in flight.doubts:
         of = ", ".join(f"{name} = {value!r}" for name, value in d.estimate.items())
         text = f"{d.time_ns / 1e9:.9g} s  {d.module}  {d.kind}: {d.reason}"
@@ -315,7 +318,7 @@ DOCUMENT = JsonObject(
     flights=JsonObject(
         "soter.certificate.flights.flight_report.FlightReport",
         "log system modules verdict verdicts asked interrupted confirmed said_sc=others to_ns cut "
-        "seconds doubts",
+        "unlogged seconds doubts",
         verdict=one_of(*VERDICTS),
         doubts=JsonObject(
             "soter.certificate.flights.flight_report.Doubt",

@@ -110,6 +110,7 @@ class Flights:
                 read = read_flight(Path(log), flat, modules)
                 report.verdicts, report.others = len(read.verdicts), read.others
                 report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, list(read.doubts)
+                report.unlogged = list(read.unlogged)
                 phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
                 every = self._answers(system, read.verdicts, workers or os.cpu_count() or 1)
                 with closing(every) as answers:  # processes end where somebody breaks it off

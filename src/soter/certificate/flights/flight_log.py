@@ -49,6 +49,7 @@ class FlightLog:
     """Verdicts "AC" in order of time; `others`: how many said "SC"; `doubts`: see above.
 
     `to_ns`: up to where the log was read; `cut`: why it was not read to its end, "" where it was.
+    `unlogged`: topics that were read, and of which there is no message.
     """
 
     verdicts: list[LoggedVerdict] = field(default_factory=list)
@@ -56,6 +57,7 @@ class FlightLog:
     doubts: list[Doubt] = field(default_factory=list)
     to_ns: int = 0
     cut: str = ""
+    unlogged: dict[str, None] = field(default_factory=dict)
 
 
 def read_flight(path: Path, system: System, modules: Sequence[Module]) -> FlightLog:
@@ -209,6 +211,7 @@ class _Reader:
             yield f"it read {name}, {age} ns old, and max_age is {topic.max_age_ns} ns"
         last = self.published.get(name)
         if last is None:
+            self.log.unlogged[name] = None
             return
         possible = last if last[0][0] == time_ns else last[:1]
         known = dict(possible).get(time_ns - age)

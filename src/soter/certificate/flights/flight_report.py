@@ -38,7 +38,8 @@ class FlightReport:
 
     `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
     the log was read; `cut`: why not to its end, "" where it was. `asked`: so many of the verdicts,
-    all but where Ctrl-C ended it (`interrupted`). `seconds` of processor time.
+    all but where Ctrl-C ended it (`interrupted`). `unlogged`: topics of which the log has no message,
+    so that nothing is compared with what was read of them. `seconds` of processor time.
     """
 
     log: str
@@ -53,6 +54,7 @@ class FlightReport:
     doubts: list[Doubt] = field(default_factory=list)
     seconds: float = 0.0
     interrupted: bool = False
+    unlogged: list[str] = field(default_factory=list)
 
     @property
     def verdict(self) -> str:

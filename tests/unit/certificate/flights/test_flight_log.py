@@ -57,6 +57,7 @@ def test_a_true_log_is_confirmed(train: Path, tmp_path: Path, modes: str) -> Non
     for messages in (True, False):
         report = judged(train, tmp_path, Flight(modes), messages=messages)
         assert (report.verdict, report.doubts, report.cut) == (ACCEPTED, [], "")
+        assert report.unlogged == ([] if messages or "A" not in modes else ["sight"])
         counts = report.verdicts, report.confirmed, report.others
         assert counts == (modes.count("A"), modes.count("A"), modes.count("S"))
         assert report.to_ns == (len(modes) - 1) * 100 * MS
