@@ -13,8 +13,9 @@ import pytest
 from soter.api import Program
 from soter.report.run.led_picture import FAILED
 from soter.simulate.decided_instants import decided_at
-from soter.simulate.outputs.led_looks import GOOD, MOVES, REST, SAFE, looks_of
+from soter.simulate.outputs.led_looks import GOOD, MOVES, REST, SAFE, _watched, looks_of
 from soter.simulate.outputs.led_of_run import led_of_run
+from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
     import browser
@@ -158,6 +159,26 @@ def test_a_takeover_tells_it_and_says_nothing_of_commands(tmp_path: Path) -> Non
 
 
 # ---------------------------------------------------------------- the page
+
+
+def test_a_map_is_no_part_of_where_the_robot_is(tmp_path: Path) -> None:
+    path = tmp_path / "wall.soter"
+    path.write_text(BEFORE_A_WALL, encoding="utf-8")
+    looks = looks_of(Program(str(path)).simulate(until="1s").system)
+    assert looks is not None
+    assert looks.names == {0: ("sled.p", "sled.v")}
+
+
+@pytest.mark.parametrize("of", [" {0}", "\n    {0}"])
+@pytest.mark.parametrize("between", [", ", ",\n    "])
+@pytest.mark.parametrize("brace", [" {", "\n{"])
+def test_a_function_is_watched_wherever_its_lines_end(of: str, between: str, brace: str) -> None:
+    name = "m_safe_fn"
+    given = between.join(["const m_form *x", "soter_fault *fault"])
+    text = f"SOTER_INLINE bool{of.format(name)}({given}){brace}\n  return true;\n}}\nint after;\n"
+    watched = _watched(text, name, "", "led_safe(led_said, {0});")
+    assert f"const bool led_said = {name}(x, fault);" in watched
+    assert watched.index("led_safe(led_said, x)") < watched.index(f"#define {name} {name}_noted")
 
 
 def pictured(page: Path) -> list[dict[str, Any]]:

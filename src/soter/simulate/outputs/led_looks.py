@@ -112,7 +112,8 @@ class LedLooks:
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
-        read = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
+        asked = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
+        read = {m: [a for a in of if not _of_map(a)] for m, of in asked.items()}
         self.names = {m: tuple([path_of(a) for a in every]) for m, every in read.items()}
         """What the check of a module reads of each state that it follows."""
         self.units = {m: tuple([getattr(a.type, "unit", "") for a in of]) for m, of in read.items()}
@@ -181,6 +182,14 @@ def looks_of(system: System) -> LedLooks | None:
     return None
 
 
+def _of_map(e: typed.TypedExpr) -> bool:
+    """Whether a number is of a map, which no tube moves."""
+    while isinstance(e, (typed.TypedField, typed.Index)):
+        e = e.target
+    assert isinstance(e, typed.TopicRead)
+    return e.topic.static
+
+
 def _paths(e: object) -> Iterator[str]:
     """What an expression reads of topics."""
     if isinstance(e, (typed.TopicRead, typed.TypedField, typed.Index)):
@@ -213,9 +222,10 @@ int {prefix}_led(int m, bool judged, const void *state, double *rows, int width,
 
 def _watched(source: str, name: str, before: str, after: str) -> str:
     """The C in which a function is called through one that notes what it gave."""
-    found = re.search(rf"^SOTER_INLINE ([\w ]+) {name}\(([^)]*)\) {{$", source, re.MULTILINE)
+    signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
+    found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name
-    result, given = found[1], " ".join(found[2].split())
+    result, given = (" ".join(part.split()) for part in found.groups())
     names = re.findall(r"(\w+)(?:,|$)", given)
     call, back = f"{name}({', '.join(names)});", ""
     if result != "void":

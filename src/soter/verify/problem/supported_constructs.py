@@ -215,7 +215,7 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                     read.span,
                     also=((topic.span, "declared here"),),
                     notes=("it is proved on the plant's true state",),
-                    helps=(driven, a_map) if followed else (driven,),
+                    helps=(a_map, driven) if followed else (driven,),
                 )
     for what, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
         if e is not None:

@@ -167,6 +167,22 @@ class ModuleExpressions:
             held = self.make.join("and", held, guard)
         return held
 
+    def _say_where(self, safe: Node) -> None:
+        """`NoExpressionError` for a map that no part of `safe` compares with a state.
+
+        Along a tube that part is as it is: it says something of the robot, not of a place.
+        """
+        of = [topic for topic, _ in self.problem.map_leaves]
+        placed: set[int] = set()
+        for c in in_order([safe]):
+            if c.op in ("positive", "not negative", "inside"):
+                inputs = [x.of for x in in_order([c]) if x.op == "input"]
+                if any(kind == "x" for kind, _ in inputs):
+                    placed |= {of[k] for kind, k in inputs if kind == "m"}
+        for topic in sorted({*of} - placed):
+            name = self.problem.system.topics[topic].name
+            raise NoExpressionError(f"`safe` compares nothing of the map `{name}` with a state")
+
     def constraint(self) -> Node:
         """C: `safe`, and that plants neither fault nor publish what their topics may not hold.
 
@@ -177,6 +193,7 @@ class ModuleExpressions:
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
         held = self.predicate(self.problem.module.symbol.safe, maps)
+        self._say_where(held)
         for component, step in self._plants():
             body = self._started(component, step)
             body.run(step.publish)

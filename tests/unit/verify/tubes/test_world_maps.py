@@ -231,6 +231,10 @@ REFUSED: dict[str, tuple[str, tuple[tuple[str, str], ...]]] = {
     "rest reads it": ("R007", (("< 0.3 moves", "< 0.3 && free.low < 0.0 moves"),)),
     "it has no age": ("R011", (("\n    max_age 250ms", ""),)),
     "nobody says that it stays true": ("R001", ((" static;", ";"),)),
+    "it is what the robot filters of itself": (
+        "R007",
+        (("sled.p > free.low && sled.p < free.high", "free.low > -6.0 && sled.v < 10.0"),),
+    ),
     "it counts": (
         "R014",
         (
