@@ -162,6 +162,12 @@ IDIOMS: tuple[Idiom, ...] = (
         say="leave them out, and write one function for each type",
     ),
     idiom(
+        r"^(?P<at>static)\s+(?P<topic>(?:input\s+)?topic\b[^;\n]*);",
+        "`static` stands at the end of a topic",
+        r"\g<topic> static;",
+        places=(TOP,),
+    ),
+    idiom(
         r"^(?P<at>pub(?:\s*\(\w+\))?|public|static|export|inline|private|final|extern \"C\")\s+"
         r"(?=const|fun|type|topic|node|param|rta|plant|system|test)",
         "`{0}` is no word of Soter: a file that imports this one sees everything it declares",

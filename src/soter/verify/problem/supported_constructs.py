@@ -207,7 +207,7 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                 driven = "put the plant that drives it beside the module, or use `abstracts`"
                 followed = what == "safe" and symbol.rest is not None
                 a_map = (
-                    "`static` at its end, if what it calls free stays free (`soter explain map`)"
+                    "`static` at its end, if what it calls free stays free (`soter explain static`)"
                 )
                 diagnostics.error(
                     "R001",

@@ -25,6 +25,7 @@ TOP = [
     ("typedef struct { float x; } M;", "type M = { x: float };"),
     ("topic speed<float>;", "topic speed: float;"),
     ("topic /robot/speed: float;", "topic speed: float;"),
+    ("static topic m: float max_age 1s;", "topic m: float max_age 1s static;"),
     ("import lib as l;", 'import "lib.soter" as l;'),
     ("#define A 3.0", "const A: float = 3.0;"),
     ("#define N 3", "const N: int = 3;"),
