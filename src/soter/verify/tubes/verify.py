@@ -47,8 +47,8 @@ SOUND = Assumption(
 )
 ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
 KEPT = (
-    "what disturbances do at rest has to fit into `rest`: a larger one, or an SC that holds a "
-    "place (`soter explain anchor`)"
+    "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
+    "larger one, a lower gain of SC, or an SC that holds a place (`soter explain anchor`)"
 )
 MOVES = (
     "a larger bound; where something pushes for ever none is true, so name a place that SC holds "
