@@ -77,6 +77,7 @@ class _Search:
         self._check, self._caller, self._box, self._own = check, caller, box, own
         self._name = check.problem.name
         self._rooms = {s: check.rooms[s] for s in own}
+        self._rests: tuple[int, Box] | None = None
 
     def all_of_it(self, progress: Callable[[float], None] | None) -> Led:
         own, ways = self._own, {s: self._box[s] for s in self._own}
@@ -96,6 +97,9 @@ class _Search:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
+                if self._rests is not None:
+                    self._check.cut, way = self._rests
+                    return Led({s: _hull(self._box[s], way[s]) for s in own})
                 reached = {} if runs is None else runs.reached
                 return Led({}, self._not_from(part, into, shown, tried, reached))
             else:
@@ -116,18 +120,16 @@ class _Search:
     def _whole(self) -> Box | None:
         """`_way` of all of the box, by the first of `CUTS` that shows the start, too.
 
-        Where none does, by the first that shows rest: a start may be among what a map calls free.
+        `_rests`: the first that shows rest, with its way. It is what there is where parts show
+        nothing, either: a start may be beyond what a map calls free.
         """
-        cuts = range(len(CUTS)) if self._check.read_by_law else ()
-        found: int | None = None
-        for cut in cuts:
+        for cut in range(len(CUTS)) if self._check.read_by_law else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
                 way = self._way_by(cut)
                 if way is not None and self._starts(way):
                     return way
-                if way is not None and found is None:
-                    found = cut
-        return self._way_by(PLAIN if found is None else found)
+                self._rests = self._rests or (None if way is None else (cut, way))
+        return self._way_by(PLAIN)
 
     def _way_by(self, cut: int) -> Box | None:
         check = self._check
