@@ -54,6 +54,13 @@ RANGES: dict[str, list[tuple[float, float]]] = {
     "quadrotor": [(-6, 6), (1, 7), (-2.5, 2.5), (-1.5, 1.5), (-0.3, 0.3), (-1.5, 1.5)],
 }  # fmt: skip
 """Of estimates, in the order of the states."""
+RANGES["obstacles"] = RANGES["bicycle"]
+MAPS = {
+    "obstacles": [
+        25.0, 10.0, 60.0, 25.0, -4.0, 1.0, 30.0, 8.0, 1.5, 53.0, 12.0, 1.0, 24.0, 19.0, 2.0,
+    ],
+}  # fmt: skip
+"""What a program that reads a map is asked with: four of its pillars."""
 CLOCK_HZ, CLOCKS = 480e6, 2.0
 """Of a Cortex-M7 as they are sold; what an instruction takes there is stated, not measured."""
 WRAP = """
@@ -90,21 +97,24 @@ def built(path: Path, folder: Path) -> tuple[Any, Any, int]:
     assert isinstance(problem, TubeProblem)
     check = TubeCheck(problem)
     n = len(check.states)
+    known = MAPS.get(path.stem)
+    given = "" if known is None else f", {known}"
     probe = f"""soter 1;
 {check.in_flight(rest_claims(check).ways)}
+fun asked(x: float[{n}]): bool {{ return good(x{given}); }}
 topic done: bool = false;
 node Probe period 10ms {{
   publishes done;
   var x: float[{n}];
-  step {{ publish done = good(x); }}
+  step {{ publish done = asked(x); }}
 }}
 system Probing default {{ node Probe; until 1s; }}
 """
     unit = generate(system_of(check_file("probe.soter", probe), "Probing"), prefix="probe")
     (folder / "probe.h").write_text(unit.header, encoding="utf-8")
     (folder / "probe.c").write_text(unit.source, encoding="utf-8")
-    faults = re.search(r"probe_good_fn\([^;{]*fault", unit.source)
-    call = f"probe_good_fn(x{', &fault' if faults else ''})"
+    faults = re.search(r"probe_asked_fn\([^;{]*fault", unit.source)
+    call = f"probe_asked_fn(x{', &fault' if faults else ''})"
     text = WRAP.replace("PROBE_CALL", call).replace("PROBE_ARRAY", f"probe_double_{n}")
     (folder / "wrap.c").write_text(text, encoding="utf-8")
     library = folder / "wrap.so"
