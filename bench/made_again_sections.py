@@ -415,6 +415,12 @@ PAGES = (
     ),
     Made(
         "testing.md",
+        "| example | flights: violated",
+        "bench/tubes/attack.py --runs 2000 --holds 300000 --dives 30 --programs 0",
+        times=SIMULATED,
+    ),
+    Made(
+        "testing.md",
         r"(\d+) of (\d+) are seen",
         "bench/tubes/smaller_constants.py",
         spread=True,

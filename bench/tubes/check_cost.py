@@ -31,6 +31,7 @@ from bench.running.campaign_cost import loop_s  # noqa: E402 - as above
 import soter  # noqa: E402 - needs the path
 from soter.api.deploying import image_of, stack_bound  # noqa: E402
 from soter.codegen.unit import generate  # noqa: E402
+from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
 from soter.native.build import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
 from soter.native.compiler import compile_with, find  # noqa: E402
@@ -132,7 +133,11 @@ def on_board(path: Path, board: str) -> list[str]:
     with tempfile.TemporaryDirectory() as name:
         package = program.build("cortex-m", Path(name) / "out", board=board)
         stack = stack_bound(package, board)
-        image = image_of(package, board, stack)
+        try:
+            image = image_of(package, board, stack)
+        except SoterError as error:  # X015
+            what = error.diagnostics[0].message.split(": ")[-1]
+            return [path.stem, *["-"] * 4, "no", "-", what, "-"]
     assert image is not None
     (step,) = [s for s in image.steps if s.name.endswith(".dm")]
     (module,) = program.flat().modules
