@@ -31,7 +31,7 @@ FEWER = {
     "docking_3d": 20,
     "dive": 20,
     "bicycle": 20,
-    "quadrotor": 50,
+    "quadrotor": 200,
 }
 """Where a check takes milliseconds so many times fewer runs, holds and dives are asked for."""
 SHIELD = re.compile(r"^  shield;.*\n", re.MULTILINE)
