@@ -415,6 +415,17 @@ PAGES = (
     ),
     Made(
         "testing.md",
+        r"(0) of (80) wrong variants",
+        "bench/tubes/wrong_rests.py --count 80",
+    ),
+    Made(
+        "testing.md",
+        r"([\d,]+) of ([\d,]+)\nare confirmed",
+        "bench/tubes/flights.py --flights 100 --until 6 --changed 10",
+        spread=True,
+    ),
+    Made(
+        "testing.md",
         "| example | flights: violated",
         "bench/tubes/attack.py --runs 2000 --holds 300000 --dives 30 --programs 0",
         times=SIMULATED,

@@ -6,7 +6,7 @@
 interpreter that has immrax; without them only Soter's row is printed. Both refine by a step of
 time: a row each, of rtreach until one is as near as Soter's check. How near: the distance before
 a box at which the tool last says that a car that rolls out stays clear (`turning_car.py`). The
-steps of immrax are Euler's, whose own error is in no bound: coarse ones say yes too late.
+steps of immrax are Euler's, whose own error is in no bound.
 Purpose: cost beside tightness. Non-goals: what they do not have (ages, lateness, any command).
 """
 

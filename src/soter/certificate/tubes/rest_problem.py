@@ -238,14 +238,13 @@ def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
     by_sc = {facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)}
     for index in maps_of(facts):
         topic = facts.system.topics[index]
-        every = [(path, of) for path, of in leaves(topic.type)]
         wrong = {
             "is read by SC": index in by_sc,
             "is read by `rest`": index in rest_reads,
             "has no age": topic.max_age_ns is None,
             "is a queue": topic.queue_of is not None,
             "is not made of floats": any(
-                "[]" in path or not isinstance(of, FloatType) for path, of in every
+                "[]" in path or not isinstance(of, FloatType) for path, of in leaves(topic.type)
             ),
         }
         for what in (what for what, there in wrong.items() if there):

@@ -147,7 +147,7 @@ def followed_costs(flat: System) -> dict[str, Cost]:
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
             check = TubeCheck(problem)
-            found[module.symbol.name] = check.cost()
+            found[module.symbol.name] = check.cost()  # stays where as many as below do not fit
             check.cut = MOST if check.read_by_law else PLAIN
             found[module.symbol.name] = check.cost()
     return found

@@ -24,28 +24,23 @@ def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
     """Those of a module, in the order in which `safe` reads them; none without `rest`."""
     if module.symbol.rest is None:
         return {}
-    driven = {
-        c.scope.topics[t]
-        for c in system.components
-        if c.plant is not None
-        for t, _ in c.plant.drives
-    }
     at = module.scope.topics
-    other = driven.union(module.outputs)
+    other = _driven(system).union(module.outputs)
     read = topic_reads(module.symbol.safe)
     return {t: at[t] for t in read if t.static and at[t] not in other}
 
 
 def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
     """The same of a verification system; not what a plant drives that only flies."""
-    flying = {
-        c.scope.topics[t]
-        for c in place.flat.components
-        if c.plant is not None
-        for t, _ in c.plant.drives
-    }
+    flying = _driven(place.flat)
     found = map_topics(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying(t) not in flying}
+
+
+def _driven(system: System) -> set[int]:
+    """Topics that its plants drive."""
+    plants = [(c, c.plant) for c in system.components if c.plant is not None]
+    return {c.scope.topics[t] for c, plant in plants for t, _ in plant.drives}
 
 
 def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
@@ -73,8 +68,9 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                 notes=("until it is published, and when it is no more, AC must not have control",),
                 helps=("declare it: `topic ... max_age 1s;`",),
             )
-        other = [of for _, of in leaves(topic.type) if not isinstance(of, FloatType)]
-        if other or topic.queue_of is not None or _has_list(symbol):
+        parts = leaves(topic.type)
+        floats = all("[]" not in path and isinstance(of, FloatType) for path, of in parts)
+        if topic.queue_of is not None or not floats:
             diagnostics.error(
                 "R014",
                 f"the map `{topic.name}` is not made of floats",
@@ -83,10 +79,6 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                 notes=("a check takes as many numbers each time",),
                 helps=("an array of as many as are looked at; what it leaves out is occupied",),
             )
-
-
-def _has_list(symbol: typed.TopicSymbol) -> bool:
-    return any("[]" in path for path, _ in leaves(symbol.type))
 
 
 def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
