@@ -191,7 +191,8 @@ class Program:
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
-        how = made(RunOptions, {"seed": seed, "engine": engine, **options})
+        how = made(RunOptions, {"seed": seed, "engine": engine, "until": until, **options})
+        how.require_one_flight()
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
         if how.arm is not None:
@@ -200,7 +201,8 @@ class Program:
         require_writers(log if isinstance(log, (str, Path)) else None, how.report)
         report = None if how.report is None else Path(how.report).absolute()  # externs may move
         how = replace(how, trace=how.trace if report is None else True)
-        until_ns, bound = end_of(prepared.system, until), dict(self._bound)
+        until_ns = 0 if how.recorded is not None else end_of(prepared.system, until)
+        bound = dict(self._bound)
         run = simulate(self._prepared, prepared, bound, how, until_ns=until_ns, writer=writer)
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem

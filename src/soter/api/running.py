@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 
     from soter.api.compiled_systems import PreparedSystem, PreparedSystems
     from soter.simulate.externs.bindings import Bindings
+    from soter.simulate.flight_recording import FlightRecording
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunOptions
@@ -60,12 +61,19 @@ def simulate(
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
     seed, engine, stop = options.seed, options.engine, stop_request()
+    bound: dict[str, object]
     bindings = bind_again(prepared.bindings, given)
     paced = _why_paced(bindings, engine) if options.real_time else ""
-    if options.real_time and not paced:
+    if options.recorded is not None:
+        from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
+
+        recording = FlightRecording(Path(options.recorded), bindings.system)
+        seed, engine, bound = recording.seed, "recorded", {}
+        go: Callable[..., Run] = partial_(_recorded, recording)
+    elif options.real_time and not paced:
         require_runnable(bindings, engine)
-        go: Callable[..., Run] = partial_(_in_real_time, bindings, not options.apart)
-        bound: dict[str, object] = {}
+        go = partial_(_in_real_time, bindings, not options.apart)
+        bound = {}
     else:
         bound = callables(bindings, engine, stop, apart=options.apart and hasattr(os, "fork"))
         go = _engine(engine, preparations, prepared)
@@ -102,7 +110,7 @@ def simulate(
     run.computed = [*prepared.computed, *assumptions(bound)]
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     if writer is not None:
-        writer.end(run, stopped_by(stop) if run.interrupted else "")
+        writer.end(run, stopped_by(stop) if run.interrupted else run.cut)
     if run.interrupted and not options.partial:
         raise_again(stop)
     return run
@@ -135,6 +143,19 @@ def _in_real_time(
 
     wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
     return run_real_time(bindings, until_ns, seed, quiet=quiet, **wanted)
+
+
+def _recorded(
+    recording: FlightRecording,
+    _until_ns: int,
+    _seed: int,
+    _bound: Mapping[str, object],
+    **how: Any,  # noqa: ANN401 - as the engines take it
+) -> Run:
+    """As an engine: somebody else flew."""
+    from soter.simulate.real_time import run_recorded  # noqa: PLC0415 - as above
+
+    return run_recorded(recording, **{k: how[k] for k in ("keep_trace", "hash_trace", "also")})
 
 
 def _engine(

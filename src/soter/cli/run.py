@@ -1,7 +1,8 @@
 """`soter run FILE`: a system in virtual time, or with `--real-time` against the clock.
 
 Purpose: run, summarise, write log and report; exit 3 where a property was violated, 4 where none
-was, but in real time the trusted part missed more than `--misses` allows.
+was, but in real time the trusted part missed more than `--misses` allows, or of a flight that was
+recorded not all is there.
 Non-goals: how either is done.
 """
 
@@ -48,6 +49,7 @@ EXAMPLES = f"""\
   soter run cart.soter --set GAIN=3 --bind Learned=python:policy.py:step
   soter run cart.soter --flight 48123 --report what `soter campaign` flew under that number
   soter run cart.soter --flight 7 --arm ac     the same flight by the rules of that arm
+  soter run cart.soter --recorded flight.rec --log       what a program of `soter build` recorded
   soter run cart.soter --engine interp         the reference interpreter: slow, the same bytes
 
 in the folder of logs and reports: FILE-SYSTEM-SEED.mcap, FILE-SYSTEM-SEED.html and the script that
@@ -134,7 +136,8 @@ def _finish(
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
     console.say("\n" + "\n".join(lines))
-    code = VIOLATED if result.violations else UNDECIDED if result.late else FINE
+    undecided = result.late or result.cut
+    code = VIOLATED if result.violations else UNDECIDED if undecided else FINE
     if problems:
         code = DIAGNOSTICS
     if result.interrupted:
@@ -160,6 +163,7 @@ def _same(log: str, report: str) -> bool:
 def _own_name(args: argparse.Namespace, system: System) -> str:
     """Program, system, seed, arm and what was set: no sweep overwrites itself."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
+    parts[2:] = [Path(args.recorded).stem] if args.recorded is not None else parts[2:]
     parts += [args.arm] if args.arm else []
     parts += [f"{name}={value}" for name, value in args.params]
     name = "-".join(re.sub(r"[^A-Za-z0-9_.=+-]", "_", part) for part in parts)

@@ -42,6 +42,8 @@ MODES_TOPIC = "soter/modes"
 DECISIONS_TOPIC = "soter/decisions"
 METADATA_NAME = "soter"
 END_NAME = "soter.end"
+ABNORMALLY = "abnormally: "
+"""So begins how a run ended that did not reach its end."""
 CHUNK_BYTES = 256 * 1024
 """What a process that dies may take with it, before compression."""
 MAGIC = b"\x89MCAP0\r\n"
@@ -112,9 +114,12 @@ DECISIONS_SCHEMA = {
         **cast("JsonSchema", _DECISION["properties"]),
         # Of modules with `rest`: topic to value and age, null where nothing was ever published.
         "reads": {"type": "object", "properties": {}},
+        # Against the clock: how long after its release the step began, and ended.
+        "late_ns": INTEGER,
+        "done_ns": INTEGER,
     },
 }
-"""`reads` is left out where there is nothing to say."""
+"""`reads`, `late_ns` and `done_ns` are left out where there is nothing to say."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +151,8 @@ class DecisionStep:
 
     `why`: on which values, one phrase each, where this was another one than the step before;
     `margin_s`: for how long AC surely keeps control. `reads`: of a module with `rest` what the step
-    read, topic to `value` and `age_ns` (None: nothing was ever published).
+    read, topic to `value` and `age_ns` (None: nothing was ever published). `look`: against the
+    clock, how long after its release it began, and ended, ns.
     """
 
     time_ns: int
@@ -158,6 +164,7 @@ class DecisionStep:
     why: Sequence[str] = ()
     margin_s: float = 0.0
     reads: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    look: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -332,7 +339,7 @@ def mended(path: Path) -> bool:
             end = at
         stream.seek(end)
         stream.truncate()
-        name, key, value = (_text(s) for s in (END_NAME, "ended", "abnormally: the process died"))
+        name, key, value = (_text(s) for s in (END_NAME, "ended", f"{ABNORMALLY}the process died"))
         entries = struct.pack("<I", len(key) + len(value)) + key + value
         stream.write(RECORD.pack(METADATA, len(name) + len(entries)) + name + entries)
         stream.write(RECORD.pack(DATA_END, 4) + struct.pack("<I", crc_between(stream)))
@@ -398,6 +405,7 @@ def decision_message(step: DecisionStep) -> Message:
         "margin_s": step.margin_s,
         "predicates": step.predicates,
         **({"reads": step.reads} if step.reads else {}),
+        **(dict(zip(("late_ns", "done_ns"), step.look, strict=True)) if step.look else {}),
     }
 
 

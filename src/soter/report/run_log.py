@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.report.mcap_log import METADATA_NAME
+from soter.report.mcap_log import ABNORMALLY, END_NAME, METADATA_NAME
 from soter.report.mcap_records import CutMcapError, DamagedMcapError, McapRecords
 
 if TYPE_CHECKING:
@@ -72,7 +72,8 @@ def messages(
     """Time (ns), channel and message of all that is in a log, in order; SoterError D006.
 
     What its checksums and counts say is compared with what stands there. `cut`: told where the end
-    of the file is missing, which is then read up to there.
+    of the file is missing, which is then read up to there, and where it says that the run has an
+    end of which no log was written.
     """
     last_ns = 0
     with _records(path) as records:
@@ -84,6 +85,9 @@ def messages(
                 raise unreadable(path, f"{told} at a message of `{channel.topic}`")
             last_ns = message.log_time
             yield message.log_time, channel.topic, json.loads(message.data)
+        ended = records.metadata.get(END_NAME, {}).get("ended", "")
+        if cut is not None and ended.startswith(ABNORMALLY):
+            cut(ended.removeprefix(ABNORMALLY))
 
 
 def _up_to_cut(

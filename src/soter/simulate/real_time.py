@@ -1,7 +1,8 @@
 """One run of a system in real time: the package of target `posix`, compiled, kept and run.
 
-Purpose: `soter run --real-time`. The states after all instants come back in a file, so a run is
-told as any other, and has the driver's own report besides (`Run.timing`).
+Purpose: `soter run --real-time`, and `--recorded` of a run that somebody made with the package. The
+states after all instants come back in a file, so a run is told as any other; one that was made now
+has the driver's own report besides (`Run.timing`).
 Non-goals: the driver (`runtime/posix/`), processes of externs (`externs/extern_server.py`).
 """
 
@@ -29,6 +30,7 @@ from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.native.python_child import python_module
 from soter.simulate.externs.extern_server import write_spec
+from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer
@@ -38,11 +40,12 @@ from soter.workers.child_process import end_with
 from soter.workers.process_tree import let_go_on
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
-    from soter.simulate.run_observer import Also
     from soter.simulate.trace_selection import Kept
 
 LOOK_S = 0.05
@@ -50,8 +53,9 @@ WAIT_S = 60
 """How long workers may load."""
 MEMORY_MIB = 16_384
 """Of a worker: Python reserves much more than it uses."""
-BLOCK = 1024
 FINE = (0, 3, 4, 130)
+RECORDED = "recorded"
+"""In place of an engine."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,7 @@ def run_real_time(
     keep_trace: Kept = False,
     hash_trace: bool = False,
     stop: StopRequest,
-    also: Also | None = None,
+    also: Callable[..., None] | None = None,
     quiet: bool = False,
 ) -> Run:
     """Run against the clock, to `until_ns` or until `stop` is wanted; its trace is (instants,).
@@ -127,25 +131,66 @@ def run_real_time(
     """
     system = bindings.system
     built = build(system, bindings.core)
-    layout = state_layout(system)
-    dtype = state_dtype(system, layout)
-    names = names_of(keep_trace)
-    parts = None if names is None else TraceParts(system, layout, dtype, names)
-    observer = Observer(
-        system,
-        dtype,
-        InterpretedSafe(system, layout),
-        keep_trace=wanted(keep_trace),
-        hash_trace=hash_trace,
-        parts=parts,
-        also=also,
-    )
+    observer = _observer(system, keep_trace, hash_trace=hash_trace)
     with tempfile.TemporaryDirectory(prefix="soter-") as place:
         work = Path(place)
         began = time.perf_counter()
         timing = _driven(built, bindings, work, until_ns, seed, stop, quiet=quiet)
         wall = time.perf_counter() - began
-        _observe(work / "states", layout.size, observer)
+        cut = ""
+        if (work / "states").exists():
+            recording = FlightRecording(work / "states", system)
+            recording.observed_by(observer, also)
+            cut = recording.cut
+    run = _run_of(system, observer, keep_trace, seed, wall_s=wall, duration_s=until_ns / 1e9)
+    run.interrupted, run.timing, run.cut = bool(timing["stopped"]), timing, cut
+    run.lag_s_max = max(float(timing["wake"]["max_ns"]), 0.0) / 1e9
+    return run
+
+
+def run_recorded(
+    recording: FlightRecording,
+    *,
+    keep_trace: Kept = False,
+    hash_trace: bool = False,
+    also: Callable[..., None] | None = None,
+) -> Run:
+    """The run that a recording is of; `cut` where that was not read to its end."""
+    system, began = recording.system, time.perf_counter()
+    observer = _observer(system, keep_trace, hash_trace=hash_trace)
+    recording.observed_by(observer, also)
+    wall, flown = time.perf_counter() - began, recording.last_ns / 1e9
+    run = _run_of(system, observer, keep_trace, recording.seed, wall_s=wall, duration_s=flown)
+    run.cut, run.misses_recorded, run.engine = recording.cut, recording.misses, RECORDED
+    return run
+
+
+def _observer(system: System, keep_trace: Kept, *, hash_trace: bool) -> Observer:
+    """SoterError U001 where `keep_trace` names no part of the system."""
+    layout = state_layout(system)
+    dtype, names = state_dtype(system, layout), names_of(keep_trace)
+    return Observer(
+        system,
+        dtype,
+        InterpretedSafe(system, layout),
+        keep_trace=wanted(keep_trace),
+        hash_trace=hash_trace,
+        parts=None if names is None else TraceParts(system, layout, dtype, names),
+    )
+
+
+def _run_of(
+    system: System,
+    observer: Observer,
+    keep_trace: Kept,
+    seed: int,
+    *,
+    wall_s: float,
+    duration_s: float,
+) -> Run:
+    """What an observer saw."""
+    layout = state_layout(system)
+    dtype = state_dtype(system, layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system=system,
@@ -155,19 +200,16 @@ def run_real_time(
         engine="native",
         final=last.view(dtype)[0],
         trace=observer.trace(),
-        recorded=names,
+        recorded=names_of(keep_trace),
         instants=observer.instants,
-        duration_s=until_ns / 1e9,
-        wall_s=wall,
+        duration_s=duration_s,
+        wall_s=wall_s,
         trace_sha256=observer.sha256,
         changes=observer.changes,
         first_faults=observer.first_faults,
-        interrupted=bool(timing["stopped"]),
-        lag_s_max=max(float(timing["wake"]["max_ns"]), 0.0) / 1e9,
         decided=observer.decided,
         moved_commands=observer.moved_commands,
         safe_looks=observer.safe_looks,
-        timing=timing,
     )
 
 
@@ -184,7 +226,7 @@ def _driven(
     """The driver's report; SoterError X011 where there is none."""
     program = _runnable(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
-    command += ["--states", str(work / "states"), "--wait", str(WAIT_S)]
+    command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
     for x in nodes_of(bindings.system):
         if is_in_python(x.binding):
@@ -230,11 +272,3 @@ def _without_report(status: int, said: list[str]) -> Diagnostic:
         notes=(f"its exit status is {status}", *said[-4:]),
     )
 
-
-def _observe(path: Path, size: int, observer: Observer) -> None:
-    if not path.exists():
-        return
-    with path.open("rb") as stream:
-        while data := stream.read(size * BLOCK):
-            whole = len(data) // size * size
-            observer.see(np.frombuffer(data[:whole], dtype=np.uint8).reshape(-1, size).copy())

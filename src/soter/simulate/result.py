@@ -127,6 +127,10 @@ class Run:
     them that were moved (hashed or traced runs); else zeros."""
     safe_looks: list[SafeLooks] = field(default_factory=list)
     """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
+    cut: str = ""
+    """Why what was recorded of it was not read to its end; "" where it was, and in virtual time."""
+    misses_recorded: int = 0
+    """Of a flight that was recorded: how often the trusted part was late."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
     """Gives the report as one HTML text, "" where it cannot be made; for notebooks."""
 
@@ -416,6 +420,8 @@ def _moved(run: Run) -> Iterator[str]:
 def _late(run: Run) -> Iterator[str]:
     """In real time: more misses of the trusted part than are allowed; what rests on it is void."""
     timing = run.timing
+    if run.misses_recorded:
+        yield f"the trusted part was late in this flight: {run.misses_recorded} misses"
     if timing is not None and run.late:
         yield (
             f"the trusted part was late: {timing['misses']} misses, {timing['misses_allowed']} are "

@@ -82,7 +82,7 @@ class Observer:
         self.first_faults: dict[int, FirstFault] = {}
         self.last: Rows | None = None
         """The last state seen, (size,) bytes."""
-        self._also = also
+        self.also = also
         self._dtype = dtype
         self._parts = parts
         self._digest = hashlib.sha256() if hash_trace else None
@@ -111,8 +111,8 @@ class Observer:
         if len(self._modes):
             self._see_modes(states, earlier)
         self._see_faults(states)
-        if self._also is not None:
-            self._also(states, self.changes[known:])
+        if self.also is not None:
+            self.also(states, self.changes[known:])
 
     @property
     def decided(self) -> list[tuple[int, int]]:

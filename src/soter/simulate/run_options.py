@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
 from soter.diagnostics.option_fields import SWITCH, choice, option, whole
+from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 ENGINES = ("native", "interp")
 AGAINST = "run against the clock, externs in processes of their own (docs/real-time.md)"
+RECORDED = "run nothing: tell the flight that a program of `soter build` recorded (`--record FILE`)"
 WHOLE = "the report in one file; by default its drawing script lies beside it"
 LATE = "in real time: exit 4 beyond so many late steps of the trusted part; by default {default}"
 SEED = whole(0, 2**64 - 1, "seed")
@@ -63,6 +65,7 @@ class RunOptions:
         "--why", False, "list every change of mode, and on which values", SWITCH, keyword=False
     )
     real_time: bool = option("--real-time", False, AGAINST, SWITCH)
+    recorded: str | Path | None = option("--recorded FILE", None, RECORDED)
     misses: int = option("--misses N", 0, LATE, whole(0, 2**63), keyword=False)
     trace: Kept = option("", True, "keep the state after every instant, or what is named of it")
     sha256: bool = option("", True, "hash it: equal hashes are equal states", SWITCH)
@@ -71,6 +74,12 @@ class RunOptions:
     )
     partial: bool = option("", False, "on Ctrl-C give back what was reached", SWITCH)
     apart: bool = option("", False, "nodes in Python as processes (docs/externs.md)", SWITCH)
+
+    def require_one_flight(self) -> None:
+        """SoterError U001 where a flight is recorded, and something else is asked for as well."""
+        if self.recorded is not None and (self.real_time or self.until is not None):
+            what = "real_time" if self.real_time else "until"
+            raise usage_error("U001", f"`recorded` is a flight that is over: `{what}` has no meaning")
 
 
 class RunKeywords(TypedDict, total=False):
@@ -81,6 +90,7 @@ class RunKeywords(TypedDict, total=False):
     log: str | Path | RunLog | None
     report: str | Path | None
     real_time: bool
+    recorded: str | Path | None
     trace: Kept
     sha256: bool
     progress: Callable[[float], None] | None

@@ -11,16 +11,19 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
+from soter.codegen.c.printer import escape
 from soter.codegen.extern_interface import request_fields
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.binding_text import is_in_python
 from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
+from soter.report.parameter_text import changed
 from soter.targets import c99
 from soter.targets.channel_document import channel_document_files
 from soter.targets.firmware import RUNTIME_FILES
@@ -34,6 +37,7 @@ from soter.workers.exchange_layout import Exchange, exchange_of
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
+    from soter.core.layout import StateLayout
     from soter.language.model.system import Component, System
 
 POSIX = RUNTIME / "posix"
@@ -53,6 +57,8 @@ ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES))
 KERNEL = tuple(n for n in c99.KERNEL if n not in ELSEWHERE)
 RING_BYTES = 8 * 2**20
 SLOTS = (64, 4096)
+FIRST_LINE = "soter recording 1"
+"""Of what `--record` writes."""
 FOR_EVER = 2**61
 """Until when a system in the world runs that does not say it: it is ended by a signal."""
 
@@ -280,6 +286,10 @@ const int64_t soter_app_response_ns[] = {{
 {_numbers(system, response)}
 }};
 
+/* the head of a recording, but its seed */
+const char soter_app_flown[] =
+{_flown(system, unit)};
+
 /* where `safer` was true, so many looks of the DM at least keep AC: the next one counts */
 const uint32_t soter_app_looks[] = {{
 {_looks(system)}
@@ -291,6 +301,21 @@ const uint32_t soter_app_looks[] = {{
 def _numbers(system: System, values: list[int]) -> str:
     named = zip(system.components, values, strict=True)
     return "\n".join(f"    INT64_C({ns}), /* {x.name} */" for x, ns in named) or "    0,"
+
+
+def head_of(system: System, layout: StateLayout) -> dict[str, str]:
+    """What a recording says of what flew, by name, beside its seed."""
+    return {
+        "program_sha256": system.program.sha256,
+        "system": system.name,
+        **{f"param {name}": text for name, (text, _) in changed(system).items()},
+        "layout": sha256(repr(layout).encode()).hexdigest(),
+    }
+
+
+def _flown(system: System, unit: Unit) -> str:
+    head = [FIRST_LINE, *(f"{name}={text}" for name, text in head_of(system, unit.layout).items())]
+    return "\n".join(f'    "{escape(line)}\\n"' for line in head)
 
 
 def _looks(system: System) -> str:

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.flights.flight_report import CONTRADICTED, Doubt
 from soter.certificate.reading.symbolic_values import flat
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.language.check.constants import Calculator
 from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import FloatType, RecordType, has_list, leaves
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
@@ -88,6 +90,7 @@ class _Verdicts:
 
     def __init__(self, module: Module) -> None:
         self.name, self.period, self.late = module.name, module.period_ns, module.late_ns
+        self.response = _response_ns(module)
         self.next = 0
         """The release of which the verdict is still missing."""
         self.said: bool | None = None
@@ -107,8 +110,12 @@ class _Verdicts:
         if release < self.next:
             yield "it is the second one of its period"
             return
-        if after and time_ns - release > self.late:
-            yield f"it came {time_ns - release} ns after its release, and may {self.late} ns"
+        began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
+        if after and began > self.late:
+            yield f"it came {began} ns after its release, and may {self.late} ns"
+        elif after and ended > self.late + self.response:
+            most = self.late + self.response
+            yield f"it was there {ended} ns after its release, and may {most} ns"
         if self.said is not None and self.said != before and release == self.next:
             yield f"{_mode(before)} had control before it, and {_mode(self.said)} by the one before"
         if after != self.in_ac:
@@ -126,6 +133,13 @@ class _Verdicts:
         if not count or not (self.flew or in_ac):
             return ""
         return f"{count} verdicts are" if count > 1 else "the verdict is"
+
+
+def _response_ns(module: Module) -> int:
+    """How long the step of a decision module may take."""
+    said = module.symbol.verify.response_dm
+    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
+    return given if isinstance(given, int) else 0
 
 
 def _mode(in_ac: bool) -> str:

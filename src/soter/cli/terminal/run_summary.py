@@ -54,7 +54,8 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
 def _headline(run: Run, path: str, console: Console) -> str:
     speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
     how = f"{run.engine}, {_time(run.wall_s)}"
-    how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ""
+    if run.lag_s_max is None and run.engine != "recorded":
+        how += f" ({_rounded(speed)} {TIMES} real time)"
     how += ", in real time" if run.timing else ", paced" if run.lag_s_max is not None else ""
     facts = f"{visible(path)}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
@@ -76,11 +77,13 @@ def _verdict(run: Run, console: Console) -> list[str]:
         at = f"stopped at {run.reached_s:.3f} s of {run.duration_s:g} s"
         so_far = "" if run.violations else ", no violation until then"
         lines.append(f"{console.paint('yellow', 'INTERRUPTED')}  {at}{so_far}")
+    if run.cut:
+        lines.append(f"{console.paint('yellow', 'CUT')}  read up to {run.reached_s:.9g} s: {run.cut}")
     properties = len(run.system.properties)
     if run.violations:
         count = f"{run.violations} violation{'s' if run.violations > 1 else ''}"
         lines.append(f"{console.paint('red', 'VIOLATED')}  {count}")
-    elif run.interrupted:
+    elif run.interrupted or run.cut:
         pass
     elif properties == 0:
         lines.append(f"{console.paint('yellow', 'NOTHING ASKED')}  the system states no property")

@@ -322,6 +322,11 @@ static void timed(soter_posix* d, uint32_t component) {
   soter_histogram_add(&times->complete, complete_ns);
   if (APP_PROGRAM->component[component].role == SOTER_ROLE_SC) {
     soter_histogram_add(&d->output, complete_ns);
+  } else if (APP_PROGRAM->component[component].role == SOTER_ROLE_DM) {
+    const int32_t module = APP_PROGRAM->component[component].module;
+    SOTER_CHECK(module >= 0 && module < APP_MODULES);
+    d->times.look_late_ns[module] = late_ns;
+    d->times.look_done_ns[module] = complete_ns;
   }
   if (trusted && late_ns <= limit && complete_ns > limit + soter_app_response_ns[component]) {
     soter_posix_missed(d, SOTER_MISS_COMPLETE, component, complete_ns);
@@ -364,7 +369,7 @@ static void steps(soter_posix* d) {
 }
 
 /* The instant at ct is complete: its properties are judged, the logger gets it. */
-static void end_instant(soter_posix* d, soter_instant_times* times) {
+static void end_instant(soter_posix* d) {
   uint32_t due = 0;
   if (soter_header_of(&d->state)->firing == 0U) {
     return;
@@ -372,12 +377,13 @@ static void end_instant(soter_posix* d, soter_instant_times* times) {
   const soter_status status = soter_instant(APP_PROGRAM, &d->state, &due);
   SOTER_CHECK(status == SOTER_INSTANT_DONE); /* whoever was due has stepped or was asked */
   (void)status;
-  times->modes = soter_posix_modes(d);
-  soter_posix_status(d, times->modes);
-  (void)soter_ring_put(&d->ring, times, &d->state);
+  d->times.modes = soter_posix_modes(d);
+  soter_posix_status(d, d->times.modes);
+  (void)soter_ring_put(&d->ring, &d->times, &d->state);
 }
 
-static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times) {
+static void begin_instant(soter_posix* d, int64_t ct) {
+  soter_instant_times* const times = &d->times;
   SOTER_CHECK(ct > soter_header_of(&d->state)->ct); /* instants come in the calendar's order */
   const int64_t now = soter_posix_clock();
   d->missed_now = 0;
@@ -386,6 +392,10 @@ static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times
   times->independent_ns = soter_posix_independent();
   times->ct = ct;
   times->wake_ns = now - d->origin_ns - ct;
+  for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
+    times->look_late_ns[i] = SOTER_NEVER;
+    times->look_done_ns[i] = SOTER_NEVER;
+  }
   soter_histogram_add(&d->wake, times->wake_ns);
   const bool anew = times->wake_ns > GIVE_UP_NS;
   if (anew) {
@@ -462,7 +472,6 @@ void* soter_posix_run(void* driver) {
   bare_wakeups(d);
   struct rusage before;
   (void)getrusage(RUSAGE_THREAD, &before);
-  soter_instant_times times = {0};
   d->origin_ns = soter_posix_clock() + LEAD_NS;
   soter_posix_begin(d);
   int64_t ct = soter_next_instant(APP_PROGRAM, &d->state);
@@ -472,8 +481,8 @@ void* soter_posix_run(void* driver) {
       break;
     }
     collect(d, ct);
-    end_instant(d, &times);
-    begin_instant(d, ct, &times);
+    end_instant(d);
+    begin_instant(d, ct);
     ct = soter_next_instant(APP_PROGRAM, &d->state);
   }
   ct = stopped(d) ? 0 : ct;
@@ -482,7 +491,7 @@ void* soter_posix_run(void* driver) {
     note_silence(d, soter_posix_clock());
   }
   collect(d, ct);
-  end_instant(d, &times);
+  end_instant(d);
   page_faults(&before, d);
   __atomic_store_n(&d->done, true, __ATOMIC_RELEASE);
   return NULL;

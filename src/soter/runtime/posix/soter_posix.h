@@ -88,6 +88,7 @@ extern const uint32_t soter_app_lease_count;  /* APP_LEASES */
 extern const int64_t soter_app_late_ns[];     /* of each component */
 extern const int64_t soter_app_response_ns[]; /* of each component */
 extern const uint32_t soter_app_looks[];      /* of each module: Module.looks (docs/proof.md) */
+extern const char soter_app_flown[];          /* what flies: the head of a recording, but its seed */
 
 /* ------------------------------------------------------------------ figures */
 
@@ -175,9 +176,14 @@ typedef struct {
   int64_t independent_ns; /* CLOCK_MONOTONIC_RAW as it began */
   uint32_t misses;        /* of this instant */
   uint32_t modes;         /* a bit a module, 1: AC; of the first 32 */
+  /* of each DM that stepped, behind its release: as it began and as it ended; SOTER_NEVER */
+  int64_t look_late_ns[APP_MODULES > 0 ? APP_MODULES : 1];
+  int64_t look_done_ns[APP_MODULES > 0 ? APP_MODULES : 1];
 } soter_instant_times;
 
+/* Without holes: a recording is made of its bytes. */
 typedef struct {
+  uint64_t number; /* of the instant, from 0 on; dropped ones count */
   soter_instant_times times;
   APP_STATE state;
 } soter_record;
@@ -239,7 +245,7 @@ typedef struct {
   bool end_with_leases; /* once none is given any more: whoever starts it anew gets it in SC */
   const char* log;
   const char* channels; /* the folder of what meets the world; NULL: nothing does */
-  const char* states;   /* the state after every instant, one after the other */
+  const char* record;   /* every soter_record, between a head and an end */
   uint32_t restarts;    /* of each worker */
   int64_t patience_ns;  /* without an answer, until a worker is ended */
   int64_t again_ns;     /* before a worker that ended is started again */
@@ -280,6 +286,7 @@ typedef struct {
   uint64_t instants, late_instants, missed, calendars;
   uint64_t late_untrusted; /* instants in which plants or ACs were late, and no trusted step */
   uint32_t missed_now;
+  soter_instant_times times; /* of this instant */
   bool failsafe_now, untrusted_late_now;
   int64_t silence_ns; /* longest time from the end of an instant to the begin of the next */
   int64_t silence_ct; /* of the instant before it */

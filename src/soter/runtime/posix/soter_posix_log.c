@@ -1,6 +1,6 @@
 /* soter_posix_log.c: the logger's thread, and the ring between it and the trusted one.
  *
- * Purpose: hash the states, write a line an instant, say on a terminal how it goes, end workers
+ * Purpose: hash the states, write a line an instant and a recording, say on a terminal how it goes, end workers
  * that answer no more, notice that the trusted thread is silent. Non-goals: being on time. What it
  * has no room for is dropped and counted.
  */
@@ -30,6 +30,7 @@ bool soter_ring_put(soter_ring* ring, const soter_instant_times* times, const AP
     return false;
   }
   soter_record* const slot = &ring->slot[head % APP_SLOTS];
+  slot->number = head + ring->dropped;
   slot->times = *times;
   slot->state = *state;
   __atomic_store_n(&ring->head, head + 1U, __ATOMIC_RELEASE);
@@ -70,10 +71,45 @@ static void write_line(soter_posix* d, FILE** log, const soter_instant_times* t)
   }
 }
 
-static void write_state(soter_posix* d, FILE** states, const APP_STATE* state) {
-  if (*states != NULL && fwrite(state, sizeof *state, 1U, *states) != 1U) {
-    failed(d, states, d->options.states);
+/* ------------------------------------------------------------------ a recording */
+
+/* What `soter run --recorded` reads: a head of lines and an empty one, records, and at the end how
+ * many instants there were, and the hash of all before. Who dies leaves one without an end. */
+typedef struct {
+  FILE* file; /* NULL: there is none */
+  soter_sha256 hash;
+} soter_flight_file;
+
+static void record(soter_posix* d, soter_flight_file* r, const void* bytes, size_t size) {
+  SOTER_CHECK(bytes != NULL && size > 0U);
+  if (r->file == NULL) {
+    return;
   }
+  soter_sha256_add(&r->hash, bytes, size);
+  if (fwrite(bytes, size, 1U, r->file) != 1U) {
+    failed(d, &r->file, d->options.record);
+  }
+}
+
+static void begin_recording(soter_posix* d, soter_flight_file* r, FILE* file) {
+  char seed[32];
+  r->file = file;
+  soter_sha256_start(&r->hash);
+  const int size = snprintf(seed, sizeof seed, "seed=%" PRIu64 "\n\n", d->options.seed);
+  SOTER_CHECK(size > 0 && (size_t)size < sizeof seed);
+  record(d, r, soter_app_flown, strlen(soter_app_flown));
+  record(d, r, seed, (size_t)size);
+}
+
+static void end_recording(soter_posix* d, soter_flight_file* r) {
+  char digest[65];
+  char end[96];
+  soter_sha256_end(&r->hash, digest);
+  const uint64_t instants = d->ring.head + d->ring.dropped;
+  const int size = snprintf(end, sizeof end, "end %020" PRIu64 " %s\n", instants, digest);
+  SOTER_CHECK(size > 0 && (size_t)size < sizeof end);
+  soter_sha256_start(&r->hash);
+  record(d, r, end, (size_t)size);
 }
 
 static FILE* opened(soter_posix* d, const char* path, const char* head) {
@@ -139,7 +175,7 @@ static void show(const soter_posix* d, const soter_record* r, uint64_t instants,
 
 void* soter_posix_logger(void* driver) {
   soter_posix* const d = (soter_posix*)driver;
-  static soter_record record; /* too large for a stack */
+  static soter_record taken; /* too large for a stack */
   const bool live = (d->options.live || !d->options.quiet) && isatty(STDERR_FILENO) != 0;
   const struct timespec nap = {0, NAP_NS};
   uint64_t instants = 0;
@@ -148,22 +184,23 @@ void* soter_posix_logger(void* driver) {
   soter_sha256 hash;
   soter_sha256_start(&hash);
   FILE* log = opened(d, d->options.log, "ct_ns,wake_late_ns,done_ns,raw_ns,misses,modes\n");
-  FILE* states = opened(d, d->options.states, "");
+  soter_flight_file recording;
+  begin_recording(d, &recording, opened(d, d->options.record, ""));
   for (bool last = false; !last;) {
     last = __atomic_load_n(&d->done, __ATOMIC_ACQUIRE);
-    while (soter_ring_take(&d->ring, &record)) {
-      SOTER_CHECK(record.times.ct == record.state.header.ct);
-      soter_sha256_add(&hash, &record.state, sizeof record.state);
-      write_line(d, &log, &record.times);
-      write_state(d, &states, &record.state);
+    while (soter_ring_take(&d->ring, &taken)) {
+      SOTER_CHECK(taken.times.ct == taken.state.header.ct);
+      soter_sha256_add(&hash, &taken.state, sizeof taken.state);
+      write_line(d, &log, &taken.times);
+      record(d, &recording, &taken, sizeof taken);
       instants++;
-      misses += record.times.misses;
+      misses += taken.times.misses;
     }
     watch_workers(d);
     watch_trusted(d);
-    if (live && record.times.ct >= shown) {
-      show(d, &record, instants, misses);
-      shown = record.times.ct + SECOND / 4;
+    if (live && taken.times.ct >= shown) {
+      show(d, &taken, instants, misses);
+      shown = taken.times.ct + SECOND / 4;
     }
     (void)nanosleep(&nap, NULL);
   }
@@ -171,7 +208,8 @@ void* soter_posix_logger(void* driver) {
     (void)fputc('\n', stderr);
   }
   closed(d, &log, d->options.log);
-  closed(d, &states, d->options.states);
+  end_recording(d, &recording);
+  closed(d, &recording.file, d->options.record);
   soter_sha256_end(&hash, d->digest);
   return NULL;
 }

@@ -30,7 +30,7 @@
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
-    "  [--late MICROSECONDS] [--misses N] [--early MICROSECONDS] [--log FILE] [--states FILE]\n"
+    "  [--late MICROSECONDS] [--misses N] [--early MICROSECONDS] [--log FILE] [--record FILE]\n"
     "  [--json] [--quiet [--live]] [--worker NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
@@ -172,8 +172,8 @@ static bool option(soter_posix* d, const char* name, const char* value) {
     o->log = value;
     return true;
   }
-  if (strcmp(name, "--states") == 0) {
-    o->states = value;
+  if (strcmp(name, "--record") == 0) {
+    o->record = value;
     return true;
   }
   if (strcmp(name, "--channels") == 0) {

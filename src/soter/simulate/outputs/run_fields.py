@@ -165,7 +165,7 @@ MODE_CHANGE = JsonObject(
 DOCUMENT = JsonObject(
     f"{RESULT}.Run",
     "system=system.name engine seed program_sha256=system.program.sha256 params notes duration_s "
-    "until_s=duration_s interrupted wall_s lag_s_max real_time=timing instants violations "
+    "until_s=duration_s interrupted cut wall_s lag_s_max real_time=timing instants violations "
     "violation_list modules proofs mode_changes mode_changes_total faults externs extern_files "
     "extern_failures extern_silences final trace_sha256",
     {
@@ -178,7 +178,7 @@ DOCUMENT = JsonObject(
         "final": final_values,
     },
     beside={"file": str, "log?": str, "report?": str},
-    engine=one_of("native", "interp"),
+    engine=one_of("native", "interp", "recorded"),
     real_time={"$ref": "real_time"},
     violation_list=JsonObject(
         f"{RESULT}.Violation",

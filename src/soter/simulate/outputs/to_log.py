@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from soter.language.model.types import (
 from soter.report.atomic_write import unfinished
 from soter.report.errors import LogError
 from soter.report.mcap_log import (
+    ABNORMALLY,
     BOOLEAN,
     DECISIONS_SCHEMA,
     DECISIONS_TOPIC,
@@ -61,6 +63,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System, Topic
     from soter.language.model.types import Type
     from soter.report.mcap_log import JsonSchema, Message
+    from soter.simulate.flight_recording import Looks
     from soter.simulate.result import Run
     from soter.simulate.run_observer import ModeChange as ChangeSeen
 
@@ -127,18 +130,23 @@ class RunLog:
             },
         )
 
-    def see(self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]) -> None:
-        """The next states, (n,), and the changes of mode among them."""
+    def see(
+        self,
+        states: npt.NDArray[Any],
+        changes: Sequence[ChangeSeen],
+        looks: Looks = MappingProxyType({}),
+    ) -> None:
+        """The next states, (n,), the changes of mode among them, and how late DMs were."""
         if self.problem is None:
             with self._kept_problem():
-                self._opened().add(self._blocks(states, changes))
+                self._opened().add(self._blocks(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
         """The run is over; `why` it did not reach its end, "" where it did."""
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
-            ended = f"abnormally: {why}" if why else "at its end"
+            ended = f"{ABNORMALLY}{why}" if why else "at its end"
             with self._kept_problem():
                 self._opened().close({"ended": ended, "trace_sha256": hash_ or ""})
 
@@ -163,14 +171,14 @@ class RunLog:
     # ------------------------------------------------------------ messages of a block
 
     def _blocks(
-        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]
+        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: Looks
     ) -> Iterator[LogChannel]:
         """What the states add to each channel, in the channels' order."""
         earlier = None if self._earlier is None else self._earlier[0]
         steps = decisions.steps(self._system, states, earlier, self._explainer)
         messages = [
             map(mode_message, self._modes(changes)),
-            (decision_message(_decision(d)) for d in steps),
+            (decision_message(_decision(d, looks.get((d.time_ns, d.module)))) for d in steps),
             *(self._topic(states, t) for t in _told(self._system)),
             *(self._truth(states, x) for x in self._system.components if x.plant is not None),
         ]
@@ -212,7 +220,7 @@ class RunLog:
             yield ModeRecord(d.time_ns, d.module, d.after)
 
 
-def _decision(d: decisions.DecisionStepRecord) -> DecisionStep:
+def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> DecisionStep:
     return DecisionStep(
         time_ns=d.time_ns,
         module=d.module,
@@ -222,6 +230,7 @@ def _decision(d: decisions.DecisionStepRecord) -> DecisionStep:
         predicates=d.saw.predicates(),
         why=d.words,
         margin_s=d.margin_s,
+        look=look,
         reads={r.topic: {"value": to_json(r.type, r.value), "age_ns": r.age_ns} for r in d.reads},
     )
 
