@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
 
-AGAINST = ("ttf", "stale", "gate_fault")
+AGAINST = ("ttf", "stale")
 """Predicates of which none is true in a verdict "AC"."""
 
 
@@ -122,7 +122,10 @@ class _Verdicts:
             yield f'it says "{_mode(after)}", and {_mode(self.in_ac)} has control'
         predicates = said["predicates"]
         false = [name for name in AGAINST if predicates[name]]
-        false += ["safer"] if not before and not predicates["safer"] else []
+        if before:  # SC gives control back after a fault of AC, too (docs/semantics.md)
+            false += ["gate_fault"] if predicates["gate_fault"] else []
+        else:
+            false += ["safer"] if not predicates["safer"] else []
         if after and false:
             yield f'it says "AC" against its own {", ".join(false)}'
         self.next, self.said, self.flew = release + self.period, after, self.in_ac

@@ -8,7 +8,9 @@ import pytest
 
 from soter.certificate.flights import flight_check
 from soter.certificate.flights.flight_check import flights_of
+from soter.certificate.format.certificate_program import program_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
+from soter.certificate.format.folder import read_certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log
 from unit.certificate.flights.logged_flights import (
@@ -61,6 +63,11 @@ def test_a_true_log_is_confirmed(train: Path, tmp_path: Path, modes: str) -> Non
         counts = report.verdicts, report.confirmed, report.others
         assert counts == (modes.count("A"), modes.count("A"), modes.count("S"))
         assert report.to_ns == (len(modes) - 1) * 100 * MS
+
+
+def test_control_comes_back_after_a_fault_of_the_gate(train: Path, tmp_path: Path) -> None:
+    fault = changed(Flight("AASAAA"), lambda f: predicate(f, 300, "gate_fault", value=True))
+    assert judged(train, tmp_path, fault).doubts == []
 
 
 def test_an_older_read_is_as_good(train: Path, tmp_path: Path) -> None:
@@ -231,6 +238,18 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
     ),
     "two in a period": ("AAAAAA", second, 330, "it is the second one of its period"),
     "late": ("AAAAAA", late, 310, "it came 10000000 ns after its release, and may 0 ns"),
+    "late by the clock": (
+        "AAAAAA",
+        lambda f: at(f, 200, look=(1, 1)),
+        200,
+        "it came 1 ns after its release, and may 0 ns",
+    ),
+    "it took too long by the clock": (
+        "AAAAAA",
+        lambda f: at(f, 200, look=(0, 1)),
+        200,
+        "it was there 1 ns after its release, and may 0 ns",
+    ),
     "one is missing": (
         "AAAAAA",
         lambda f: f.steps.pop(200 * MS),
@@ -318,6 +337,40 @@ def test_a_cut_log_is_read_up_to_there(
         found.append(report.verdicts)
     assert found == sorted(found)
     assert 0 < found[1] < found[3] < found[5] == 39  # the last instant may not be whole
+
+
+def test_a_log_of_a_run_without_an_end_says_so(
+    train: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is whole as a file; of its last instant nobody knows whether it is whole."""
+    monkeypatch.setattr(mcap_log, "CHUNK_BYTES", 4096)
+    log = Flight("A" * 40).write(tmp_path / "flight.mcap")
+    data = log.read_bytes()
+    for part in (0.4, 0.6):
+        log.write_bytes(data[: int(len(data) * part)])
+        cut = report_of(train, log)
+        assert mcap_log.mended(log)
+        mended = report_of(train, log)
+        assert (mended.verdict, mended.doubts, mended.cut) == (ACCEPTED, [], "the process died")
+        assert (mended.verdicts, mended.to_ns) == (cut.verdicts, cut.to_ns)
+
+
+def test_a_step_that_took_as_long_as_it_may_is_confirmed(tmp_path: Path) -> None:
+    times = "within 5s;\n  verify { late dm 2us; response dm 3us; }\n"
+    text = TEXT.replace("within 5s;\n", times, 1)
+    assert text != TEXT
+    slow = certificate(tmp_path / "cert", text)
+    program = program_of(read_certificate(slow))[0].program
+    assert program is not None
+    for look, reason in (
+        ((2_000, 5_000), ""),
+        ((2_001, 2_001), "it came 2001 ns after its release, and may 2000 ns"),
+        ((0, 5_001), "it was there 5001 ns after its release, and may 5000 ns"),
+    ):
+        flight = changed(Flight(), lambda f, look=look: at(f, 200, look=look))
+        flight.header["program_sha256"] = program.sha256
+        report = report_of(slow, flight.write(tmp_path / "flight.mcap"))
+        assert [d.reason for d in report.doubts] == [reason] * bool(reason)
 
 
 def test_a_log_without_its_head_says_nothing(train: Path, tmp_path: Path) -> None:

@@ -1,0 +1,198 @@
+"""What a program that was built for a robot recorded, and what `soter recheck --log` says of it.
+
+The program runs over the clock of the test (`owned_clock.c`): nobody is late unless the test says.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import sys
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+import soter
+from generators.posix_packages import owned, report
+from generators.c_packages import CART
+from soter.api import Program
+from soter.report.run_log import messages
+from soter.simulate.flight_recording import END_BYTES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from soter.certificate.flights.flight_report import FlightReport
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
+
+LANE = CART.parents[1] / "rest" / "lane.soter"
+SEED, UNTIL = 3, 6.0
+LATE = 200_000
+"""How late the decision module of the lane may be, ns."""
+LOOK = 1000
+"""The clock of the test goes on by so much where somebody looks at it, ns."""
+MS = 1_000_000
+BESIDE = 64
+"""Bytes of a record before its state; one module."""
+
+
+@pytest.fixture(scope="module")
+def lane() -> Program:
+    return soter.load(LANE)
+
+
+@pytest.fixture(scope="module")
+def car(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return owned(LANE, tmp_path_factory.mktemp("lane") / "out")
+
+
+@pytest.fixture(scope="module")
+def proof(lane: Program, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("proof") / "cert"
+    lane.verify(cert=folder)
+    return folder
+
+
+def flown(
+    car: Path, path: Path, *events: str, more: tuple[str, ...] = (), expected: int = 0
+) -> Path:
+    options = ("--seed", str(SEED), "--until", str(UNTIL), "--record", str(path), *more)
+    report(car, *options, events=events, expected=expected)
+    return path
+
+
+def rechecked(lane: Program, proof: Path, recording: Path) -> tuple[soter.Run, FlightReport]:
+    log = recording.with_suffix(".mcap")
+    run = lane.simulate(recorded=recording, log=log)
+    checked = soter.recheck(proof, logs=[log])
+    assert checked.accepted
+    return run, checked.flights[0]
+
+
+def test_what_flew_is_what_runs_and_every_verdict_is_confirmed(
+    lane: Program, proof: Path, car: Path, tmp_path: Path
+) -> None:
+    run, flight = rechecked(lane, proof, flown(car, tmp_path / "flight.rec"))
+    other = lane.simulate(seed=SEED, until=UNTIL, log=tmp_path / "run.mcap")
+    assert (run.trace_sha256, run.seed, run.cut) == (other.trace_sha256, SEED, "")
+    logs = [list(messages(tmp_path / f"{name}.mcap")) for name in ("run", "flight")]
+    looks = [m for _, channel, m in logs[1] if channel == "soter/decisions"]
+    for look in looks:
+        late, done = look.pop("late_ns"), look.pop("done_ns")
+        assert 0 < late < done < 100 * LOOK
+    assert logs[0] == logs[1]
+    assert (flight.verdict, flight.cut) == ("accepted", "")
+    assert flight.confirmed == flight.verdicts == len(looks) == 121
+
+
+@pytest.mark.parametrize("held_ns", [LATE - 20 * LOOK, LATE + LOOK])
+def test_a_verdict_that_came_too_late_is_named_whatever_the_driver_allows(
+    lane: Program, proof: Path, car: Path, tmp_path: Path, held_ns: int
+) -> None:
+    """`--late` is the driver's; the proof is about what the program declares."""
+    event, allowed = f"held:1500000000:{held_ns}", ("--late", "10000")
+    run, flight = rechecked(lane, proof, flown(car, tmp_path / "flight.rec", event, more=allowed))
+    assert run.misses_recorded == 0
+    named = [(d.time_ns, d.module, d.reason.split(" after")[0]) for d in flight.doubts]
+    if held_ns < LATE:
+        assert (named, flight.verdict) == ([], "accepted")
+    else:
+        (late,) = {m["late_ns"] for m in steps(tmp_path / "flight.mcap") if m["late_ns"] > LATE}
+        assert named == [(1_500_000_000, "SafeLane", f"it came {late} ns")]
+        assert flight.verdict == "rejected"
+    assert flight.confirmed == flight.verdicts - len(named) == 121 - len(named)
+
+
+def test_where_the_trusted_part_is_late_sc_takes_over_and_that_is_confirmed(
+    lane: Program, proof: Path, car: Path, tmp_path: Path
+) -> None:
+    run, flight = rechecked(lane, proof, held_up(car, tmp_path))
+    assert run.misses_recorded > 0
+    assert (flight.verdict, flight.doubts) == ("accepted", [])
+    assert (flight.confirmed, flight.others) == (120, 1)
+
+
+def held_up(car: Path, folder: Path) -> Path:
+    """A flight whose decision module is late once, and says "SC"."""
+    return flown(car, folder / "flight.rec", "held:1500000000:201000", expected=4)
+
+
+def steps(log: Path) -> list[dict[str, Any]]:
+    return [m for _, channel, m in messages(log) if channel == "soter/decisions"]
+
+
+def changed(
+    recording: Path, run: soter.Run, ms: tuple[int, int], change: Callable[[bytearray], None]
+) -> Path:
+    """A recording of which somebody changed the states of some instants, and sealed it again."""
+    data, size = recording.read_bytes(), BESIDE + run.dtype.itemsize
+    begin, end = data.index(b"\n\n") + 2, len(data) - END_BYTES
+    records = []
+    for at in range(begin, end, size):
+        state = bytearray(data[at + BESIDE : at + size])
+        if ms[0] * MS <= struct.unpack_from("<q", state)[0] <= ms[1] * MS:
+            change(state)
+        records.append(data[at : at + BESIDE] + bytes(state))
+    body = data[:begin] + b"".join(records)
+    seal = f"{hashlib.sha256(body).hexdigest()}\n".encode()
+    other = recording.with_name("changed.rec")
+    other.write_bytes(body + data[end : -len(seal)] + seal)
+    return other
+
+
+@pytest.mark.parametrize(("until_ms", "named_ms"), [(1500, 1550), (1540, 1500)])
+def test_a_verdict_that_was_changed_is_named(
+    lane: Program, proof: Path, car: Path, tmp_path: Path, until_ms: int, named_ms: int
+) -> None:
+    """SC took over, and somebody says that AC went on: until the next instant, or verdict."""
+    recording = held_up(car, tmp_path)
+    run, _ = rechecked(lane, proof, recording)
+    fields = run.dtype["modules"].base.fields
+    assert fields is not None
+
+    def no_takeover(state: bytearray) -> None:
+        for name, value in {"saw_gate_fault": 0, "gate_fault": 0, "mode": 1}.items():
+            state[run.layout.module_offset + fields[name][1]] = value
+
+    _, flight = rechecked(lane, proof, changed(recording, run, (1500, until_ms), no_takeover))
+    assert flight.verdict == "rejected"
+    assert named_ms * MS in {d.time_ns for d in flight.doubts}
+    assert flight.confirmed < flight.verdicts == 121
+
+
+def test_an_estimate_from_which_sc_does_not_come_to_rest_is_named(
+    lane: Program, proof: Path, car: Path, tmp_path: Path
+) -> None:
+    """A decision module that said "AC" where it may not: its own words are all in order."""
+    recording = flown(car, tmp_path / "flight.rec")
+    run, _ = rechecked(lane, proof, recording)
+    offset = run.layout.topic_offset([t.name for t in run.system.topics].index("pose"))
+
+    def near_the_edge(state: bytearray) -> None:
+        struct.pack_into("<d", state, offset + 8, 1.49)
+
+    _, flight = rechecked(lane, proof, changed(recording, run, (2950, 3000), near_the_edge))
+    assert flight.verdict == "not re-checked"
+    assert {d.time_ns for d in flight.doubts} == {2_950_000_000, 3_000_000_000}
+    assert all(d.estimate["pose.offset"] == 1.49 for d in flight.doubts)
+    assert flight.confirmed == flight.verdicts - 2
+
+
+def test_a_flight_that_was_cut_is_confirmed_up_to_there_and_told(
+    lane: Program, proof: Path, car: Path, tmp_path: Path
+) -> None:
+    recording = flown(car, tmp_path / "flight.rec")
+    data = recording.read_bytes()
+    recording.write_bytes(data[: len(data) // 2])
+    run, flight = rechecked(lane, proof, recording)
+    assert "its end is missing" in run.cut
+    assert flight.cut == run.cut
+    assert 0 < flight.confirmed == flight.verdicts <= 61
+    assert flight.to_ns / 1e9 == pytest.approx(UNTIL / 2, abs=0.1)
+
+
+def test_a_log_on_a_full_disk_leaves_a_recording_without_an_end(car: Path) -> None:
+    said: dict[str, Any] = report(car, "--until", "1", "--record", "/dev/full")
+    assert any("the log `/dev/full` cannot be written" in note for note in said["notes"])
