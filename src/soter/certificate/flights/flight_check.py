@@ -4,8 +4,8 @@ Purpose: `Flights`: logs of flights of the program in a certificate; each verdic
 whose decision module follows SC is confirmed from the estimate that it read, or named.
 Non-goals: reading logs (`flight_log.py`), tubes (`tubes/`), the claims of the certificate.
 
-The argument: a log is one of the program, parameters and system of the certificate, or it is
-refused. By the theorem a verdict "AC" needs reads that are fresh and an estimate that is good
+The argument: a log is one of the program, parameters and system of the certificate, or of one that
+deploys that system (M025: the same module and nodes, without plants), or it is refused. By the theorem a verdict "AC" needs reads that are fresh and an estimate that is good
 (docs/proof.md, "Decisions by tubes", condition 5): the first the log says, the second is asked of
 the tube of this room, with what the certificate claims of rest. Whether that claim holds is the
 matter of the re-check that comes first; without it nothing here is confirmed.
@@ -83,6 +83,8 @@ class Flights:
             text = f"no decision module of the certificate `{where}` follows SC: nothing to confirm"
             raise SoterError((Diagnostic("D023", text),))
         self._flats: dict[str, System] = {}
+        self._proved: dict[str, str] = {}
+        """Of a system that flew: the one of the certificate, which it is or deploys."""
         self._followers: dict[tuple[str, str], ModuleTube | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
@@ -102,7 +104,8 @@ class Flights:
             began = _spent()
             phase(f"reading {visible(log)}", anew=True)
             flat = self._flats[system]
-            names = [e["module"] for e in self._entries if e["system"] == system]
+            proved = self._proved[system]
+            names = [e["module"] for e in self._entries if e["system"] == proved]
             modules = [m for m in flat.modules if m.name in names]
             report = FlightReport(log, system, names)
             asked: list[LoggedVerdict] = []
@@ -166,9 +169,10 @@ class Flights:
         """What follows a module, read once; why there is none, where nothing is known of it."""
         key = system, module
         if key not in self._followers:
-            entry = next(e for e in self._entries if (e["system"], e["module"]) == key)
+            proved = self._proved[system], module
+            entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                self._followers[key] = rest_of(self._flats[system], entry)
+                self._followers[key] = rest_of(self._flat(proved[0]), entry)
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = in_words(error)
         return self._followers[key]
@@ -186,12 +190,13 @@ class Flights:
             raise _of_another(
                 log, f"its program is {other[:12]}, that of the certificate {own[:12]}"
             )
-        if system not in {e["system"] for e in self._entries}:
-            names = ", ".join(f"`{n}`" for n in dict.fromkeys(e["system"] for e in self._entries))
+        of_entries = dict.fromkeys(e["system"] for e in self._entries)
+        assert self._checked.program is not None
+        if system in self._checked.program.systems:
+            self._proved[system] = (self._flat(system).proved or self._flat(system)).name
+        if self._proved.get(system) not in of_entries:
+            names = ", ".join(f"`{n}`" for n in of_entries)
             raise _of_another(log, f"system `{system}` flew, and the certificate is about {names}")
-        if system not in self._flats:
-            flat = system_to_prove(self._checked, system, self._overrides, exact=False)
-            self._flats[system] = flat
         proved = {name: text for name, (text, _) in changed(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
@@ -201,6 +206,13 @@ class Flights:
                 text = f"{name} was {values[0]} in it, and is {values[1]} in the certificate"
                 raise _of_another(log, text)
         return system
+
+
+    def _flat(self, system: str) -> System:
+        if system not in self._flats:
+            flat = system_to_prove(self._checked, system, self._overrides, exact=False)
+            self._flats[system] = flat
+        return self._flats[system]
 
 
 def _of_another(log: str, why: str) -> SoterError:

@@ -158,6 +158,7 @@ class _Reader:
         self.path, self.system, self.log = path, system, log
         self.modules = {m.name: _Verdicts(m) for m in modules}
         self.topics = {t.name: t for t in system.topics}
+        self.outside = {e.topic for e in system.externals}
         self.published: dict[str, list[tuple[int, Value]]] = {}
         """Of each topic of which the log has messages: the last two, the newest one first."""
         self.begun = False
@@ -230,11 +231,18 @@ class _Reader:
         if last is None:
             self.log.unlogged[name] = None
             return
+        if topic.index in self.outside:  # measured before it came, and read as it has come
+            came, known = last[0]
+            if time_ns - age > came:
+                yield f"it read {name} of {time_ns - age} ns, and the last one came at {came} ns"
+            elif repr(known) != repr(value):
+                yield f"it read another {name} than the last one, which came at {came} ns"
+            return
         possible = last if last[0][0] == time_ns else last[:1]
-        known = dict(possible).get(time_ns - age)
-        if known is None:
+        there = dict(possible).get(time_ns - age)
+        if there is None:
             yield f"it read {name} of {time_ns - age} ns, and the last one is of {last[0][0]} ns"
-        elif repr(known) != repr(value):  # bit by bit: -0.0 is another number than 0.0
+        elif repr(there) != repr(value):  # bit by bit: -0.0 is another number than 0.0
             yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
 
     def _message(self, channel: str, message: dict[str, Any]) -> Value:

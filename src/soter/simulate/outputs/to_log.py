@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.core.layout import decode_from
+from soter.core.layout import NEVER, decode_from
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.python_values import to_json
 from soter.language.model.types import (
@@ -187,8 +187,11 @@ class RunLog:
 
     def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
         """The first value, and then every publication."""
-        offset = self._layout.topic_offset(topic.index)
-        published = states["stamps"][:, topic.index] == states["header"]["ct"]
+        offset, stamps = self._layout.topic_offset(topic.index), states["stamps"][:, topic.index]
+        published = stamps == states["header"]["ct"]
+        if topic.index in {e.topic for e in self._system.externals}:  # stamped as it was measured
+            earlier = NEVER if self._earlier is None else self._earlier[0]["stamps"][topic.index]
+            published |= np.diff(stamps, prepend=earlier) != 0
         for time_ns, raw in self._rows(states, published):
             value = to_json(topic.type, decode_from(raw, offset, topic.type))
             yield time_ns, _message(topic.type, value)
