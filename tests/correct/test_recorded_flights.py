@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from generators.posix_packages import owned, report
 from generators.c_packages import CART
-from soter.api import Program
+from generators.posix_packages import owned, report
 from soter.report.run_log import messages
 from soter.simulate.flight_recording import END_BYTES
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from soter.api import Program
     from soter.certificate.flights.flight_report import FlightReport
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")

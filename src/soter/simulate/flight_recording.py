@@ -1,7 +1,8 @@
 """What a program of `soter build --target posix` recorded of its flight (`--record FILE`).
 
-Purpose: the states after all instants, in order, and how late decision modules were. A recording of something else, or that contradicts itself, is SoterError; one whose end
-is missing, or of which instants are, is read up to there.
+Purpose: the states after all instants, in order, and how late decision modules were. A recording
+of something else, or that contradicts itself, is SoterError; one whose end is missing, or of which
+instants are, is read up to there.
 Non-goals: writing one (`runtime/posix/soter_posix_log.c`), what is told of it (`run_observer.py`).
 """
 

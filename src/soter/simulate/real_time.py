@@ -271,4 +271,3 @@ def _without_report(status: int, said: list[str]) -> Diagnostic:
         "the process of the real-time driver is gone, without a report",
         notes=(f"its exit status is {status}", *said[-4:]),
     )
-

@@ -79,7 +79,9 @@ class RunOptions:
         """SoterError U001 where a flight is recorded, and something else is asked for as well."""
         if self.recorded is not None and (self.real_time or self.until is not None):
             what = "real_time" if self.real_time else "until"
-            raise usage_error("U001", f"`recorded` is a flight that is over: `{what}` has no meaning")
+            raise usage_error(
+                "U001", f"`recorded` is a flight that is over: `{what}` has no meaning"
+            )
 
 
 class RunKeywords(TypedDict, total=False):

@@ -10,7 +10,6 @@ import pytest
 
 import soter
 from generators.c_packages import CART
-from soter.api import Program
 from soter.core.layout import NEVER, state_layout
 from soter.report.run_log import messages
 from soter.targets.posix import FIRST_LINE, head_of
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy.typing as npt
+
+    from soter.api import Program
 
     Records = npt.NDArray[Any]
 
@@ -164,5 +165,22 @@ def test_what_is_no_recording_is_refused(cart: Program, tmp_path: Path, data: by
 def test_a_flight_that_is_over_has_no_other_end(cart: Program) -> None:
     for more in ({"until": "1s"}, {"real_time": True}):
         with pytest.raises(soter.SoterError) as caught:
-            cart.simulate(recorded="flight.rec", **more)  # type: ignore[arg-type]
+            cart.simulate(recorded="flight.rec", **more)
         assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_what_a_sensor_said_stands_in_the_log_when_it_came(tmp_path: Path) -> None:
+    """Its stamps are of measurements, between instants."""
+    vehicle = soter.load(CART.with_name("stop_vehicle.soter"))
+    run = vehicle.simulate(system="Vehicle", until="500ms")
+    trace = run.require_trace().copy()
+    topic = next(t for t in run.system.topics if t.driver == "input")
+    came = np.arange(3, len(trace), 2)
+    for row in came:
+        trace["topics"][topic.name][row:] = row
+        trace["stamps"][row:, topic.index] = int(trace["header"]["ct"][row]) - 1_234_567
+    run.trace = trace
+    log = vehicle.write_log(run, tmp_path / "vehicle.mcap")
+    said = [(t, m["value"]) for t, channel, m in messages(log) if channel == topic.name]
+    assert said[0][0] == trace["header"]["ct"][0]
+    assert said[1:] == [(int(trace["header"]["ct"][row]), row) for row in came]

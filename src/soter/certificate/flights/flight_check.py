@@ -4,11 +4,12 @@ Purpose: `Flights`: logs of flights of the program in a certificate; each verdic
 whose decision module follows SC is confirmed from the estimate that it read, or named.
 Non-goals: reading logs (`flight_log.py`), tubes (`tubes/`), the claims of the certificate.
 
-The argument: a log is one of the program, parameters and system of the certificate, or of one that
-deploys that system (M025: the same module and nodes, without plants), or it is refused. By the theorem a verdict "AC" needs reads that are fresh and an estimate that is good
-(docs/proof.md, "Decisions by tubes", condition 5): the first the log says, the second is asked of
-the tube of this room, with what the certificate claims of rest. Whether that claim holds is the
-matter of the re-check that comes first; without it nothing here is confirmed.
+The argument: a log is one of the program, parameters and system of the certificate, or of a system
+that deploys it (M025: the same modules and nodes, without plants), or it is refused. By the theorem
+a verdict "AC" needs reads that are fresh and an estimate that is good (docs/proof.md, "Decisions by
+tubes", condition 5): the first the log says, the second is asked of the tube of this room, with
+what the certificate claims of rest. Whether that claim holds is the matter of the re-check that
+comes first; without it nothing here is confirmed.
 """
 
 from __future__ import annotations
@@ -206,7 +207,6 @@ class Flights:
                 text = f"{name} was {values[0]} in it, and is {values[1]} in the certificate"
                 raise _of_another(log, text)
         return system
-
 
     def _flat(self, system: str) -> System:
         if system not in self._flats:

@@ -78,7 +78,9 @@ def _verdict(run: Run, console: Console) -> list[str]:
         so_far = "" if run.violations else ", no violation until then"
         lines.append(f"{console.paint('yellow', 'INTERRUPTED')}  {at}{so_far}")
     if run.cut:
-        lines.append(f"{console.paint('yellow', 'CUT')}  read up to {run.reached_s:.9g} s: {run.cut}")
+        lines.append(
+            f"{console.paint('yellow', 'CUT')}  read up to {run.reached_s:.9g} s: {run.cut}"
+        )
     properties = len(run.system.properties)
     if run.violations:
         count = f"{run.violations} violation{'s' if run.violations > 1 else ''}"
@@ -207,7 +209,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _grounds(run: Run, console: Console) -> Iterator[str]:
-    lines = of_run(run.system, run.proofs)
+    lines = of_run(run.system, run.proofs, recorded=run.engine == "recorded")
     if lines:
         yield "rests on"
         for line in lines:
