@@ -191,8 +191,11 @@ class Program:
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.run_options import RunOptions  # noqa: PLC0415 - the same
 
-        how = made(RunOptions, {"seed": seed, "engine": engine, "until": until, **options})
-        how.require_one_flight()
+        how = made(RunOptions, {"seed": seed, "engine": engine, **options})
+        if how.recorded is not None and (how.real_time or until is not None):
+            from soter.simulate.run_settings import usage_error  # noqa: PLC0415 - only then
+
+            raise usage_error("U001", "`recorded` is over: neither `until` nor `real_time`")
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
         if how.arm is not None:

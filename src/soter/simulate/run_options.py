@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
 from soter.diagnostics.option_fields import SWITCH, choice, option, whole
-from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -74,14 +73,6 @@ class RunOptions:
     )
     partial: bool = option("", False, "on Ctrl-C give back what was reached", SWITCH)
     apart: bool = option("", False, "nodes in Python as processes (docs/externs.md)", SWITCH)
-
-    def require_one_flight(self) -> None:
-        """SoterError U001 where a flight is recorded, and something else is asked for as well."""
-        if self.recorded is not None and (self.real_time or self.until is not None):
-            what = "real_time" if self.real_time else "until"
-            raise usage_error(
-                "U001", f"`recorded` is a flight that is over: `{what}` has no meaning"
-            )
 
 
 class RunKeywords(TypedDict, total=False):

@@ -209,7 +209,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _grounds(run: Run, console: Console) -> Iterator[str]:
-    lines = of_run(run.system, run.proofs, recorded=run.engine == "recorded")
+    lines = of_run(run.system, run.proofs)
     if lines:
         yield "rests on"
         for line in lines:

@@ -127,22 +127,19 @@ def forced(system: System) -> list[str]:
     ]
 
 
-def of_environment(system: System, *, recorded: bool = False) -> list[str]:
-    """What is taken for granted about the plants and the inputs of a system.
-
-    `recorded`: in a flight in the world, where somebody spoke on its topics.
-    """
+def of_environment(system: System) -> list[str]:
+    """What is taken for granted about the plants and the inputs of a system."""
     assumptions = []
     for x in system.components:
         if x.plant is not None:
             assumptions += _plant(system, x)
     driven = {d.topic for d in system.inputs}
     inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
-    outside = {e.topic for e in system.externals if recorded}
-    still = [t.name for t in inputs if t.index not in driven | outside]
+    still = [t.name for t in inputs if t.index not in driven]
     if still:
+        unless = " unless somebody outside publishes it" if system.externals else ""
         assumptions.append(
-            f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value"
+            f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value{unless}"
         )
     for d in system.inputs:
         name, every = system.topics[d.topic].name, show_ns(d.every_ns)
@@ -182,12 +179,10 @@ def of_faults(system: System) -> list[str]:
     return assumptions
 
 
-def of_run(
-    system: System, proofs: Mapping[str, Proof] | None = None, *, recorded: bool = False
-) -> list[str]:
-    """Everything a run of this system rests on; `proofs`, `recorded` as of those above."""
-    taken = [*unproved(system, proofs), *forced(system), *of_steps(system)]
-    return [*taken, *of_environment(system, recorded=recorded), *of_faults(system)]
+def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
+    """Everything a run of this system rests on; `proofs` as of `unproved`."""
+    taken = [*unproved(system, proofs), *forced(system), *of_steps(system), *of_environment(system)]
+    return [*taken, *of_faults(system)]
 
 
 def _plant(system: System, x: Component) -> list[str]:

@@ -110,7 +110,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
         notes=(*run.failures, *run.notes, *tower_control.told(run), *_of_signals(run)),
-        assumptions=tuple(of_run(run.system, run.proofs, recorded=run.engine == "recorded")),
+        assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
         headline=_headline(run),
