@@ -105,13 +105,28 @@ def test_a_verdict_that_came_too_late_is_named_whatever_the_driver_allows(
     assert flight.confirmed == flight.verdicts - len(named) == 121 - len(named)
 
 
-def test_where_the_trusted_part_is_late_sc_takes_over_and_that_is_confirmed(
+@pytest.mark.parametrize(("at_ms", "held_ns"), [(1500, 201_000), (1495, 2_000_000_000)])
+def test_a_takeover_that_came_too_late_is_named(
+    lane: Program, proof: Path, car: Path, tmp_path: Path, at_ms: int, held_ns: int
+) -> None:
+    """The verdict before it counts until then; also where the calendar began anew."""
+    event = f"held:{at_ms}000000:{held_ns}"
+    run, flight = rechecked(lane, proof, flown(car, tmp_path / "flight.rec", event, expected=4))
+    assert run.misses_recorded > 0
+    (late,) = {m["late_ns"] for m in steps(tmp_path / "flight.mcap") if m["late_ns"] > LATE}
+    assert held_ns <= late < held_ns + 10 * MS
+    named = [(d.time_ns, d.reason.split(" after")[0]) for d in flight.doubts]
+    assert (named, flight.verdict) == ([(1_500_000_000, f"it came {late} ns")], "rejected")
+    assert (flight.confirmed, flight.others) == (120, 1)
+
+
+def test_a_calendar_that_began_anew_between_verdicts_is_named(
     lane: Program, proof: Path, car: Path, tmp_path: Path
 ) -> None:
-    run, flight = rechecked(lane, proof, held_up(car, tmp_path))
-    assert run.misses_recorded > 0
-    assert (flight.verdict, flight.doubts) == ("accepted", [])
-    assert (flight.confirmed, flight.others) == (120, 1)
+    event = "held:1525000000:2000000000"
+    _, flight = rechecked(lane, proof, flown(car, tmp_path / "flight.rec", event, expected=4))
+    assert flight.verdict == "rejected"
+    assert {d.time_ns for d in flight.doubts} == {1_550_000_000}
 
 
 def held_up(car: Path, folder: Path) -> Path:

@@ -137,7 +137,7 @@ def started(event: list[str]) -> str:
         return "compiler"
     if Path(words[0]).resolve() == Path(sys.executable).resolve():
         return "Python"
-    return "the program that was built" if "--states" in words else name
+    return "the program that was built" if "--record" in words else name
 
 
 def prepared(folder: Path, line: str, name: str) -> None:

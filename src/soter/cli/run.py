@@ -136,8 +136,8 @@ def _finish(
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
     console.say("\n" + "\n".join(lines))
-    undecided = result.late or result.cut
-    code = VIOLATED if result.violations else UNDECIDED if undecided else FINE
+    violated = result.violations or (result.timing or {}).get("violations", 0)  # behind a gap, too
+    code = VIOLATED if violated else UNDECIDED if result.late or result.cut else FINE
     if problems:
         code = DIAGNOSTICS
     if result.interrupted:

@@ -434,7 +434,8 @@ here, 2 usage, 3 violated, 4 the trusted part missed more than `--misses` (0) al
 the driver failed, 130 stopped.
 docs/real-time.md of soter says what is lost without permissions.
 {table}
-Where nobody was late its `trace_sha256` is that of `soter run` with the same seed.
+Where nobody was late its `trace_sha256` is that of `soter run` with the same seed. What
+`--record FILE` writes is told by `soter run --recorded FILE`.
 
 | file | what |
 |---|---|

@@ -111,9 +111,9 @@ class _Verdicts:
             yield "it is the second one of its period"
             return
         began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
-        if after and began > self.late:
+        if (before or after) and began > self.late:  # the one before it counts until then
             yield f"it came {began} ns after its release, and may {self.late} ns"
-        elif after and ended > self.late + self.response:
+        elif (before or after) and ended > self.late + self.response:
             most = self.late + self.response
             yield f"it was there {ended} ns after its release, and may {most} ns"
         if self.said is not None and self.said != before and release == self.next:

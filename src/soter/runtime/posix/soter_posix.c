@@ -325,8 +325,8 @@ static void timed(soter_posix* d, uint32_t component) {
   } else if (APP_PROGRAM->component[component].role == SOTER_ROLE_DM) {
     const int32_t module = APP_PROGRAM->component[component].module;
     SOTER_CHECK(module >= 0 && module < APP_MODULES);
-    d->times.look_late_ns[module] = late_ns;
-    d->times.look_done_ns[module] = complete_ns;
+    d->times.look_late_ns[module] = late_ns + d->moved_ns;
+    d->times.look_done_ns[module] = complete_ns + d->moved_ns;
   }
   if (trusted && late_ns <= limit && complete_ns > limit + soter_app_response_ns[component]) {
     soter_posix_missed(d, SOTER_MISS_COMPLETE, component, complete_ns);
@@ -398,6 +398,7 @@ static void begin_instant(soter_posix* d, int64_t ct) {
   }
   soter_histogram_add(&d->wake, times->wake_ns);
   const bool anew = times->wake_ns > GIVE_UP_NS;
+  d->moved_ns = anew ? times->wake_ns : 0;
   if (anew) {
     count_lost_releases(d, ct, times->wake_ns);
     d->origin_ns = now - ct;

@@ -287,6 +287,7 @@ typedef struct {
   uint64_t late_untrusted; /* instants in which plants or ACs were late, and no trusted step */
   uint32_t missed_now;
   soter_instant_times times; /* of this instant */
+  int64_t moved_ns;          /* how far the calendar was moved as it began */
   bool failsafe_now, untrusted_late_now;
   int64_t silence_ns; /* longest time from the end of an instant to the begin of the next */
   int64_t silence_ct; /* of the instant before it */

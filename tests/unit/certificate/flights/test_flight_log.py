@@ -68,6 +68,11 @@ def test_control_comes_back_after_a_fault_of_the_gate(train: Path, tmp_path: Pat
     assert judged(train, tmp_path, fault).doubts == []
 
 
+def test_sc_that_goes_on_may_be_late(train: Path, tmp_path: Path) -> None:
+    late = changed(Flight("ASSSAA"), lambda f: at(f, 200, look=(1, 1)))
+    assert judged(train, tmp_path, late).doubts == []
+
+
 def test_an_older_read_is_as_good(train: Path, tmp_path: Path) -> None:
     """The plant may have been due after the module, or not at all."""
 
@@ -238,6 +243,12 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
     "late": ("AAAAAA", late, 310, "it came 10000000 ns after its release, and may 0 ns"),
     "late by the clock": (
         "AAAAAA",
+        lambda f: at(f, 200, look=(1, 1)),
+        200,
+        "it came 1 ns after its release, and may 0 ns",
+    ),
+    "a takeover was late by the clock": (
+        "AASSSA",
         lambda f: at(f, 200, look=(1, 1)),
         200,
         "it came 1 ns after its release, and may 0 ns",
