@@ -82,7 +82,11 @@ class FlightRecording:
         if also is not None:
             observer.also = partial(also, looks=self._looks)
         for rows in self._blocks():
-            observer.see(rows)
+            try:
+                observer.see(rows)
+            except (ValueError, LookupError) as error:
+                why = f"up to {self.last_ns} ns a state is none: {error}"
+                raise self._unreadable(f"it is damaged: {why}") from error
 
     # ------------------------------------------------------------ the file
 

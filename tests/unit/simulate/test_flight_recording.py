@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -184,3 +185,25 @@ def test_what_a_sensor_said_stands_in_the_log_when_it_came(tmp_path: Path) -> No
     said = [(t, m["value"]) for t, channel, m in messages(log) if channel == topic.name]
     assert said[0][0] == trace["header"]["ct"][0]
     assert said[1:] == [(int(trace["header"]["ct"][row]), row) for row in came]
+
+
+LISTS = """soter 1;
+topic path: float[<=4];
+node A period 10ms { publishes path; step { publish path = [1.0, 2.0]; } }
+system S { node A; until 100ms; }
+"""
+
+
+def test_a_state_that_is_none_is_refused_where_no_hash_speaks_for_it(tmp_path: Path) -> None:
+    source = tmp_path / "lists.soter"
+    source.write_text(LISTS)
+    lists = soter.load(source)
+    run = lists.simulate()
+    states = run.require_trace().copy()
+    states["topics"]["path"]["len"][5] = 5
+    head_lines = {**head_of(run.system, run.layout), "seed": "1"}
+    lines = [FIRST_LINE, *(f"{k}={v}" for k, v in head_lines.items()), "", ""]
+    beside = [(n, *states["header"]["ct"][[n]], 0, 0, 0, 0, 0, 0) for n in range(len(states))]
+    records = [struct.pack("<8q", *b) + s.tobytes() for b, s in zip(beside, states, strict=True)]
+    code, text = refused(lists, tmp_path, "\n".join(lines).encode() + b"".join(records))
+    assert (code, "a length of 5" in text) == ("D006", True)

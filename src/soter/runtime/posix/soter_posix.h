@@ -88,7 +88,7 @@ extern const uint32_t soter_app_lease_count;  /* APP_LEASES */
 extern const int64_t soter_app_late_ns[];     /* of each component */
 extern const int64_t soter_app_response_ns[]; /* of each component */
 extern const uint32_t soter_app_looks[];      /* of each module: Module.looks (docs/proof.md) */
-extern const char soter_app_flown[];          /* what flies: the head of a recording, but its seed */
+extern const char soter_app_flown[];          /* the head of a recording, but its seed */
 
 /* ------------------------------------------------------------------ figures */
 

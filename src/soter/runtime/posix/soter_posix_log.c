@@ -1,8 +1,8 @@
 /* soter_posix_log.c: the logger's thread, and the ring between it and the trusted one.
  *
- * Purpose: hash the states, write a line an instant and a recording, say on a terminal how it goes, end workers
- * that answer no more, notice that the trusted thread is silent. Non-goals: being on time. What it
- * has no room for is dropped and counted.
+ * Purpose: hash the states, write a line an instant and a recording, say on a terminal how it goes,
+ * end workers that answer no more, notice that the trusted thread is silent. Non-goals: being on
+ * time. What it has no room for is dropped and counted.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */

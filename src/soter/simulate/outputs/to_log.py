@@ -167,6 +167,9 @@ class RunLog:
             yield
         except LogError as error:
             self.problem = SoterError((Diagnostic("D006", str(error)),))
+        except BaseException:
+            self._log = None  # it is dropped
+            raise
 
     # ------------------------------------------------------------ messages of a block
 
