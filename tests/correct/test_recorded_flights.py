@@ -8,12 +8,14 @@ from __future__ import annotations
 import hashlib
 import struct
 import sys
+import time
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import soter
-from generators.c_packages import CART
+from generators.c_packages import CART, make
+from generators.channel_programs import Words, going, library, number_of
 from generators.posix_packages import owned, report
 from soter.report.run_log import messages
 from soter.simulate.flight_recording import END_BYTES
@@ -211,3 +213,46 @@ def test_a_flight_that_was_cut_is_confirmed_up_to_there_and_told(
 def test_a_log_on_a_full_disk_leaves_a_recording_without_an_end(car: Path) -> None:
     said: dict[str, Any] = report(car, "--until", "1", "--record", "/dev/full")
     assert any("the log `/dev/full` cannot be written" in note for note in said["notes"])
+
+
+VEHICLE = """
+system Vehicle deploys Protected {
+  module SafeLane;
+  external topic pose every 5ms measured pose.along within 1.0, pose.offset within 0.02,
+    pose.heading within 0.003;
+  external topic turn;
+}
+"""
+
+
+@pytest.mark.real_time
+def test_a_vehicle_in_the_world_is_confirmed_by_the_proof_of_its_plants(tmp_path: Path) -> None:
+    """Its sensor is another program; on a busy machine steps are late, and that is named."""
+    source = tmp_path / "lane.soter"
+    source.write_text(LANE.read_text(encoding="utf-8") + VEHICLE, encoding="utf-8")
+    lane = soter.load(source)
+    lane.verify(cert=tmp_path / "cert", system="Protected")
+    lane.build("posix", tmp_path / "out", "Vehicle", cert=tmp_path / "cert")
+    assert make(tmp_path / "out", "CFLAGS=-O2 -Werror").returncode == 0
+    program, channels = tmp_path / "out" / "lane", tmp_path / "channels"
+    channels.mkdir()
+    number = number_of(program, "pose")
+    pose = Words(library(tmp_path), channels, "pose", number, 3, writes=True)
+    recording = tmp_path / "flight.rec"
+    said = 0
+    pose.write(0.0, 0.1, 0.0)
+    with going(program, channels, "--until", "3", "--record", str(recording)) as trusted:
+        while trusted.poll() is None:
+            said += 1
+            pose.write(0.03 * said, 0.1, 0.0)
+            time.sleep(0.002)
+        trusted.communicate()
+    log = tmp_path / "flight.mcap"
+    run = lane.simulate(system="Vehicle", recorded=recording, log=log)
+    flight = soter.recheck(tmp_path / "cert", logs=[log]).flights[0]
+    assert (run.cut, flight.system, flight.unlogged) == ("", "Vehicle", [])
+    assert flight.verdicts + flight.others == 61
+    assert all(" after its release" in d.reason for d in flight.doubts)
+    assert flight.confirmed >= flight.verdicts - len(flight.doubts) > 0
+    ages = [m["reads"]["pose"]["age_ns"] for m in steps(log)]
+    assert any(0 < age < 10 * MS for age in ages)
