@@ -78,7 +78,10 @@ class FlightRecording:
             self.seed = self._head(file)
 
     def observed_by(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
-        """Show all states to an observer; `also` is then given the `Looks` of its states."""
+        """Show all states to an observer; `also` is then given the `Looks` of its states.
+
+        SoterError D006 where the recording contradicts itself, or has a state that is none.
+        """
         if also is not None:
             observer.also = partial(also, looks=self._looks)
         for rows in self._blocks():
