@@ -54,6 +54,13 @@ class Axes:
             groups += self._default(sorted(missing), alone=bool(groups))
         return tuple(groups)
 
+    def boundless(self) -> frozenset[int]:
+        """States on no declared axis that nothing bounds."""
+        named = {self._named(a) for g in self.place.module.symbol.verify.groups for a in g.axes}
+        others = (s for s in range(len(self.inputs.states)) if s not in named)
+        moving = (s for s in others if s not in self.inputs.still)
+        return frozenset(s for s in moving if self._natural(s) is None)
+
     # ------------------------------------------------------------ declared
 
     def _once(self, groups: list[Group]) -> None:
@@ -148,17 +155,11 @@ class Axes:
         return -math.inf, math.inf
 
     def _state(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names."""
+        """The state that an axis names, noted where it is shown."""
         shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
-        if item.topic is None:
-            state = self.names.get(self.place.prefix + shown)
-        else:
-            index = self._topic(item.topic)
-            paths = [p for p, _ in leaves(item.topic.type)]
-            at = None if index is None else (index, paths.index(item.path))
-            state = self.topic_leaves.get(at) if at is not None else None
-            if at is not None and state is not None:
-                self.shown[state] = at
+        state, at = self._named(item), self._leaf(item)
+        if at is not None and state is not None:
+            self.shown[state] = at
         if state is None:
             known = ", ".join(f"`{n}`" for n in self.names)
             self.diagnostics.error(
@@ -173,6 +174,19 @@ class Axes:
                 helps=("drive the state and scale it in controllers, or an axis over the state",),
             )
         return state
+
+    def _named(self, item: typed.TypedGridAxis) -> int | None:
+        if item.topic is None:
+            return self.names.get(self.place.prefix + ".".join((item.instance, *item.path)))
+        at = self._leaf(item)
+        return None if at is None else self.topic_leaves.get(at)
+
+    def _leaf(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
+        """The (topic, leaf) that an axis names; None where it names a state."""
+        index = None if item.topic is None else self._topic(item.topic)
+        if item.topic is None or index is None:
+            return None
+        return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
     def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
         """How the topic of an axis is driven, where that is by more than a state."""
