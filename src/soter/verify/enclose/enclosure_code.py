@@ -77,8 +77,8 @@ def generate_enclosures(
     """The enclosures of a module in its verification system.
 
     `core_hint` is the predicate of `core e;`; functions it calls that are not in `core` stand in
-    `hint_functions`; `back` is what P2b takes for `safer`, where that is something else. `apart`: the
-    derivative of each state is a function of its own, too: `derivative_K`.
+    `hint_functions`; `back` is what P2b takes for `safer`, where that is something else. `apart`:
+    the derivative of each state is a function of its own, too: `derivative_K`.
     EnclosureError says for people why something cannot be enclosed.
     """
     unit = _Unit(system, core, module, quantities)

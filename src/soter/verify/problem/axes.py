@@ -16,6 +16,8 @@ from soter.language.model.types import ListType, RecordType, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
@@ -34,7 +36,15 @@ Path = tuple[str, ...]
 class Axes:
     """Finds the state behind every axis."""
 
-    def __init__(self, place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    def __init__(
+        self,
+        place: VerificationSystem,
+        inputs: Inputs,
+        diagnostics: Diagnostics,
+        readers: Mapping[str, str] | None = None,
+    ) -> None:
+        """`readers`: of states that nothing bounds, by name, one of those that read each."""
+        self.readers = readers or {}
         self.place = place
         self.inputs = inputs
         self.diagnostics = diagnostics
@@ -227,7 +237,10 @@ class Axes:
             f"nothing bounds the state{'s' if len(names) > 1 else ''} "
             + ", ".join(f"`{n}`" for n in names),
             span,
-            notes=("every state is analysed over a box; outside it counts as unsafe",),
+            notes=(
+                "every state is analysed over a box; outside it counts as unsafe",
+                *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
+            ),
             helps=(f"write `verify {{ {example} }}` with your bounds",),
         )
 

@@ -109,9 +109,10 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     core, rest = lower(at.system), at.module.symbol.rest
     groups = Axes(at, inputs, diagnostics)
     boundless = groups.boundless() if rest is None and kind == "flow" else frozenset()
-    if boundless and (out := left_out(at, core, inputs.quantities(), boundless)):
+    if boundless:
+        out, readers = left_out(at, core, inputs.quantities(), boundless)
         inputs = inputs.without(out)
-        groups = Axes(at, inputs, diagnostics)
+        groups = Axes(at, inputs, diagnostics, readers)
     axis_groups = groups.groups() if rest is None else ()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)

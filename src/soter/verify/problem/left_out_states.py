@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
     Variables = Collection[typed.Variable]
 
-BOUNDED = frozenset({"sin", "cos", "tanh", "atan", "asin", "acos", "atan2", "wrap_angle"})
+BOUNDED = frozenset({"sin", "cos", "tanh", "atan"})
 LARGEST_OF = frozenset({"abs", "min", "max", "saturate", "norm"})
 MOVING = "derivative"
 
 
 def left_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
-) -> frozenset[int]:
-    """Of these states those without which the problem is the same one.
+) -> tuple[frozenset[int], dict[str, str]]:
+    """Of these states those without which the problem is the same one; of others who reads them.
 
     They have to have a solution for as long as there is a run: their rates grow no faster than they
     themselves do (Gronwall).
@@ -42,13 +42,31 @@ def left_out(
     try:
         readers = {s: _readers(at, core, quantities, s) for s in boundless}
     except EnclosureError:
-        return frozenset()
+        return frozenset(), {}
     rates = {f"{MOVING}_{s}": s for s in boundless}
-    found = set(boundless)
+    found, states, read = set(boundless), quantities.states, {}
     while wanted := [s for s in found if any(rates.get(r) not in found for r in readers[s])]:
+        for s in wanted:
+            those = (r for r in readers[s] if rates.get(r) not in found)
+            by = min(those, key=lambda r: (r.startswith("constraint"), r))
+            read[states[s].name] = _said(by, quantities)
         found -= {*wanted}
-    leaves = [quantities.states[s] for s in found]
-    return frozenset(found) if all(_goes_on(at, leaf, leaves) for leaf in leaves) else frozenset()
+    leaves = [states[s] for s in found]
+    ends = [leaf.name for leaf in leaves if not _goes_on(at, leaf, leaves)]
+    if ends:
+        return frozenset(), read | dict.fromkeys(ends, "its own rate, by which it may end")
+    return frozenset(found), read
+
+
+def _said(reader: str, quantities: Quantities) -> str:
+    """A function of a proof, in words."""
+    name, _, number = reader.rpartition("_")
+    if name == MOVING:
+        return f"the rate of `{quantities.states[int(number)].name}`"
+    what = name if number.isdigit() else reader
+    return {"law": "SC", "constraint": "what plants publish, which has to fit"}.get(
+        what, f"`{what}`"
+    )
 
 
 def _readers(
