@@ -61,6 +61,8 @@ if TYPE_CHECKING:
 NANOSECOND = Fraction(1, 10**9)
 WIDE = 2.0**1000
 """Ends for what nothing bounds; terms that depend on it say nothing."""
+REACH = 1e100
+"""No followed state without a set is taken to be beyond it."""
 FARTHEST = arb(2) ** 10**6
 """Ends for followed states without a set."""
 
@@ -202,7 +204,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)
     sets = _sets(facts)
-    facts.extents = tuple((max(a, -WIDE), min(b, WIDE)) for a, b in sets.values())
+    facts.extents = tuple((max(a, -REACH), min(b, REACH)) for a, b in sets.values())
     states = _followed(facts, rest)
     facts.unbounded = {s for s in states if -inf in sets[s] or inf in sets[s]}
     at = _estimate(facts)
