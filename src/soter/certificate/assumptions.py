@@ -58,6 +58,7 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         _machine(facts),
         verification_system.judged(facts) if links else (),
         _open(facts),
+        _left_out(facts),
         module_above.assumed(facts.above) if facts.above is not None else (),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
@@ -96,6 +97,11 @@ def _open(facts: Facts) -> Said:
         name, end = facts.states[state].name, facts.axes[state][1]
         text = f"no run gets beyond an open end, of which nothing is proved: {name} below {end!r}"
         yield f"open {name} {end!r}", text
+
+
+def _left_out(facts: Facts) -> Said:
+    for s in facts.left_out:
+        yield f"left out {s.name}", f"left out, as nothing that is asked reads it: {s.name}"
 
 
 def _range(x: Input) -> str:

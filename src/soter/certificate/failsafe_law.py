@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.left_out_states import leave_out
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
@@ -104,6 +105,7 @@ def law_of(facts: Facts) -> Facts:
     modules = tuple(ruled if m.index == own.index else m for m in flying.modules)
     system = replace(flying, components=tuple(components), modules=modules)
     law_facts = read_facts(system, own.name, facts.view)
+    leave_out(law_facts, [s.name for s in facts.left_out])
     check_supported(law_facts)
     if [(s.name, s.low, s.high) for s in law_facts.states] != [
         (s.name, s.low, s.high) for s in facts.states

@@ -52,6 +52,7 @@ from soter.certificate.handover import jumps_of
 from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.left_out_states import leave_out, refuse_read
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
@@ -237,6 +238,8 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     RejectedError where there is none, NotRecheckedError where it is not understood.
     """
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
+    known = [given["name"] for given in entry["inputs"] if given["kind"] == "state"]
+    leave_out(facts, [s.name for s in facts.states if s.name not in known])
     if len(facts.tower) > 1:
         read_above(facts)
     check_supported(facts)
@@ -331,6 +334,7 @@ def _cases(
         model = CaseModel(
             facts, values, narrowed(facts.extents, [g.part(errors=False) for g in own])
         )
+        refuse_read(model)
         share = partial(_share, progress, k, len(cases))
         case = CaseCheck(model, own, claimed.claims, entry, share, workers)
         if claimed.law is not None:

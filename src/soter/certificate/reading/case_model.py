@@ -48,6 +48,10 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component
 
+LEFT_OUT = "left out: "
+FARTHEST = exact(2.0**1000)
+"""Ends for what is left out: nothing that is asked depends on it (`left_out_states.py`)."""
+
 
 @dataclass(eq=False)
 class CaseModel:
@@ -71,7 +75,9 @@ class CaseModel:
 
     # ------------------------------------------------------------ plants
 
-    def _variables(self, c: Component, values: Sequence[Linear]) -> dict[typed.Variable, Any]:
+    def _variables(
+        self, terms: Terms, c: Component, values: Sequence[Linear]
+    ) -> dict[typed.Variable, Any]:
         """The states of a plant: some are inputs, some parameters."""
         assert c.plant is not None
         known: dict[tuple[int, str, int], Any] = {
@@ -79,6 +85,9 @@ class CaseModel:
         }
         for p, v in zip(self.facts.parameters, self.parameter, strict=True):
             known[p.owner, p.variable, p.leaf] = v
+        for s in self.facts.left_out:
+            name = f"{LEFT_OUT}{s.name}"
+            known[s.owner, s.variable, s.leaf] = terms.input("box", name, -FARTHEST, FARTHEST)
         value_by_variable: dict[typed.Variable, Any] = {}
         for variable in c.plant.states:
             parts = []
@@ -103,7 +112,7 @@ class CaseModel:
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
             reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
-            variables = self._with_lets(reader, c, self._variables(c, states))
+            variables = self._with_lets(reader, c, self._variables(terms, c, states))
             value = reader.expression(expr, variables)
             if errors:
                 value = self._with_errors(terms, index, value)
@@ -193,23 +202,36 @@ class CaseModel:
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> tuple[list[Linear], list[Linear]]:
         """The derivative of every state as a real number, and the disturbances in it."""
-        return self._moved(terms, states, controls, rounded=False)
+        return self._moved(terms, states, controls, self.facts.states, rounded=False)
+
+    def rates_left_out(
+        self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
+    ) -> list[Linear]:
+        """The derivatives of states that are left out, wherever these are."""
+        return self._moved(terms, states, controls, self.facts.left_out, rounded=False)[0]
 
     def next_states(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
         """The next value of every state of a map, as the machine computes it."""
-        return self._moved(terms, states, controls, rounded=True)[0]
+        return self._moved(terms, states, controls, self.facts.states, rounded=True)[0]
 
     def _moved(
-        self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear], *, rounded: bool
+        self,
+        terms: Terms,
+        states: Sequence[Linear],
+        controls: Sequence[Linear],
+        wanted: Sequence[Input],
+        *,
+        rounded: bool,
     ) -> tuple[list[Linear], list[Linear]]:
         flow = self.facts.kind == "flow"
+        members = {(s.owner, s.variable) for s in wanted}
         by_leaf: dict[tuple[int, str, int], Linear] = {}
         disturbances = []
         for c in self.facts.plants:
             assert c.plant is not None
-            variables = self._variables(c, states)
+            variables = self._variables(terms, c, states)
             for d in c.disturbances:
                 name, low, high = d.variable.name, exact(d.low), exact(d.high)
                 parts = [terms.input("box", name, low, high) for _ in leaves(d.variable.type)]
@@ -223,15 +245,18 @@ class CaseModel:
                 topics[symbol] = filled(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
+            reader.operations.everywhere = wanted is self.facts.left_out
             self._with_lets(reader, c, variables)
             moves = c.plant.der if flow else c.plant.next
             for variable, expr in moves.items():
+                if (c.index, variable.name) not in members:
+                    continue
                 for k, x in enumerate(flat(reader.expression(expr, variables))):
                     value = x if not isinstance(x, (int, float)) else terms.constant(float(x))
                     by_leaf[c.index, variable.name, k] = value
         motions = []
-        for s, x in zip(self.facts.states, states, strict=True):
-            still = terms.constant(0.0) if flow else x
+        for k, s in enumerate(wanted):
+            still = terms.constant(0.0) if flow else states[k]
             motions.append(by_leaf.get((s.owner, s.variable, s.leaf), still))
         return motions, disturbances
 

@@ -21,7 +21,7 @@ from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.time.claimed_times import compare_times
 from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_claims import answers, drifts, keeps
-from soter.certificate.tubes.rest_problem import read_rest, shield_of
+from soter.certificate.tubes.rest_problem import REACH, read_rest, shield_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,7 +52,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
-    assumed = [*_contracts(problem), SOUND]
+    assumed = [*_contracts(problem), *_far(problem), SOUND]
     report.assumptions = [*assumptions_of(facts), *(RecheckAssumption(*a) for a in assumed)]
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
@@ -68,6 +68,14 @@ def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
         name = problem.facts.system.topics[index].name
         free = f"where `safe` holds with a value of {name}, with its default at the start"
         yield f"map {name}", f"{free}, it is safe for ever: what it calls free stays free"
+
+
+def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
+    """Of states that SC reads, or that rest hangs on: what it does beyond is not looked at."""
+    for s in problem.followed:
+        if problem.sets[s][1] == inf:
+            name = problem.facts.states[s].name
+            yield f"far {name}", f"{name}, whose topic has no set, stays below {REACH:g}"
 
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ there on. Where x_i stays 0 for a while, both are 0. Where no c_i is found x_i i
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf
 from typing import TYPE_CHECKING, NamedTuple
 
 from flint import arb
@@ -41,7 +41,7 @@ from soter.certificate.terms.compile_terms import compile_lines, form_of_box
 from soter.certificate.terms.operations import NotCertainError
 from soter.certificate.terms.terms import Terms, inputs_of
 from soter.certificate.time.sc_on_default_inputs import harmless
-from soter.certificate.tubes.rest_problem import NANOSECOND, WIDE, RestModel
+from soter.certificate.tubes.rest_problem import NANOSECOND, REACH, RestModel
 from soter.certificate.tubes.slopes import NoSlopeError, slope
 from soter.certificate.tubes.truths import Truths
 from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
@@ -66,8 +66,8 @@ PARTS = 16
 def answers(problem: RestProblem) -> None:
     """SC faults on nothing that its topics may hold, and answers within its sets.
 
-    What has no set may be anything. NotRecheckedError where that is not shown, and where SC reads
-    what is no float.
+    What has no set may be anything up to `REACH`. NotRecheckedError where that is not shown, and
+    where SC reads what is no float.
     """
     facts, terms, known = problem.facts, Terms(), {}
     for symbol in read_by_sc(facts.sc):
@@ -75,7 +75,7 @@ def answers(problem: RestProblem) -> None:
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"SC reads what is no float of `{topic.name}`")
-            ends = (-WIDE, WIDE) if b is None else (b.low, b.high)
+            ends = (-REACH, REACH) if b is None else (b.low, b.high)
             parts.append(terms.input("box", topic.name, *map(exact, ends)))
         known[symbol] = filled(topic.type, parts)
     if not harmless(facts, terms, known):
@@ -96,14 +96,12 @@ def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     for s in own:
         low, high = box[s]
         least, most = ways[s]
-        if not all(map(isfinite, sets[s])):
-            raise NotRecheckedError(f"nothing bounds `{problem.facts.states[s].name}`")
         if not sets[s][0] <= least <= low <= high <= most <= sets[s][1]:
             raise RejectedError("P2a: the box of `rest` does not lie within its ways and sets")
     _holds_only_in(problem, box)
     if not own:
         return
-    model = RestModel(problem.facts, (), problem.facts.extents, far=False)
+    model = RestModel(problem.facts, (), problem.facts.extents)
     times = problem.times
     for group in _groups(model, own):
         chain = TubeChain(model, group, TubeFlow(model, group), times.holds)
@@ -176,7 +174,7 @@ def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
 
 def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
     """`rest` holds nowhere in the sets of states outside of a box, by what is certain."""
-    model = RestModel(problem.facts, (), problem.facts.extents, far=False)
+    model = RestModel(problem.facts, (), problem.facts.extents)
     rest = Truths(
         model,
         problem.followed,
@@ -200,9 +198,20 @@ def _nowhere(
     if cut == HALVINGS:
         return False
     low, high = at[s]
-    middle = ((low + high) * HALF).mid()
+    middle = _between(low, high)
     halves = ((low, middle), (middle, high))
     return all(_nowhere(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
+
+
+def _between(low: arb, high: arb) -> arb:
+    """The middle; of a slab without an end a number between the magnitudes of its ends."""
+    far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
+    if far < REACH / 2**60 and far < near * 2**20:
+        return ((low + high) * HALF).mid()
+    if low < 0 < high:
+        return ZERO
+    root = (far * near).sqrt().mid()
+    return -root if high <= 0 else root
 
 
 # ---------------------------------------------------------------- rule 2
@@ -237,7 +246,7 @@ def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
 
 def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     """What SC answers to whatever it reads in Y, and in what leads to Y within d."""
-    model = RestModel(problem.facts, (), problem.facts.extents, far=False)
+    model = RestModel(problem.facts, (), problem.facts.extents)
     own, box = problem.own, _ends(ways, problem.own)
     if problem.times.delay:
         flow = TubeFlow(model, own)
@@ -349,6 +358,6 @@ def _rates(problem: RestProblem, there: AtRest) -> tuple[Terms, list[Linear], li
     controls = [
         terms.input("box", u.name, *r) for u, r in zip(facts.controls, there.commands, strict=True)
     ]
-    model = RestModel(facts, (), facts.extents, far=False)
+    model = RestModel(facts, (), facts.extents)
     rates, _ = model.rates(terms, states, controls)
     return terms, states, rates

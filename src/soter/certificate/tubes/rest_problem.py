@@ -6,7 +6,7 @@ Non-goals: tubes (`tube_chains.py`), what is claimed (`rest_claims.py`).
 
 The argument: a state is followed if an answer of SC, a condition or the rate of a followed state
 depends on it. All others are not in what is asked: they only have to have a solution for as long as
-is asked, which they do where their rates are affine in them (Gronwall).
+is asked, which they do where their rates grow no faster than they do (Gronwall).
 
 C is the states at which `safe` holds and that lie in the sets of states, boxes of doubles; where
 more than a state is published, that it can be is asked too. Plants can publish all of that. A few
@@ -27,6 +27,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid.flow_chains import NOW, Times
 from soter.certificate.grid.shield import cells_of
 from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.left_out_states import degree
 from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import (
     DiffersError,
@@ -60,6 +61,8 @@ if TYPE_CHECKING:
 NANOSECOND = Fraction(1, 10**9)
 WIDE = 2.0**1000
 """Ends for what nothing bounds; terms that depend on it say nothing."""
+REACH = 1e100
+"""No followed state without a set is taken to be beyond it."""
 FARTHEST = arb(2) ** 10**6
 """Ends for followed states without a set."""
 
@@ -201,7 +204,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)
     sets = _sets(facts)
-    facts.extents = tuple((max(a, -WIDE), min(b, WIDE)) for a, b in sets.values())
+    facts.extents = tuple((max(a, -REACH), min(b, REACH)) for a, b in sets.values())
     states = _followed(facts, rest)
     facts.unbounded = {s for s in states if -inf in sets[s] or inf in sets[s]}
     at = _estimate(facts)
@@ -351,23 +354,9 @@ def _followed(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
         new = read(rates[s] for s in found)
     left = {i: x for i, x in enumerate(states) if i not in found}
     for i in left:
-        if not _affine(terms, rates[i], {atom_of(x) for x in left.values()}):
+        if degree(terms, rates[i], {atom_of(x) for x in left.values()}) > 1:
             raise NotRecheckedError(f"`{facts.states[i].name}` is not followed, and may end")
     return tuple(sorted(found))
-
-
-def _affine(terms: Terms, x: Linear, inputs: set[int]) -> bool:
-    """Whether a term is affine in these inputs, with factors that do not depend on them."""
-    for a in x.terms:
-        atom = terms.atoms[a]
-        within = [bool(inputs_of(terms, [y]) & inputs) for y in atom.arguments]
-        if a in inputs or not any(within):
-            continue
-        if atom.kind != "product" or all(within):
-            return False
-        if not all(_affine(terms, y, inputs) for y in atom.arguments):
-            return False
-    return True
 
 
 def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:

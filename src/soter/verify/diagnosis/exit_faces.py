@@ -144,7 +144,7 @@ def _drift(case: Case, model: PointModel) -> Iterator[Cause]:
                 "drift_of_all",
                 f"the flow leaves at {name} = {end:.6g} whatever SC does: all over C {name} "
                 f"{'rises' if low > 0.0 else 'falls'} by {abs(least):.4g} {per} at least",
-                f"no set of a state that goes one way is kept: leave {name} out, or hold it",
+                f"no set of a state that goes one way is kept: no axis of {name}, or hold it",
                 (("end", end), ("rate", least)),
             )
 

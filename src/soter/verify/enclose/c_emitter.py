@@ -113,6 +113,11 @@ class Emitter:
             self.statics[key] = c.VariableDef(type_, name, value, array)
         return c.Name(self.statics[key].name)
 
+    def known(self, type_: str, value: c.Initializer) -> str:
+        """The name of a constant object that is there; "" where it is not."""
+        found = self.statics.get((type_, repr(value)))
+        return "" if found is None else found.name
+
 
 def float_literal(x: float) -> c.CExpr:
     """A double, exactly."""

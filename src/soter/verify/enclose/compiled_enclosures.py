@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from soter.core.core import Function, Predicate
     from soter.diagnostics.span import Span
+    from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
 
@@ -45,7 +46,7 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
 
     `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
     """
-    hint, functions = _hint(problem)
+    hint, functions = hint_of(problem.system, problem.module)
     try:
         unit = generate_enclosures(
             problem.system,
@@ -89,13 +90,13 @@ def _back(problem: Problem) -> TypedExpr | None:
     return in_ac(safer, problem.modes)
 
 
-def _hint(problem: Problem) -> tuple[Predicate | None, dict[str, Function]]:
+def hint_of(system: System, module: Module) -> tuple[Predicate | None, dict[str, Function]]:
     """`core e;` lowered, with the functions that it calls."""
-    e = problem.module.symbol.verify.core
+    e = module.symbol.verify.core
     if e is None:
         return None, {}
-    functions = FunctionTable(problem.system)
-    predicate = lower_predicate(functions, problem.system, problem.module.scope, e, e.span)
+    functions = FunctionTable(system)
+    predicate = lower_predicate(functions, system, module.scope, e, e.span)
     return predicate, dict(functions.by_name)
 
 

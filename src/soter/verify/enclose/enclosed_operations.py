@@ -91,16 +91,17 @@ class EnclosureOperations:
         return address(self._static_form(low, high))
 
     def _static_form(self, low: float, high: float) -> c.Name:
-        middle, beside = low, 0.0
-        if not (math.isfinite(low) and math.isfinite(high)):
-            middle, beside = 0.0, math.inf
-        elif low != high:
-            middle = 0.5 * low + 0.5 * high
-            beside = math.nextafter(max(high - middle, middle - low), math.inf)
-        zeros = c.Initializer(((None, c.Number("0.0")),))
-        items = tuple((None, float_literal(x)) for x in (low, high, middle, beside))
-        value = c.Initializer((*items, (None, zeros)))
+        value = _form_between(low, high)
         return self.emitter.static("soter_form", "constant", value, array=False)
+
+    @property
+    def anything(self) -> str:
+        """The name of the number of which nothing is known; "" where there is none."""
+        return self.emitter.known("soter_form", _form_between(-math.inf, math.inf))
+
+    def is_anything(self, v: Item) -> bool:
+        """Whether nothing at all is known of a number."""
+        return isinstance(v, Form) and isinstance(v.place, c.Name) and v.place.text == self.anything
 
     def ints(self, v: Item) -> c.CExpr:
         """An int as an operand of type `soter_ints`."""
@@ -444,3 +445,15 @@ def kind_of(v: Item) -> str:
     if isinstance(v, (EmittedInts, KnownInt)):
         return "ints"
     return "truth" if isinstance(v, (EmittedTruth, KnownTruth)) else "form"
+
+
+def _form_between(low: float, high: float) -> c.Initializer:
+    middle, beside = low, 0.0
+    if not (math.isfinite(low) and math.isfinite(high)):
+        middle, beside = 0.0, math.inf
+    elif low != high:
+        middle = 0.5 * low + 0.5 * high
+        beside = math.nextafter(max(high - middle, middle - low), math.inf)
+    zeros = c.Initializer(((None, c.Number("0.0")),))
+    items = tuple((None, float_literal(x)) for x in (low, high, middle, beside))
+    return c.Initializer((*items, (None, zeros)))

@@ -232,8 +232,8 @@ class Enclosed:
     def published(self) -> list[Item]:
         """Of each driven leaf that has a set: whether it lies there, with every error.
 
-        Last of those without a set: that they are finite. Only after `drive`. Of lists, and of
-        arrays too long to be numbered, nothing is said.
+        Last of those without a set: that they are finite. Only after `drive`. Of lists, of arrays
+        too long to be numbered, and of what is just a state that is left out, nothing is said.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -250,6 +250,8 @@ class Enclosed:
                 elif isinstance(t, IntType) and bound is not None:
                     ends = KnownInt(math.ceil(bound.low)), KnownInt(math.floor(bound.high))
                 else:
+                    continue
+                if bound is None and self.ops.is_anything(v):
                     continue
                 inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
                 if bound is None:

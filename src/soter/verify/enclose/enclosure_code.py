@@ -23,6 +23,7 @@ from soter.verify.enclose.c_emitter import (
     given,
     names_in,
 )
+from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.problem.age_disjuncts import ttf_of_states
 
@@ -58,6 +59,8 @@ class EnclosureUnit:
     """Names of the functions that were emitted: `soter_law`, `soter_derivative`, ..."""
     reads: Mapping[str, frozenset[int]]
     """The float inputs that each of them reads, by its name without `soter_`."""
+    boundless: frozenset[str]
+    """Those that read a number of which nothing is known, as a state that is no input."""
 
 
 def generate_enclosures(
@@ -68,16 +71,22 @@ def generate_enclosures(
     core_hint: core_ir.Predicate | None = None,
     hint_functions: Mapping[str, core_ir.Function] | None = None,
     back: TypedExpr | None = None,
+    *,
+    apart: bool = False,
 ) -> EnclosureUnit:
     """The enclosures of a module in its verification system.
 
     `core_hint` is the predicate of `core e;`; functions it calls that are not in `core` stand in
-    `hint_functions`; `back` is what P2b takes for `safer`, where that is something else.
+    `hint_functions`; `back` is what P2b takes for `safer`, where that is something else. `apart`:
+    the derivative of each state is a function of its own, too: `derivative_K`.
     EnclosureError says for people why something cannot be enclosed.
     """
     unit = _Unit(system, core, module, quantities)
     unit.run(core_hint, hint_functions or {}, back)
-    return EnclosureUnit(unit.text(), tuple(sorted(unit.prelude)), tuple(unit.names), unit.reads)
+    if apart:
+        unit.derivatives()
+    prelude, boundless = tuple(sorted(unit.prelude)), frozenset(unit.boundless)
+    return EnclosureUnit(unit.text(), prelude, tuple(unit.names), unit.reads, boundless)
 
 
 class _Unit:
@@ -93,6 +102,7 @@ class _Unit:
         self.definitions: list[c.CTop] = []
         self.names: list[str] = []
         self.reads: dict[str, frozenset[int]] = {}
+        self.boundless: set[str] = set()
 
     def run(
         self,
@@ -123,6 +133,14 @@ class _Unit:
                 self._estimated(name, said)
         if symbol.verify.enters is not None:
             self._if_possible("enters", symbol.verify.enters)
+
+    def derivatives(self) -> None:
+        """That of each state alone."""
+        for k, leaf in enumerate(self.quantities.states):
+            enclosed = self._enclosed()
+            rate = given(0, enclosed.derivative()[k])
+            doc = f"derivative of {leaf.name} alone"
+            self._define(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _constraint(self, safe: TypedExpr, parts: list[TypedExpr]) -> None:
         """C, and its parts: those of `safe`, then what plants have to be able to publish."""
@@ -197,6 +215,8 @@ class _Unit:
         body = framed(emitter.block, emitter.reads, results, faults=faults)
         mentioned = set(names_in(body))
         self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
+        if EnclosureOperations(emitter).anything in mentioned:
+            self.boundless.add(name)
         full = f"soter_{name}"
         self.names.append(full)
         self.definitions.append(

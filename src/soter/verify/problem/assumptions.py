@@ -187,6 +187,10 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         names = ", ".join(bounded)
         text = f"what plants publish lies in the declared sets: {names} (else they stop)"
         assumptions.append(Assumption("sets", text))
+    if inputs.left_out:
+        names = ", ".join(x.name for x in inputs.left_out)
+        text = f"left out, as nothing that is asked reads it, and below 1e+308: {names}"
+        assumptions.append(Assumption("left out", text))
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)
         text = f"{names}: any value of the declared set, at any time"

@@ -16,6 +16,8 @@ from soter.language.model.types import ListType, RecordType, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
@@ -34,7 +36,15 @@ Path = tuple[str, ...]
 class Axes:
     """Finds the state behind every axis."""
 
-    def __init__(self, place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    def __init__(
+        self,
+        place: VerificationSystem,
+        inputs: Inputs,
+        diagnostics: Diagnostics,
+        readers: Mapping[str, str] | None = None,
+    ) -> None:
+        """`readers`: of states that nothing bounds, by name, one of those that read each."""
+        self.readers = readers or {}
         self.place = place
         self.inputs = inputs
         self.diagnostics = diagnostics
@@ -53,6 +63,13 @@ class Axes:
         if not self.diagnostics.has_errors and missing:
             groups += self._default(sorted(missing), alone=bool(groups))
         return tuple(groups)
+
+    def boundless(self) -> frozenset[int]:
+        """States on no declared axis that nothing bounds."""
+        named = {self._named(a) for g in self.place.module.symbol.verify.groups for a in g.axes}
+        others = (s for s in range(len(self.inputs.states)) if s not in named)
+        moving = (s for s in others if s not in self.inputs.still)
+        return frozenset(s for s in moving if self._natural(s) is None)
 
     # ------------------------------------------------------------ declared
 
@@ -148,17 +165,11 @@ class Axes:
         return -math.inf, math.inf
 
     def _state(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names."""
+        """The state that an axis names, noted where it is shown."""
         shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
-        if item.topic is None:
-            state = self.names.get(self.place.prefix + shown)
-        else:
-            index = self._topic(item.topic)
-            paths = [p for p, _ in leaves(item.topic.type)]
-            at = None if index is None else (index, paths.index(item.path))
-            state = self.topic_leaves.get(at) if at is not None else None
-            if at is not None and state is not None:
-                self.shown[state] = at
+        state, at = self._named(item), self._leaf(item)
+        if at is not None and state is not None:
+            self.shown[state] = at
         if state is None:
             known = ", ".join(f"`{n}`" for n in self.names)
             self.diagnostics.error(
@@ -173,6 +184,19 @@ class Axes:
                 helps=("drive the state and scale it in controllers, or an axis over the state",),
             )
         return state
+
+    def _named(self, item: typed.TypedGridAxis) -> int | None:
+        if item.topic is None:
+            return self.names.get(self.place.prefix + ".".join((item.instance, *item.path)))
+        at = self._leaf(item)
+        return None if at is None else self.topic_leaves.get(at)
+
+    def _leaf(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
+        """The (topic, leaf) that an axis names; None where it names a state."""
+        index = None if item.topic is None else self._topic(item.topic)
+        if item.topic is None or index is None:
+            return None
+        return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
     def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
         """How the topic of an axis is driven, where that is by more than a state."""
@@ -213,7 +237,10 @@ class Axes:
             f"nothing bounds the state{'s' if len(names) > 1 else ''} "
             + ", ".join(f"`{n}`" for n in names),
             span,
-            notes=("every state is analysed over a box; outside it counts as unsafe",),
+            notes=(
+                "every state is analysed over a box; outside it counts as unsafe",
+                *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
+            ),
             helps=(f"write `verify {{ {example} }}` with your bounds",),
         )
 

@@ -25,6 +25,7 @@ from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
 from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
+from soter.verify.problem.left_out_states import left_out
 from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.module_above import handed_back, under
 from soter.verify.problem.problem import Interval, Problem, Times
@@ -105,8 +106,13 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     at, above = under(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
+    core, rest = lower(at.system), at.module.symbol.rest
     groups = Axes(at, inputs, diagnostics)
-    rest = at.module.symbol.rest
+    boundless = groups.boundless() if rest is None and kind == "flow" else frozenset()
+    if boundless:
+        out, readers = left_out(at, core, inputs.quantities(), boundless)
+        inputs = inputs.without(out)
+        groups = Axes(at, inputs, diagnostics, readers)
     axis_groups = groups.groups() if rest is None else ()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
@@ -119,7 +125,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     levels, recover = symbol.verify.levels, symbol.verify.recover
     problem = Problem(
         system=at.system,
-        core=lower(at.system),
+        core=core,
         module=at.module,
         quantities=inputs.quantities(),
         kind=kind,

@@ -7,7 +7,7 @@ Non-goals: grids (`axes.py`), enclosures (`verify/enclose/enclosure_code.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.abstraction_start import start_behind
@@ -20,7 +20,7 @@ from soter.verify.problem.verification_system import sc_reads
 from soter.verify.time.problem_times import read_by_dm
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Collection, Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
@@ -51,6 +51,19 @@ class Inputs:
     parameter_starts: list[tuple[int, ...]] = field(default_factory=list)
     still: set[int] = field(default_factory=set)
     """States without dynamics: constants of a run, over their initial range."""
+    left_out: list[Leaf] = field(default_factory=list)
+    """States that nothing asks for (`left_out_states.py`)."""
+
+    def without(self, left_out: Collection[int]) -> Inputs:
+        """The same without some states."""
+        kept = [s for s in range(len(self.states)) if s not in left_out]
+        return replace(
+            self,
+            states=[self.states[s] for s in kept],
+            initial=[self.initial[s] for s in kept],
+            still={k for k, s in enumerate(kept) if s in self.still},
+            left_out=[self.states[s] for s in sorted(left_out)],
+        )
 
     def quantities(self) -> Quantities:
         """As the enclosures take them."""

@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.module_expressions import middle
+from soter.verify.tubes.problem import reached
 from soter.verify.tubes.rest_runs import runs_from
 from soter.verify.tubes.tube_check import CUTS, PLAIN
 
@@ -76,7 +77,7 @@ class _Search:
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> None:
         self._check, self._caller, self._box, self._own = check, caller, box, own
         self._name = check.problem.name
-        self._rooms = {s: check.rooms[s] for s in own}
+        self._rooms = {s: reached(check.rooms[s]) for s in own}
         self._rests: tuple[int, Box] | None = None
 
     def all_of_it(self, progress: Callable[[float], None] | None) -> Led:

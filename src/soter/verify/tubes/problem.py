@@ -14,13 +14,16 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.model.types import leaves, numbers_in
 from soter.verify.problem.map_topics import map_topics
-from soter.verify.problem.problem import TUBES, Problem
+from soter.verify.problem.problem import TUBES, Interval, Problem
 
 if TYPE_CHECKING:
     from soter.language.check.constants import Calculator
     from soter.language.model.typed import RestMove, RestSymbol, TypedExpr
 
 
+FARTHEST = 1e100
+"""No state without a set is taken to be beyond it, and above it a number of a map is none: sums of
+them, and products of two, are what forms hold."""
 AS_EXPRESSIONS = "a tube needs rates, the law, `safe` and `rest` as expressions of reals"
 
 
@@ -89,6 +92,11 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
         drifts=drifts,
         map_leaves=tuple(numbers),
     )
+
+
+def reached(r: Interval) -> Interval:
+    """Where a state with this set may be."""
+    return Interval(max(r.low, -FARTHEST), min(r.high, FARTHEST))
 
 
 def read_by(problem: Problem) -> set[int]:

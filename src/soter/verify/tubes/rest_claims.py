@@ -20,12 +20,12 @@ from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.leading_back import ends, led_back, told
-from soter.verify.tubes.problem import refused
+from soter.verify.tubes.problem import reached, refused
 from soter.verify.tubes.rest_drift import undrifted
 from soter.verify.tubes.tube_check import PLAIN
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from soter.diagnostics.diagnostic import SoterError
@@ -117,19 +117,15 @@ def _name(check: TubeCheck, state: int) -> str:
     return check.problem.quantities.states[state].name
 
 
-def _without_set(
-    check: TubeCheck, sets: Sequence[Interval] | Mapping[int, Interval], states: Sequence[int]
-) -> str:
+def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
     """A state without a set among these; "": all have one."""
-    return next((_name(check, s) for s in states if not isfinite(sets[s].high - sets[s].low)), "")
+    rooms = check.rooms
+    return next((_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), "")
 
 
 def _answers(check: TubeCheck, caller: Caller) -> str:
     """SC faults on nothing that it may read, and publishes what its topics may hold."""
-    sets = check.read_sets
-    if name := _without_set(check, sets, sorted(check.read_by_law)):
-        return f"SC reads {name}, whose topic has no set"
-    sets = {s: sets[s] for s in check.read_by_law}
+    sets = {s: reached(check.read_sets[s]) for s in check.read_by_law}
     if caller.holds("answers", ends(check, sets)):
         return ""
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
@@ -140,12 +136,10 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims, progress: Progre
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
     moving = [s for s in check.states if s in problem.drifts]
-    if name := _without_set(check, check.rooms, own):
-        return f"nothing bounds {name} (a set of its topic would)"
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
-    if name := _without_set(check, check.rooms, [s for s in moving if s in read]):
+    if name := _without_set(check, [s for s in moving if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    sets = {s: check.rooms[s] for s in check.states if s in read or s not in problem.drifts}
+    sets = {s: reached(check.rooms[s]) for s in check.states if s in read or s in own}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
@@ -163,9 +157,23 @@ def _around_rest(
     if caller.holds("never_rests", ends(check, box)):
         return None
     for s in own:
+        box[s] = _nearer(check, caller, box, s)
         for upper in (False, True):
             box[s] = _shaved(check, caller, box, s, upper=upper)
     return box
+
+
+def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
+    """A side without a set, moved in by powers of ten as far as that shows."""
+    low, high = box[s].low, box[s].high
+    if isfinite(check.rooms[s].high - check.rooms[s].low):
+        return box[s]
+    for end in (10.0**k for k in range(99, -10, -1)):
+        beyond = (Interval(low, -end), Interval(end, high))
+        if not all(caller.holds("never_rests", ends(check, {**box, s: r})) for r in beyond):
+            break
+        low, high = -end, end
+    return Interval(low, high)
 
 
 def _shaved(

@@ -25,7 +25,7 @@ from soter.verify.tubes.expressions import NoExpressionError, in_order
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
 from soter.verify.tubes.print_forms import MAP, RANGES, certain, function, number
-from soter.verify.tubes.problem import read_by, refused
+from soter.verify.tubes.problem import FARTHEST, read_by, refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -41,8 +41,6 @@ PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
 """How many a form may have, for what `forms.soter` says of sums."""
-FARTHEST = 1e100
-"""Above it a number of a map is none: sums of them, and products of two, are what forms hold."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST = 2, 1, 8

@@ -9,6 +9,7 @@ Non-goals: showing it (`rest_claims.py`).
 from __future__ import annotations
 
 import time
+from math import isinf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -25,6 +26,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.assumption import Assumption
+from soter.verify.tubes.problem import FARTHEST
 from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.verify_module import static_claims
 
@@ -93,14 +95,14 @@ def verify_by_tubes(
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check, progress)
-    result = TubeResult(problem, {}, [], added=(SOUND,))
+    result = TubeResult(problem, {}, [], added=(SOUND, *_far(check)))
     result.check, result.claims = check, claims
     static_claims(problem, result)
     cpu = time.perf_counter() - began
     why = claims.kept or claims.moves
     rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
     if claims.answers:
-        rest.hint = ANSWERS
+        rest.hint = _sets_of(check) + ANSWERS
     elif why:
         rest.hint = MOVES if not claims.kept else KEPT if claims.box else ""
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
@@ -121,6 +123,25 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _sets_of(check: TubeCheck) -> str:
+    """The sets that are missing of what SC reads, as they are written; "": none."""
+    far = [
+        check.problem.leaf(s) for s in sorted(check.read_by_law) if isinf(check.read_sets[s].high)
+    ]
+    sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
+    return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
+
+
+def _far(check: TubeCheck) -> list[Assumption]:
+    """Of states that SC reads, or that rest hangs on, and whose topics have no sets."""
+    own = [s for s in check.states if s not in check.problem.drifts]
+    far = {s for s in own if isinf(check.rooms[s].high)}
+    far |= {s for s in check.read_by_law if isinf(check.read_sets[s].high)}
+    names = [check.problem.quantities.states[s].name for s in sorted(far)]
+    text = f"states whose topics have no sets stay below {FARTHEST:g}: {', '.join(names)}"
+    return [Assumption("far", text)] if far else []
 
 
 def _kept(check: TubeCheck, claims: RestClaims) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.api import Program
+from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -24,10 +25,10 @@ SENSED = FOLLOW.read_text(encoding="utf-8").replace(
 """SC brakes by what it sees."""
 
 
-def verified(folder: Path, text: str) -> ModuleResult:
+def verified(folder: Path, text: str, cert: Path | None = None) -> ModuleResult:
     path = folder / "module.soter"
     path.write_text(text, encoding="utf-8")
-    return Program(str(path)).verify(refute=False).modules[0]
+    return Program(str(path)).verify(refute=False, cert=cert).modules[0]
 
 
 def test_a_rest_that_is_kept_is_proved_and_the_decisions_are_not(tmp_path: Path) -> None:
@@ -102,9 +103,29 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
     assert "lead back" in finding.text
 
 
-def test_an_sc_that_reads_needs_sets_and_answers_on_all_of_them(tmp_path: Path) -> None:
-    unbounded = SENSED.replace("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")
-    assert "no set" in verified(tmp_path, unbounded).findings["P2a"].text
+def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
+    tmp_path: Path,
+) -> None:
+    for text, names in ((HELD, "p.v"), (SENSED, "r.v")):
+        unbounded = text.replace("float in [-2.0, 2.0]", "float")
+        unbounded = unbounded.replace("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")
+        assert unbounded != text
+        m = verified(tmp_path, unbounded, tmp_path / "proof")
+        assert m.findings["P2a"].verdict == m.findings["start"].verdict == "proved"
+        (told,) = [a.text for a in m.assumptions if a.key == "far"]
+        assert told == f"states whose topics have no sets stay below 1e+100: {names}"
+        report = recheck(tmp_path / "proof")
+        assert report.accepted, report.reason
+        told = [a.text for a in report.modules[0].assumptions]
+        assert f"{names}, whose topic has no set, stays below 1e+100" in told
+
+
+def test_an_sc_that_reads_answers_on_all_that_it_may_read(tmp_path: Path) -> None:
+    curved = HELD.replace("float in [-2.0, 2.0]", "float").replace(
+        "-3.0 * seen", "-3.0 * sin(seen)"
+    )
+    finding = verified(tmp_path, curved).findings["P2a"]
+    assert finding.hint.startswith("sets of what SC reads, as `seen in [-l, l]` in its topic; or")
     faulty = SENSED.replace("brake: clamp(", "brake: clamp(1.0 / sight.v + ")
     assert "may fault" in verified(tmp_path, faulty).findings["P2a"].text
 
