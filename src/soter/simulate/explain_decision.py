@@ -32,6 +32,7 @@ from soter.language.model.types import (
     FloatType,
     IntType,
     RecordType,
+    leaf_name,
     leaves,
 )
 from soter.semantics.configuration import NEVER
@@ -320,7 +321,7 @@ class _PredicateReader:
         refused = self._evaluator.expression(e)
         module, topics = self.module, self.system.topics
         named = [
-            (".".join((topics[i].name, *path)), i, path)
+            (leaf_name(topics[i].name, path), i, path)
             for i in (*module.inputs, *module.outputs)
             for path, _ in leaves(topics[i].type)
         ]

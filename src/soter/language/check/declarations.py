@@ -15,7 +15,7 @@ from soter.language.check import other_scopes
 from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.extern_bindings import check_binding, located
-from soter.language.check.leaf_paths import part_of
+from soter.language.check.parts.leaf_paths import part_of
 from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker
 from soter.language.check.parts.plant import PlantChecker
@@ -391,15 +391,17 @@ class DeclChecker:
         """`topic.field...`: the topic, the path below it and the type there."""
         parts = list(path.parts)
         first = parts.pop(0)
-        ref = tree.Ref(None, first, first.span)
+        ref = tree.Ref(None, tree.Name(first.text, first.word), first.word)
         if first.text in scope.imports and first.text not in scope.entries and parts:
-            second = parts.pop(0)
-            ref = tree.Ref(first, second, first.span.to(second.span))
+            ref = tree.Ref(
+                first, tree.Name(parts[0].text, parts[0].word), first.span.to(parts[0].word)
+            )
+            first = parts.pop(0)
         helps, otherwise = ((), ()) if ref.qualifier else _not_a_topic(path, scope)
         topic = self.topic_ref(ref, scope, helps, otherwise)
         if topic is None:
             return None
-        below = part_of(self.shared, topic.type, (ref.name, *parts), scope)
+        below = part_of(self.shared, topic.type, (first, *parts), scope)
         return None if below is None else (topic, *below)
 
     # ------------------------------------------------------------ topics of systems

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 INT_MIN = -(2**63)
 INT_MAX = 2**63 - 1
@@ -207,6 +207,11 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
         yield from leaves(t.element, (*path, "[]"))
     else:
         yield path, t
+
+
+def leaf_name(name: str, path: Iterable[str]) -> str:
+    """A leaf as programs name it: `j.q[0]`. Streams of draws say `j.q.[0]` (semantics.md)."""
+    return ".".join((name, *path)).replace(".[", "[")
 
 
 def has_list(t: Type) -> bool:

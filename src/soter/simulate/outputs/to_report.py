@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.render import picture as draw
 from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.model import typed
-from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaves
+from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaf_name, leaves
 from soter.report.errors import ReportError
 from soter.report.html import inline_document, write_html
 from soter.report.run.record import (
@@ -306,7 +306,7 @@ def _states_in(
     """Signals of what a plant drives that are states of its, leaf by leaf."""
     if isinstance(e, typed.VarRead) and e.variable in own:
         for path, _ in leaves(e.type):
-            yield ".".join((name, *path)), ".".join((own[e.variable], *path))
+            yield leaf_name(name, path), leaf_name(own[e.variable], path)
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
         order = e.order or range(len(e.elements))
         for i, part in zip(order, e.elements, strict=True):

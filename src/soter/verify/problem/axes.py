@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants import Calculator
 from soter.language.model import typed
-from soter.language.model.types import ListType, RecordType, leaves
+from soter.language.model.types import ListType, RecordType, leaf_name, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
@@ -149,7 +149,7 @@ class Axes:
 
     def _state(self, item: typed.TypedGridAxis) -> int | None:
         """The state that an axis names."""
-        shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
+        shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
         if item.topic is None:
             state = self.names.get(self.place.prefix + shown)
         else:
@@ -252,7 +252,7 @@ class Axes:
             lets = dict(c.plant.lets)
             if e.variable in lets:
                 return self._driven(c, lets[e.variable], path)
-            return ".".join((c.name, e.variable.name, *path))
+            return leaf_name(f"{c.name}.{e.variable.name}", path)
         if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
             name = e.target.type.fields[e.index][0]
             return self._driven(c, e.target, (name, *path))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.field import listed
-from soter.language.check.leaf_paths import instead_of
+from soter.language.check.parts.leaf_paths import instead_of
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
-from soter.language.check.leaf_paths import instead_of, part_of
+from soter.language.check.parts.leaf_paths import instead_of, part_of
 from soter.language.check.resolution_order import mentioned
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
