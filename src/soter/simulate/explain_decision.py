@@ -26,14 +26,13 @@ from soter.language.evaluate.predicates.decision_predicates import PredicateEval
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.types import (
-    ArrayType,
     BoolType,
     EnumType,
     FloatType,
     IntType,
-    RecordType,
     leaf_name,
     leaves,
+    positions,
 )
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC
@@ -408,13 +407,8 @@ class _Lazy(Sequence[T]):
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
     """The number below a path of `leaves`."""
-    for part in path:
-        if isinstance(t, RecordType):
-            k = [name for name, _ in t.fields].index(part)
-            t, value = t.fields[k][1], value[k]
-        else:
-            assert isinstance(t, ArrayType)
-            t, value = t.element, value[int(part[1:-1])]
+    for k in positions(t, path):
+        value = value[k]
     number: Number = value
     return number
 

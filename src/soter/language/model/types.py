@@ -214,6 +214,21 @@ def leaf_name(name: str, path: Iterable[str]) -> str:
     return ".".join((name, *path)).replace(".[", "[")
 
 
+def positions(t: Type, path: Iterable[str]) -> list[int]:
+    """A path of `leaves` as positions in a value, from the outside in."""
+    found: list[int] = []
+    for part in path:
+        if isinstance(t, RecordType):
+            at = t.index(part)
+            assert at is not None, part
+            t = t.fields[at][1]
+        else:
+            assert isinstance(t, ArrayType)
+            at, t = int(part[1:-1]), t.element
+        found.append(at)
+    return found
+
+
 def has_list(t: Type) -> bool:
     """Whether it is a list, or a part of it is."""
     if isinstance(t, RecordType):
