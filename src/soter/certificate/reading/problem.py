@@ -283,6 +283,8 @@ def followed(
     if isinstance(expr, typed.TypedField):
         fields = getattr(expr.target.type, "fields", ())
         return followed(facts, c, expr.target, (fields[expr.index][0], *path))
+    if isinstance(expr, typed.Index) and isinstance(expr.index, typed.Literal):
+        return followed(facts, c, expr.target, (f"[{expr.index.value}]", *path))
     if isinstance(expr, typed.Aggregate) and path:
         fields = getattr(of, "fields", None)
         names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]

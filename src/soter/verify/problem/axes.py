@@ -256,6 +256,8 @@ class Axes:
         if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
             name = e.target.type.fields[e.index][0]
             return self._driven(c, e.target, (name, *path))
+        if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
+            return self._driven(c, e.target, (f"[{e.index.value}]", *path))
         if isinstance(e, typed.Aggregate) and path:
             t = e.type
             if isinstance(t, ListType):
