@@ -183,3 +183,21 @@ def test_axes_of_elements_are_laid_out(line: str, shown: str) -> None:
     text = format_source(Source("joints.soter", robot(ARRAYS, line)), Diagnostics())
     assert text is not None
     assert shown in text
+
+
+@pytest.mark.parametrize("writing", [FIELDS, ARRAYS, JOINTS_OF_TWO])
+def test_a_run_of_arrays_is_judged_and_watched(tmp_path: Path, writing: Writing) -> None:
+    (tmp_path / "joints.soter").write_text(robot(writing))
+    program = soter.load(tmp_path / "joints.soter")
+    (judged,) = program.monitor(seed=3)
+    assert judged.alarms == 0
+    assert 0.9 < judged.share <= 1.0
+    program.emit_monitor(tmp_path / "watch.soter")
+    watched = """soter 1;
+import "joints.soter" as r;
+import "watch.soter" as w;
+system Watched { a: r.Slides; module r.Joints; node w.ModelMonitor; until 1s; never w.modelAlarm; }
+"""
+    (tmp_path / "watched.soter").write_text(watched)
+    run = soter.load(tmp_path / "watched.soter").simulate()
+    assert run.violations == 0
