@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from soter.diagnostics.source import Source
 from soter.language.front_end import check_file, system_of
 from soter.language.syntax.printer import format_source
 from soter.verify.problem.extract import extract
+from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -201,3 +203,43 @@ system Watched { a: r.Slides; module r.Joints; node w.ModelMonitor; until 1s; ne
     (tmp_path / "watched.soter").write_text(watched)
     run = soter.load(tmp_path / "watched.soter").simulate()
     assert run.violations == 0
+
+
+WRONG = {
+    "SC reads the other joint": (ARRAYS.back, "saturate(-4.0 * [j.q[1], j.q[0]], 1.0)"),
+    "commands move the other joint": ("speed + e", "[speed[1] + e[0], speed[0] + e[1]]"),
+    "one error is large": ("j.q[1] within 0.001", "j.q[1] within 0.9"),
+    "one disturbance is large": ("speed + e", "[speed[0] + e[0], speed[1] + 20.0 * e[1]]"),
+}
+OTHER = {
+    "a smaller `safe` of one joint": ("abs(j.q[1]) < 1.0", "abs(j.q[1]) < 0.5"),
+    "another range of one axis": ("j.q[1] in [-1.0", "j.q[1] in [-0.9"),
+}
+
+
+@pytest.mark.parametrize("change", WRONG.values(), ids=WRONG)
+def test_what_fails_for_one_element_is_not_proved(tmp_path: Path, change: tuple[str, str]) -> None:
+    old, new = change
+    text = robot(ARRAYS)
+    assert old in text
+    (tmp_path / "joints.soter").write_text(text.replace(old, new))
+    (module,) = soter.load(tmp_path / "joints.soter").verify(refute=False).modules
+    assert module.verdict == "undecided"
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("joints")
+    (folder / "joints.soter").write_text(robot(ARRAYS))
+    soter.load(folder / "joints.soter").verify(cert=folder / "cert", refute=False)
+    return folder / "cert"
+
+
+@pytest.mark.parametrize("change", [*WRONG.values(), *OTHER.values()], ids=[*WRONG, *OTHER])
+def test_a_certificate_of_other_elements_is_refused(
+    tmp_path: Path, certificate: Path, change: tuple[str, str]
+) -> None:
+    copied = tmp_path / "cert"
+    shutil.copytree(certificate, copied)
+    small_proofs.edit_program(copied, change)
+    assert not recheck(copied).accepted
