@@ -243,3 +243,26 @@ def test_a_certificate_of_other_elements_is_refused(
     shutil.copytree(certificate, copied)
     small_proofs.edit_program(copied, change)
     assert not recheck(copied).accepted
+
+
+@pytest.mark.parametrize(
+    ("writing", "names"),
+    [
+        (FIELDS, ("speed.u0", "speed.u1")),
+        (ARRAYS, ("speed[0]", "speed[1]")),
+        (JOINTS_OF_TWO, ("speed[0]", "speed[1]")),
+        (replace(ARRAYS, rates="der q = [speed[0] + e[0], speed[1]];"), ("speed[0]", "speed[1]")),
+    ],
+)
+def test_check_tells_of_a_shield_over_elements_that_two_commands_move(
+    writing: Writing, names: tuple[str, str]
+) -> None:
+    def warnings(axes: str) -> list[str]:
+        text = robot(writing, axes).replace("period 16ms;", "period 16ms; shield;")
+        checked = check_file("joints.soter", text)
+        return [d.message for d in checked.diagnostics.items if d.code == "W033"]
+
+    first, second = (f"{writing.of.format(i)} in [-1.0, 1.0] / 40" for i in range(JOINTS))
+    assert warnings(f"grid {first}; grid {second};") == []
+    (told,) = warnings(f"grid {first}, {second};")
+    assert all(f"`{n}`" in told for n in names)
