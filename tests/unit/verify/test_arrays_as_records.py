@@ -255,12 +255,13 @@ def test_a_certificate_of_other_elements_is_refused(
     ],
 )
 def test_check_tells_of_a_shield_over_elements_that_two_commands_move(
-    writing: Writing, names: tuple[str, str]
+    tmp_path: Path, writing: Writing, names: tuple[str, str]
 ) -> None:
     def warnings(axes: str) -> list[str]:
         text = robot(writing, axes).replace("period 16ms;", "period 16ms; shield;")
-        checked = check_file("joints.soter", text)
-        return [d.message for d in checked.diagnostics.items if d.code == "W033"]
+        (tmp_path / "joints.soter").write_text(text)
+        warned = soter.load(tmp_path / "joints.soter").check().warnings
+        return [d.message for d in warned if d.code == "W033"]
 
     first, second = (f"{writing.of.format(i)} in [-1.0, 1.0] / 40" for i in range(JOINTS))
     assert warnings(f"grid {first}; grid {second};") == []
