@@ -258,7 +258,7 @@ def test_check_tells_of_a_shield_over_elements_that_two_commands_move(
     tmp_path: Path, writing: Writing, names: tuple[str, str]
 ) -> None:
     def warnings(axes: str) -> list[str]:
-        text = robot(writing, axes).replace("period 16ms;", "period 16ms; shield;")
+        text = robot(writing, axes).replace("period 16ms;", "period 16ms; shield 8;")
         (tmp_path / "joints.soter").write_text(text)
         warned = soter.load(tmp_path / "joints.soter").check().warnings
         return [d.message for d in warned if d.code == "W033"]
