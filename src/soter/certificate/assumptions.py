@@ -21,7 +21,7 @@ from soter.certificate.time import node_paths
 from soter.certificate.time.module_times import DELAYS
 from soter.language.model.durations import show_ns
 from soter.language.model.typed import FunSymbol
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves
 from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
@@ -126,7 +126,7 @@ def _inputs(facts: Facts) -> Said:
     for index in dict.fromkeys([*by_dm, *by_sc]):
         topic = facts.system.topics[index]
         for k, (path, of) in enumerate(leaves(topic.type)):
-            name = ".".join((topic.name, *path))
+            name = leaf_name(topic.name, path)
             if isinstance(of, FloatType) and (index, k) not in measured:
                 yield f"exact {name}", f"estimates are exact: {name}"
     for name in dict.fromkeys(_sets(facts)):

@@ -17,7 +17,16 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator, replaced
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType, RecordType, leaves
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+    positions,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -166,27 +175,16 @@ def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
     return leaf_paths
 
 
-def _positions(t: Type, path: Sequence[str]) -> list[int]:
-    positions = []
-    for name in path:
-        assert isinstance(t, RecordType)
-        at = t.index(name)
-        assert at is not None
-        positions.append(at)
-        t = t.fields[at][1]
-    return positions
-
-
 def leaf_of(t: Type, value: Value, path: Sequence[str]) -> float:
     """One number of a value."""
-    for i in _positions(t, path):
+    for i in positions(t, path):
         value = value[i]
     return float(value)
 
 
 def with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
     """The value with one leaf changed."""
-    at = _positions(t, path)
+    at = positions(t, path)
     return replaced(value, at, new) if at else new
 
 
@@ -194,6 +192,8 @@ def zero_of(t: Type) -> Value:
     """A value of floats, all zero."""
     if isinstance(t, RecordType):
         return tuple(zero_of(f) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        return (zero_of(t.element),) * t.size
     return 0.0
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.language.model.durations import show_ns
+from soter.language.model.types import leaf_name
 from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.model_membership import ROUNDING, sight_of
@@ -133,7 +134,7 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
     if len(cases) > 1:
         lines.append("    }")
     for i, c in enumerate(q.controls):
-        lines.append(f"    acts[{i}] = {'.'.join((names[c.owner], *c.path))};")
+        lines.append(f"    acts[{i}] = {leaf_name(names[c.owner], c.path)};")
     lines += [f"    publish {topic} = alarmed;", "    publish modelCause = cause;", "  }"]
     return lines
 
@@ -142,7 +143,7 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
     model = linear_model(problem, parameter)
     step = step_of(model, problem.plant_period_ns / 1e9)
     sight = sight_of(problem, model)
-    y = [".".join((names[t], *path)) for t, path in driven_leaves(problem)]
+    y = [leaf_name(names[t], path) for t, path in driven_leaves(problem)]
     n = len(problem.states)
     lines = [f"      let known = begun && followed == {k};"]
     for i in range(n):
@@ -213,4 +214,4 @@ def _sum(terms: list[tuple[float, str]], constant: float) -> str:
 
 def _parameter_places(problem: Problem, names: dict[int, str]) -> list[str]:
     """For each parameter a driven leaf that equals it."""
-    return [".".join((names[index], *path)) for index, path in parameter_leaves(problem)]
+    return [leaf_name(names[index], path) for index, path in parameter_leaves(problem)]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate import vectors
 from soter.language.model.tree_walk import chosen_lets, first_lets
-from soter.language.model.types import leaves
+from soter.language.model.types import leaves, positions
 from soter.semantics.stored_values import storer
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from soter.language.evaluate.statements import Evaluator
     from soter.language.model.system import Component, Topic
     from soter.language.model.typed import TypedExpr, Variable
-    from soter.language.model.types import RecordType, Type, Value
+    from soter.language.model.types import Type, Value
     from soter.semantics.externs import Move
 
     Named = tuple[tuple[Variable, Compiled], ...]
@@ -113,16 +113,4 @@ def _arithmetic(t: Type) -> Arithmetic:
 
 def _position(t: Type, leaf: int) -> tuple[int, ...]:
     """The positions, from the outside in, of the leaf with this number."""
-    path = list(leaves(t))[leaf][0]
-    positions = []
-    for part in path:
-        if part.startswith("["):
-            positions.append(int(part[1:-1]))
-            t = t.element  # type: ignore[attr-defined]
-        else:
-            record: RecordType = t  # type: ignore[assignment]
-            at = record.index(part)
-            assert at is not None, part
-            positions.append(at)
-            t = record.fields[at][1]
-    return tuple(positions)
+    return tuple(positions(t, list(leaves(t))[leaf][0]))

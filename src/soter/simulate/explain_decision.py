@@ -26,13 +26,13 @@ from soter.language.evaluate.predicates.decision_predicates import PredicateEval
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.types import (
-    ArrayType,
     BoolType,
     EnumType,
     FloatType,
     IntType,
-    RecordType,
+    leaf_name,
     leaves,
+    positions,
 )
 from soter.semantics.configuration import NEVER
 from soter.semantics.observer_records import AC
@@ -320,7 +320,7 @@ class _PredicateReader:
         refused = self._evaluator.expression(e)
         module, topics = self.module, self.system.topics
         named = [
-            (".".join((topics[i].name, *path)), i, path)
+            (leaf_name(topics[i].name, path), i, path)
             for i in (*module.inputs, *module.outputs)
             for path, _ in leaves(topics[i].type)
         ]
@@ -407,13 +407,8 @@ class _Lazy(Sequence[T]):
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
     """The number below a path of `leaves`."""
-    for part in path:
-        if isinstance(t, RecordType):
-            k = [name for name, _ in t.fields].index(part)
-            t, value = t.fields[k][1], value[k]
-        else:
-            assert isinstance(t, ArrayType)
-            t, value = t.element, value[int(part[1:-1])]
+    for k in positions(t, path):
+        value = value[k]
     number: Number = value
     return number
 

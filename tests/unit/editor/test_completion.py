@@ -83,6 +83,12 @@ def test_what_moves_at_rest_is_a_topic_and_how_far_a_value(
     assert "WALL" in offered("ttf ", f"rest goal < 0.0 moves motion.x by @@ {end} ttf ")
 
 
+def test_an_index_of_an_axis_is_a_value(offered: Callable[[str, str], list[str]]) -> None:
+    axis = "grid motion.x in"
+    assert offered(axis, "grid motion.@@ in") == ["x", "v"]
+    assert "WALL" in offered(axis, "grid motion.x[@@] in")
+
+
 def test_values_in_reach(offered: Callable[[str, str], list[str]]) -> None:
     labels = offered("return v * v", "return @@ v * v")
     assert {"v", "speed", "tau", "WALL", "Clear", "clamp", "sqrt", "true"} < set(labels)

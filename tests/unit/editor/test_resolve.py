@@ -153,3 +153,30 @@ def test_a_field_of_an_element_is_found_where_the_array_is_written_without_a_typ
     both = index.at(source, text.index("both"))
     assert both is not None
     assert head(both.definition) == "(let) both: Place[2]"
+
+
+def test_names_in_and_behind_the_indices_of_a_path_lead_to_what_they_mean(tmp_path: Path) -> None:
+    path = tmp_path / "a.soter"
+    text = (
+        "soter 1;\ntype Joint = { q: float, w: float };\ntopic arm: Joint[2];\n"
+        "const LAST: int = 1;\nconst NEXT: int = 0;\n"
+        "plant Arm period 10ms { drives arm = joints; state joints: Joint[2];\n"
+        "  measured arm[LAST].q within 0.1; }\n"
+        "rta R { verify { grid arm[NEXT].w in [0, 1] / 9, a.joints[LAST].w in [0, 1] / 9; } }\n"
+        "system S { a: Arm; module R; }\n"
+    )
+    path.write_text(text)
+    loaded = load(str(path), Diagnostics())
+    assert loaded is not None
+    index = index_of(loaded)
+    (source,) = [f.source for f in index.files if f.path == path]
+    found = {
+        "measured arm[LAST].q": {"arm[": "arm:", "LAST": "LAST:", ".q": "q: f"},
+        "grid arm[NEXT].w": {"arm[": "arm:", "NEXT": "NEXT:", ".w": "w: f"},
+        "a.joints[LAST].w": {"joints[": "joints: J", "LAST": "LAST:", ".w": "w: f"},
+    }
+    for where, names in found.items():
+        for used, declared in names.items():
+            use = index.at(source, text.index(used, text.index(where)) + len(used.rstrip("[")))
+            assert use is not None, (where, used)
+            assert use.definition.span.start == text.index(declared), (where, used)

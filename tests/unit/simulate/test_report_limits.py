@@ -20,6 +20,8 @@ const WALL: float = 10.0;
 param HALF: float = 0.5;
 input topic m: Motion;
 input topic n: Motion;
+input topic r: float[3];
+const LAST: int = 2;
 topic u: float in [-1.0, 1.0];
 fun Inside(m: Motion): bool {{ return abs(m.x) < WALL; }}
 fun Both(m: Motion): bool {{ return Inside(m) && m.v >= -2.0; }}
@@ -49,6 +51,8 @@ rta M {{ ac A; sc B; period 20ms; safe {safe}; ttf m.x > 1.0; safer m.x < 0.0; }
         ("m.x < n.x", set()),
         ("Long(m)", set()),
         ("m.x * 0.0 < 1.0", set()),
+        ("abs(r[1]) < 2.0 && r[LAST] < 4.0", {("r[1]", -2.0), ("r[1]", 2.0), ("r[2]", 4.0)}),
+        ("r[m.x > 0.0 ? 0 : 1] < 2.0", set()),
         ("true", set()),
     ],
 )
@@ -82,6 +86,35 @@ def test_a_report_shows_truth_and_estimate_with_unit_and_limits_in_one_panel() -
     }  # fmt: skip
     assert {t.value: t.label for t in of["c.x"].thresholds} == {-10.0: "always", 10.0: "always"}
     assert {t.label for t in of["motion.x"].thresholds} == {"safe of SafeCart"}
+
+
+ARM = """soter 1;
+topic j: {{ q: float[{size}], w: float }};
+topic u: float[2];
+plant P period 10ms {{
+  drives j = {{ q: q, w: w }};
+  drives u = [w, 0.0];
+  state q: float[{size}]; state w: float = 1.0;
+  der q = {rates}; der w = -w;
+}}
+system S {{ p: P; until 1s; always abs(p.truth.q[1]) < 3.0; }}
+"""
+
+
+def test_elements_of_short_arrays_are_drawn_each_with_its_estimate_and_limits(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "p.soter"
+    for size, drawn in ((2, True), (to_report.ELEMENTS_MAX + 1, False)):
+        path.write_text(ARM.format(size=size, rates=[1.0] * size))
+        (chart,) = report_page(soter.load(path).simulate(), "", {}).charts
+        panels: dict[str, list[str]] = {}
+        for series in chart.series:
+            panels.setdefault(series.panel, []).append(series.name)
+        elements = {f"p.q[{i}]": [f"p.q[{i}]", f"j.q[{i}]"] for i in range(size) if drawn}
+        assert panels == elements | {"p.w": ["p.w", "j.w", "u[0]"], "u": ["u[1]"]}
+        limited = {s.name: {t.value for t in s.thresholds} for s in chart.series if s.thresholds}
+        assert limited == ({"p.q[1]": {-3.0, 3.0}} if drawn else {})
 
 
 def test_the_headline_of_a_run_claims_no_more_than_that_run(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from soter.certificate.reading.symbolic_values import flat
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants import Calculator
 from soter.language.model.python_values import ValueShapeError, from_json
-from soter.language.model.types import FloatType, RecordType, has_list, leaves
+from soter.language.model.types import FloatType, RecordType, has_list, leaf_name, leaves
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
 from soter.report.run_log import messages, unreadable
 
@@ -220,7 +220,7 @@ class _Reader:
         if not has_list(topic.type):
             pairs = zip(leaves(topic.type), flat(value), strict=True)
             estimate.update(
-                {".".join((name, *p)): x for (p, t), x in pairs if isinstance(t, FloatType)}
+                {leaf_name(name, p): x for (p, t), x in pairs if isinstance(t, FloatType)}
             )
         if type(age) is not int:
             yield f"it read {name}, which nobody had published"

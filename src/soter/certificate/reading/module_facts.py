@@ -17,7 +17,7 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead, ModeRead
-from soter.language.model.types import leaves
+from soter.language.model.types import leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -240,7 +240,7 @@ def bounded_topics(facts: Facts) -> list[int]:
 def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
     """Number, name and type of each leaf of something."""
     for k, (path, leaf) in enumerate(leaves(of)):
-        yield k, ".".join((name, *path)), leaf
+        yield k, leaf_name(name, path), leaf
 
 
 def reads(kind: type, code: Iterable[object]) -> bool:

@@ -33,7 +33,7 @@ from soter.certificate.time.module_times import read_times
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -237,8 +237,7 @@ def _read_axes(facts: Facts) -> None:
 def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
     """The state that an axis names; None for a topic leaf that is not plainly one state."""
     if axis.topic is None:
-        ending = ".".join(axis.path)
-        wanted = f"{axis.instance}.{ending}"
+        wanted = leaf_name(axis.instance, axis.path)
         named = [i for i, s in enumerate(facts.states) if ("." + s.name).endswith("." + wanted)]
         return named[0] if len(named) == 1 else None
     driven = driven_topics(facts)
@@ -278,12 +277,14 @@ def followed(
         lets = dict(plant.lets)
         if expr.variable in lets:
             return followed(facts, c, lets[expr.variable], path)
-        name = ".".join((c.name, expr.variable.name, *path))
+        name = leaf_name(f"{c.name}.{expr.variable.name}", path)
         return next((i for i, s in enumerate(facts.states) if s.name == name), None)
     of = expr.type
     if isinstance(expr, typed.TypedField):
         fields = getattr(expr.target.type, "fields", ())
         return followed(facts, c, expr.target, (fields[expr.index][0], *path))
+    if isinstance(expr, typed.Index) and isinstance(expr.index, typed.Literal):
+        return followed(facts, c, expr.target, (f"[{expr.index.value}]", *path))
     if isinstance(expr, typed.Aggregate) and path:
         fields = getattr(of, "fields", None)
         names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]

@@ -46,7 +46,7 @@ from soter.certificate.terms.arb_balls import above, below, exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -150,7 +150,7 @@ class RestProblem:
         topic, k = self.leaves[state]
         declared = self.facts.system.topics[topic]
         path = [p for p, _ in leaves(declared.type)][k]
-        return ".".join((declared.name, *path))
+        return leaf_name(declared.name, path)
 
     def error(self, state: int) -> float:
         """E: how far whatever the module reads of a state may be off."""

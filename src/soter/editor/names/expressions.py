@@ -7,7 +7,7 @@ Non-goals: declarations (`resolve.py`); numbers, conversions and errors (`langua
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -81,15 +81,11 @@ class Expressions:
         """The definition that stands at a name; the same one whenever it is asked for."""
         known = self._by_name.get(id(name))
         if known is None:
-            span = self.name_span(name)
+            span = name.word
             known = Definition(name.text, kind, span, node, file, shape, self.owner)
             self._by_name[id(name)] = known
         self.index.note(known.span, known)
         return known
-
-    def name_span(self, name: tree.Name) -> Span:
-        """Of the word alone: that of an element has its index, too."""
-        return Span(name.span.source, name.span.start, name.span.start + len(name.text))
 
     def seen(self, definition: Definition, start: int, end: int) -> None:
         """A local is seen from `start` to `end`."""
@@ -126,14 +122,14 @@ class Expressions:
         if definition is None and name.text in (place.instances or {}):
             assert place.instances is not None
             definition, what = place.instances[name.text]
-            self.index.note(self.name_span(name), definition)
+            self.index.note(name.word, definition)
             return None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
         if definition is None:
             definition = self.find(tree.Ref(None, name, name.span), place)
             definition = definition or self.component(name.text, place)
         if definition is None:
             return Shape("Mode", place.file) if name.text == "Mode" else None
-        self.index.note(self.name_span(name), definition)
+        self.index.note(name.word, definition)
         return definition.shape
 
     def element(self, name: tree.Name, place: NameContext) -> None:
@@ -143,10 +139,22 @@ class Expressions:
 
     def path(self, path: tree.DottedPath, place: NameContext) -> Shape | None:
         """Note a dotted path; the shape of its end."""
-        shape = self.name(path.parts[0], place)
-        for part in path.parts[1:]:
+        first, *rest = path.parts
+        return self.below(self.elements(self.name(first, place), first), rest, place)
+
+    def below(
+        self, shape: Shape | None, parts: Sequence[tree.Name], place: NameContext
+    ) -> Shape | None:
+        """Note the names of a path behind its first; the shape of its end."""
+        for part in parts:
             self.element(part, place)
-            shape = self.member(shape, part)
+            shape = self.elements(self.member(shape, part), part)
+        return shape
+
+    def elements(self, shape: Shape | None, name: tree.Name) -> Shape | None:
+        """The shape of what the indices behind a name lead to."""
+        for _ in name.indices if isinstance(name, tree.ElementName) else ():
+            shape = self._inside_of(shape)
         return shape
 
     # ------------------------------------------------------------ behind a dot
@@ -183,7 +191,7 @@ class Expressions:
             return Shape("int", file)
         if definition is None:
             return None
-        self.index.note(self.name_span(name), definition)
+        self.index.note(name.word, definition)
         return definition.shape
 
     def plain(self, shape: Shape) -> Shape:

@@ -280,9 +280,7 @@ class _Resolver(Expressions):
             self.path(axis.path, NameContext(place.file) if is_declared else place)
         else:
             self.index.note(first.span, known)
-            shape = _truth(known.shape)
-            for part in rest:
-                shape = self.member(shape, part)
+            self.below(_truth(known.shape), rest, place)
         self.walk((axis.interval, axis.cells, axis.open), place)
 
     # ------------------------------------------------------------ systems and tests
@@ -324,7 +322,7 @@ class _Resolver(Expressions):
         while len(parts) > 1 and parts[0].text in inside:
             instance, what = inside[parts[0].text]
             self.element(parts[0], place)
-            self.index.note(self.name_span(parts[0]), instance)
+            self.index.note(parts[0].word, instance)
             parts.pop(0)
             is_system = what is not None and isinstance(what.node, tree.SystemDecl)
             inside = self.instances_of(what.node, what.file) if is_system else {}  # type: ignore[arg-type,union-attr]
@@ -395,7 +393,7 @@ class _Resolver(Expressions):
                 shape = None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
                 first = instances.get(item.name.text)
                 if first is not None:  # another element of the same array
-                    self.index.note(self.name_span(item.name), first[0])
+                    self.index.note(item.name.word, first[0])
                     continue
                 own = self.definition(item.name, "instance", item, file, shape)
                 instances[item.name.text] = own, what

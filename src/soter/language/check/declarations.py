@@ -15,6 +15,7 @@ from soter.language.check import other_scopes
 from soter.language.check.expression_base import a_type, is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.extern_bindings import check_binding, located
+from soter.language.check.parts.leaf_paths import part_of
 from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker
 from soter.language.check.parts.plant import PlantChecker
@@ -390,30 +391,18 @@ class DeclChecker:
         """`topic.field...`: the topic, the path below it and the type there."""
         parts = list(path.parts)
         first = parts.pop(0)
-        ref = tree.Ref(None, first, first.span)
+        ref = tree.Ref(None, tree.Name(first.text, first.word), first.word)
         if first.text in scope.imports and first.text not in scope.entries and parts:
-            second = parts.pop(0)
-            ref = tree.Ref(first, second, first.span.to(second.span))
+            ref = tree.Ref(
+                first, tree.Name(parts[0].text, parts[0].word), first.span.to(parts[0].word)
+            )
+            first = parts.pop(0)
         helps, otherwise = ((), ()) if ref.qualifier else _not_a_topic(path, scope)
         topic = self.topic_ref(ref, scope, helps, otherwise)
         if topic is None:
             return None
-        t: Type = topic.type
-        for part in parts:
-            fields = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
-            if not isinstance(t, RecordType) or part.text not in fields:
-                self.diagnostics.error(
-                    "N004",
-                    f"`{t}` has no field `{part.text}`",
-                    part.span,
-                    notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
-                    if fields
-                    else (),
-                    helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
-                )
-                return None
-            t = t.fields[fields.index(part.text)][1]
-        return topic, tuple(p.text for p in parts), t
+        below = part_of(self.shared, topic.type, (first, *parts), scope)
+        return None if below is None else (topic, *below)
 
     # ------------------------------------------------------------ topics of systems
 

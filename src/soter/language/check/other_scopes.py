@@ -151,12 +151,13 @@ def truth_as_topic(
             plant = declared.get(next(of, ""))
     if not isinstance(plant, tree.PlantDecl) or not plant.drives:
         return None
-    parts = [n.text for n in names[1:]]
+    parts = [n.span.text if isinstance(n, tree.ElementName) else n.text for n in names[1:]]
     if parts and parts[0] == "truth":
         parts.pop(0)
     if parts:
-        driven = driven_by(plant, parts[0])
-        return (".".join([driven, *parts[1:]]), plant) if driven else None
+        state, bracket, index = parts[0].partition("[")
+        driven = driven_by(plant, state.rstrip())
+        return (".".join([driven + bracket + index, *parts[1:]]), plant) if driven else None
     topic, value = plant.drives[0]
     states = {s.name.text for s in plant.states}
     whole = (

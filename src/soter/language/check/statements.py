@@ -14,7 +14,7 @@ from soter.diagnostics.span import Span
 from soter.language.check import foreign_name_hints
 from soter.language.check.expression_base import error_expr, is_error, plain
 from soter.language.check.expression_context import SPECIALS
-from soter.language.check.expressions.field import instead_of_index
+from soter.language.check.expressions.field import constant_index, instead_of_index
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -208,10 +208,10 @@ class StmtChecker:
                 step.target.span,
                 f"this is `{t}`",
                 notes=("only arrays and lists have elements",),
-                helps=instead_of_index(t, step, index_expr),
+                helps=instead_of_index(t, step.span, step.target.span.text, index_expr),
             )
             return None
-        self.expressions.constant_index(t, index_expr, step.target.span.text)
+        constant_index(self.diagnostics, t, index_expr, step.target.span.text)
         return index_expr, t.element
 
     def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:

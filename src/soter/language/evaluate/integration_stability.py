@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.derivative_bounds import ANY, Slope, Slopes, unknown
-from soter.language.model.types import ArrayType, FloatType, RecordType
+from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_name
 from soter.language.syntax.schemes import SCHEMES
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ def _told(
     method: str,
 ) -> Diverging:
     order = SCHEMES[method].order
-    names = tuple(".".join((leaves[k][0].name, *_path(*leaves[k]))) for k in block)
+    names = tuple(leaf_name(leaves[k][0].name, _path(*leaves[k])) for k in block)
     room = SPARE * step * substeps
     parts = next((n for n in _tried(substeps) if _growth(a, room / n, order) is None), None)
     other = next((s.name for s in SCHEMES.values() if _growth(a, step, s.order) is None), None)

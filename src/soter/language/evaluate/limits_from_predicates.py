@@ -17,7 +17,7 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import FloatType, IntType, RecordType
+from soter.language.model.types import FloatType, IntType, RecordType, leaf_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -145,9 +145,14 @@ class _LimitReader:
     def _signal(self, e: typed.TypedExpr) -> str | None:
         """The name of a leaf of a topic or of the truth of a plant, as reports call it."""
         path: list[str] = []
-        while isinstance(e, typed.TypedField):
-            assert isinstance(e.target.type, RecordType)
-            path.insert(0, e.target.type.fields[e.index][0])
+        while isinstance(e, (typed.TypedField, typed.Index)):
+            if isinstance(e, typed.TypedField):
+                assert isinstance(e.target.type, RecordType)
+                path.insert(0, e.target.type.fields[e.index][0])
+            elif isinstance(e.index, typed.Literal):
+                path.insert(0, f"[{e.index.value}]")
+            else:
+                return None
             e = e.target
         if isinstance(e, typed.TopicRead):
             root = self.system.topics[self.scope.topics[e.topic]].name
@@ -155,7 +160,7 @@ class _LimitReader:
             root = self.system.components[self.scope.plants[e.instance]].name
         else:
             return None
-        return ".".join((root, *path))
+        return leaf_name(root, path)
 
 
 def _scaled(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:

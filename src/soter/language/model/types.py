@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 INT_MIN = -(2**63)
 INT_MAX = 2**63 - 1
@@ -207,6 +207,26 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
         yield from leaves(t.element, (*path, "[]"))
     else:
         yield path, t
+
+
+def leaf_name(name: str, path: Iterable[str]) -> str:
+    """A leaf as programs name it: `j.q[0]`. Streams of draws say `j.q.[0]` (semantics.md)."""
+    return ".".join((name, *path)).replace(".[", "[")
+
+
+def positions(t: Type, path: Iterable[str]) -> list[int]:
+    """A path of `leaves` as positions in a value, from the outside in."""
+    found: list[int] = []
+    for part in path:
+        if isinstance(t, RecordType):
+            at = t.index(part)
+            assert at is not None, part
+            t = t.fields[at][1]
+        else:
+            assert isinstance(t, ArrayType)
+            at, t = int(part[1:-1]), t.element
+        found.append(at)
+    return found
 
 
 def has_list(t: Type) -> bool:

@@ -6,12 +6,8 @@ Non-goals: names, types, meaning (`program/`); comments (the printer reads them 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from soter.diagnostics.span import Span
 from soter.language.syntax.node import Node, node
-
-if TYPE_CHECKING:
-    from soter.diagnostics.span import Span
 
 
 @node()
@@ -20,6 +16,11 @@ class Name(Node):
 
     text: str
     span: Span
+
+    @property
+    def word(self) -> Span:
+        """Of the word alone: that of an element has its index, too."""
+        return Span(self.span.source, self.span.start, self.span.start + len(self.text))
 
 
 @node()

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import canonical, maximum, minimum
 from soter.language.evaluate.statements import replaced
-from soter.language.model.types import ArrayType, RecordType, leaves
+from soter.language.model.types import leaves, positions
 from soter.semantics.random.random_draws import draw_bits, draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.language.model.system import Bound, Component, Fault, System
-    from soter.language.model.types import Type, Value
+    from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
 
 FINE = 20
@@ -172,7 +172,7 @@ def disturbed(
             del value_by_topic[f.topic]
             continue
         topic = system.topics[f.topic]
-        paths = [_positions(topic.type, path) for path, _ in leaves(topic.type)]
+        paths = [positions(topic.type, path) for path, _ in leaves(topic.type)]
         slot = slot_of(f, seed, ct, c.period_ns)
         for i in f.leaves:
             if f.kind == "stuck":
@@ -217,20 +217,6 @@ def _at(value: Value, path: Sequence[int]) -> Value:
     for i in path:
         value = value[i]
     return value
-
-
-def _positions(t: Type, path: tuple[str, ...]) -> list[int]:
-    """The path of a leaf as positions."""
-    positions: list[int] = []
-    for part in path:
-        if isinstance(t, RecordType):
-            k = [n for n, _ in t.fields].index(part)
-            t = t.fields[k][1]
-        else:
-            assert isinstance(t, ArrayType)
-            k, t = int(part[1:-1]), t.element
-        positions.append(k)
-    return positions
 
 
 def in_any_order(seed: int, ct: int, waiting: int) -> int:

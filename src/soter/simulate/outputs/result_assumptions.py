@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.elaborator import show_ns
 from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import FloatType, IntType, leaves
+from soter.language.model.types import FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -208,7 +208,7 @@ def _errors(system: System, x: Component) -> str:
         topic = system.topics[m.topic]
         path, leaf = list(leaves(topic.type))[m.leaf]
         bound = f"{m.bound:g}{_unit(leaf)}"
-        signals.setdefault(bound, []).append(".".join((topic.name, *path)))
+        signals.setdefault(bound, []).append(leaf_name(topic.name, path))
     if len(signals) == 1:
         return next(iter(signals))
     return ", ".join(

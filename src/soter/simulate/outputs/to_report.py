@@ -18,7 +18,15 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.render import picture as draw
 from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.model import typed
-from soter.language.model.types import BoolType, FloatType, IntType, RecordType, leaves
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaf_name,
+    leaves,
+)
 from soter.report.errors import ReportError
 from soter.report.html import inline_document, write_html
 from soter.report.run.record import (
@@ -50,6 +58,8 @@ if TYPE_CHECKING:
 
 SERIES_MAX = 24
 """More signals than that nobody reads below each other."""
+ELEMENTS_MAX = 7
+"""An arm has as many joints; of longer arrays nothing is drawn."""
 SAMPLES_MAX = 20_000
 """Longer runs are thinned: a screen has a few thousand columns."""
 SIGNAL_SHARE_MIN = 20
@@ -306,11 +316,14 @@ def _states_in(
     """Signals of what a plant drives that are states of its, leaf by leaf."""
     if isinstance(e, typed.VarRead) and e.variable in own:
         for path, _ in leaves(e.type):
-            yield ".".join((name, *path)), ".".join((own[e.variable], *path))
+            yield leaf_name(name, path), leaf_name(own[e.variable], path)
     elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
         order = e.order or range(len(e.elements))
         for i, part in zip(order, e.elements, strict=True):
             yield from _states_in(f"{name}.{e.type.fields[i][0]}", part, own)
+    elif isinstance(e, typed.Aggregate) and isinstance(e.type, ArrayType):
+        for i, part in enumerate(e.elements):
+            yield from _states_in(f"{name}[{i}]", part, own)
 
 
 def _in_sight(
@@ -339,3 +352,7 @@ def _signals(
         for n, f in t.fields:
             for series in _signals(f"{name}.{n}", f, values[n], ()):
                 yield replace(series, panel=name) if together else series
+    elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
+        for i in range(t.size):
+            for series in _signals(f"{name}[{i}]", t.element, values[:, i], ()):
+                yield replace(series, panel=series.panel.replace(f"[{i}]", "", 1))

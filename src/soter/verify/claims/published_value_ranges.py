@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from soter.language.model.types import leaves
+from soter.language.model.types import leaf_name, leaves
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.enclose.enclosed_steps import room_of
 from soter.verify.enclose.enclosure_inputs import paths
@@ -78,4 +78,4 @@ def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]
             at = every.index(path) if path in every else None
             bound = None if at is None else topic.bounds[at]
             error = 0.0 if at is None else measured.get((index, at), 0.0)
-            yield ".".join((topic.name, *path)), bound, error, at is not None
+            yield leaf_name(topic.name, path), bound, error, at is not None

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.deployment.deployed_systems import from_outside
 from soter.language.model.durations import show_ns
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves
 from soter.verify.deploy.sensor_skew import SensedTopic, too_far
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> 
     ):
         if not isinstance(t, FloatType):
             continue
-        name = ".".join((topic.name, *path))
+        name = leaf_name(topic.name, path)
         own = e.errors[k]
         if own is not None and own <= allowed:
             continue
@@ -233,7 +233,7 @@ def _assumed(s: Sensors, *, stepped: bool) -> list[str]:
             "where that finds it"
         )
         assumptions += [
-            f"{'.'.join((topic.name, *path))} is exactly what the plant would say"
+            f"{leaf_name(topic.name, path)} is exactly what the plant would say"
             for path, t in leaves(topic.type)
             if not isinstance(t, FloatType)
         ]

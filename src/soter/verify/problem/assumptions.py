@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
@@ -292,7 +292,7 @@ def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
     for index in dict.fromkeys([*read_by_dm(place), *read_by_sc(place)]):
         topic = place.system.topics[index]
         paths = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
-        leaf_names += [".".join((topic.name, *p)) for p in paths if (index, p) not in measured]
+        leaf_names += [leaf_name(topic.name, p) for p in paths if (index, p) not in measured]
     return leaf_names
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants import Calculator
 from soter.language.model import typed
-from soter.language.model.types import ListType, RecordType, leaves
+from soter.language.model.types import ListType, RecordType, leaf_name, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ class Axes:
 
     def _state(self, item: typed.TypedGridAxis) -> int | None:
         """The state that an axis names, noted where it is shown."""
-        shown = ".".join((item.topic.name if item.topic else item.instance, *item.path))
+        shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
         state, at = self._named(item), self._leaf(item)
         if at is not None and state is not None:
             self.shown[state] = at
@@ -187,7 +187,7 @@ class Axes:
 
     def _named(self, item: typed.TypedGridAxis) -> int | None:
         if item.topic is None:
-            return self.names.get(self.place.prefix + ".".join((item.instance, *item.path)))
+            return self.names.get(self.place.prefix + leaf_name(item.instance, item.path))
         at = self._leaf(item)
         return None if at is None else self.topic_leaves.get(at)
 
@@ -279,10 +279,12 @@ class Axes:
             lets = dict(c.plant.lets)
             if e.variable in lets:
                 return self._driven(c, lets[e.variable], path)
-            return ".".join((c.name, e.variable.name, *path))
+            return leaf_name(f"{c.name}.{e.variable.name}", path)
         if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
             name = e.target.type.fields[e.index][0]
             return self._driven(c, e.target, (name, *path))
+        if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
+            return self._driven(c, e.target, (f"[{e.index.value}]", *path))
         if isinstance(e, typed.Aggregate) and path:
             t = e.type
             if isinstance(t, ListType):

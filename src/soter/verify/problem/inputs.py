@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.abstraction_start import start_behind
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 from soter.verify.problem.age_disjuncts import ttf_of_states
 from soter.verify.problem.problem import DiscreteParameter, Interval
 from soter.verify.problem.quantities import Leaf, Quantities
@@ -116,7 +116,7 @@ def _states(
             scalars(variable.type, start),
             strict=False,
         ):
-            name = ".".join((c.name, variable.name, *path))
+            name = leaf_name(f"{c.name}.{variable.name}", path)
             unit = t.unit if isinstance(t, FloatType) else ""
             leaf = Leaf(c.index, variable.name, path, name, unit)
             if "[]" in path:
@@ -180,7 +180,7 @@ def scalars(t: Type, value: Value) -> Iterator[Value]:
 def _disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for d in c.disturbances:
         for path, t in leaves(d.variable.type):
-            name = ".".join((c.name, d.variable.name, *path))
+            name = leaf_name(f"{c.name}.{d.variable.name}", path)
             if not isinstance(t, FloatType):
                 _not_float("disturbance", name, t, d.variable.span, diagnostics)
                 continue
@@ -206,7 +206,7 @@ def _topic_leaves(
 ) -> Iterator[tuple[Leaf, Interval | None]]:
     topic = place.system.topics[index]
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
-        name = ".".join((topic.name, *path))
+        name = leaf_name(topic.name, path)
         if not isinstance(t, FloatType) or _crowded(path):
             _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
             return
@@ -235,7 +235,7 @@ def _errors(place: VerificationSystem, inputs: Inputs) -> None:
             path, of = list(leaves(topic.type))[m.leaf]
             if m.topic in read and m.bound > 0.0:
                 unit = of.unit if isinstance(of, FloatType) else ""
-                name = ".".join((topic.name, *path))
+                name = leaf_name(topic.name, path)
                 inputs.errors.append(Leaf(m.topic, "", path, name, unit))
                 inputs.error_ranges.append(Interval(-m.bound, m.bound))
 
@@ -277,5 +277,5 @@ def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics)
             continue
         for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
             if isinstance(t, FloatType) and bound is not None:  # the rest ranges over its type
-                inputs.others.append(Leaf(index, "", path, ".".join((topic.name, *path))))
+                inputs.others.append(Leaf(index, "", path, leaf_name(topic.name, path)))
                 inputs.other_ranges.append(Interval(bound.low, bound.high))

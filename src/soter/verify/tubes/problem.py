@@ -12,7 +12,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.model.types import leaves, numbers_in
+from soter.language.model.types import leaf_name, leaves, numbers_in
 from soter.verify.problem.map_topics import map_topics
 from soter.verify.problem.problem import TUBES, Interval, Problem
 
@@ -57,7 +57,7 @@ class TubeProblem(Problem):
         """What the DM reads of a state, as `topic.field`."""
         topic, k = self.topic_leaf_of_state[state]
         declared = self.system.topics[topic]
-        return ".".join((declared.name, *list(leaves(declared.type))[k][0]))
+        return leaf_name(declared.name, list(leaves(declared.type))[k][0])
 
 
 def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
@@ -70,7 +70,7 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
         if state is None:
             diagnostics.error(
                 "R009",
-                f"`{'.'.join((move.topic.name, *move.path))}` is no state of a verification plant",
+                f"`{leaf_name(move.topic.name, move.path)}` is no state of a verification plant",
                 move.span,
                 notes=("what moves is a leaf of a topic that equals a state",),
             )

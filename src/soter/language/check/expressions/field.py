@@ -28,6 +28,7 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
     from soter.language.check.expression_context import Context
     from soter.language.check.scope import Entry
@@ -322,34 +323,41 @@ class FieldChecker(ExprBase):
                 expr.target.span,
                 f"this is `{target.type}`",
                 notes=("only arrays and lists have elements",),
-                helps=instead_of_index(target.type, expr, index),
+                helps=instead_of_index(target.type, expr.span, expr.target.span.text, index),
             )
             return error_expr(expr.span)
-        self.constant_index(target.type, index, expr.target.span.text)
+        constant_index(self.diagnostics, target.type, index, expr.target.span.text)
         return typed.Index(target.type.element, expr.span, target, index)
 
-    def constant_index(self, t: ArrayType | ListType, index: typed.TypedExpr, target: str) -> None:
-        """T017 for a literal index that can never be right; `target` is written before it."""
-        if not isinstance(index, typed.Literal):
-            return
-        limit = t.size if isinstance(t, ArrayType) else t.capacity
-        if not 0 <= index.value < limit:
-            self.diagnostics.error(
-                "T017",
-                f"index {index.value} is outside `{t}`",
-                index.span,
-                f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
-                helps=_from_the_end(t, index, target),
-            )
+
+def constant_index(
+    diagnostics: Diagnostics, t: ArrayType | ListType, index: typed.TypedExpr, target: str
+) -> bool:
+    """T017, and False, for a literal index that can never be right, behind the text `target`."""
+    if not isinstance(index, typed.Literal):
+        return True
+    limit = t.size if isinstance(t, ArrayType) else t.capacity
+    if 0 <= index.value < limit:
+        return True
+    diagnostics.error(
+        "T017",
+        f"index {index.value} is outside `{t}`",
+        index.span,
+        f"0 to {limit - 1} are possible" if limit > 1 else "only 0 is possible",
+        helps=_from_the_end(t, index, target),
+    )
+    return False
 
 
-def instead_of_index(of: Type, expr: tree.IndexExpr, index: typed.TypedExpr) -> tuple[Help, ...]:
-    """`p.x` for `p[0]`."""
+def instead_of_index(
+    of: Type, whole: Span, target: str, index: typed.TypedExpr
+) -> tuple[Help, ...]:
+    """`p.x` for `p[0]`; `whole` is all of it, `target` what stands before the brackets."""
     if not isinstance(of, RecordType):
         return ()
     names = [name for name, _ in of.fields]
     if isinstance(index, typed.Literal) and 0 <= index.value < len(names):
-        return (replace(expr.span, f"{expr.target.span.text}.{names[index.value]}"),)
+        return (replace(whole, f"{target}.{names[index.value]}"),)
     return (f"its fields are {listed(names)}",)
 
 

@@ -104,7 +104,7 @@ def _measured(
         if named is not topic:
             shared.diagnostics.error(
                 "M009",
-                f"`{path.text}` is no part of `{item.topic.text}`",
+                f"`{path.span.text}` is no part of `{item.topic.text}`",
                 path.span,
                 notes=("an external topic says the errors of its own fields only",),
             )
@@ -116,7 +116,7 @@ def _measured(
                 helps=("name the fields that are floats",),
             )
         elif first is not None:
-            message = f"the error of `{path.text}` is given twice"
+            message = f"the error of `{path.span.text}` is given twice"
             also = ((first, "the first time"),)
             shared.diagnostics.error("N002", message, path.span, "again", also=also)
         elif not is_error(within):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
 from soter.language.check.expressions.field import listed
+from soter.language.check.parts.leaf_paths import instead_of
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
@@ -239,7 +240,7 @@ class ModuleChecker:
             if move is not None and first.setdefault((move.topic, move.path), item) is not item:
                 self.diagnostics.error(
                     "N002",
-                    f"`rest` says twice how far `{item.path.text}` moves",
+                    f"`rest` says twice how far `{item.path.span.text}` moves",
                     item.path.span,
                     "again",
                     also=((first[move.topic, move.path].path.span, "the first time"),),
@@ -298,7 +299,7 @@ class ModuleChecker:
             f"expected `float`, found `{t}`",
             item.path.span,
             "what moves is a `float`",
-            helps=("name one of its fields",),
+            helps=(instead_of(t, item.path),),
         )
         return None
 

@@ -377,7 +377,7 @@ class PlantChecker:
                     helps=("name the fields that are floats",),
                 )
             elif overlap is not None:
-                self._twice(f"the error of `{path.text}` is given twice", path.span, overlap)
+                self._twice(f"the error of `{path.span.text}` is given twice", path.span, overlap)
             elif not is_error(within):
                 measured.append(typed.MeasuredSymbol(topic, below, within, path.span))
             taken.append((topic, below, path.span))

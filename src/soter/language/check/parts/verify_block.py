@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.expression_base import is_error, sound
 from soter.language.check.expression_context import Context
+from soter.language.check.parts.leaf_paths import instead_of, part_of
 from soter.language.check.resolution_order import mentioned
 from soter.language.model import typed
-from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType, RecordType
+from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -154,7 +155,7 @@ class VerifyChecker:
         if first is not axis:
             self.diagnostics.error(
                 "N002",
-                f"the axis `{item.path.text}` is given twice",
+                f"the axis `{item.path.span.text}` is given twice",
                 item.path.span,
                 "again",
                 also=((first.span, "the first time"),),
@@ -193,7 +194,7 @@ class VerifyChecker:
             f"expected `float`, found `{t}`",
             item.path.span,
             "the axis of a grid is a `float`",
-            helps=("name one of its fields",),
+            helps=(instead_of(t, item.path),),
         )
         return None
 
@@ -214,7 +215,7 @@ class VerifyChecker:
         if not plants and first not in scope.entries and first not in scope.imports:
             plants = self._instances(module)
         if first in plants:
-            return self._state(path, plants[first])
+            return self._state(path, plants[first], scope)
         topic = self.shared.topic_path(path, scope)
         if topic is None:
             return None
@@ -223,29 +224,14 @@ class VerifyChecker:
         ), topic[2]
 
     def _state(
-        self, path: tree.DottedPath, plant: typed.PlantSymbol
+        self, path: tree.DottedPath, plant: typed.PlantSymbol, scope: FileScope
     ) -> tuple[typed.TypedGridAxis, Type] | None:
-        t: Type = plant.truth
-        for part in path.parts[1:]:
-            fields = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
-            if not isinstance(t, RecordType) or part.text not in fields:
-                what = f"`{plant.name}`" if t is plant.truth else f"`{t}`"
-                if plant not in self.shared.damaged:
-                    self.diagnostics.error(
-                        "N004",
-                        f"{what} has no {'state' if t is plant.truth else 'field'} `{part.text}`",
-                        part.span,
-                        notes=(f"there are {', '.join(f'`{n}`' for n in fields)}",)
-                        if fields
-                        else (),
-                        helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
-                    )
-                return None
-            t = t.fields[fields.index(part.text)][1]
-        names = tuple(p.text for p in path.parts[1:])
+        below = part_of(self.shared, plant.truth, path.parts, scope, plant)
+        if below is None:
+            return None
         axis = typed.TypedGridAxis(
             topic=None,
-            path=names,
+            path=below[0],
             low=None,
             high=None,
             cells=None,
@@ -253,7 +239,7 @@ class VerifyChecker:
             instance=path.parts[0].text,
             plant=plant,
         )
-        return axis, t
+        return axis, below[1]
 
     def _instances(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
         """Plants that stand beside the module in a system, by name of the instance."""
@@ -297,12 +283,12 @@ class VerifyChecker:
                     f"expected `float`, found `{t}`",
                     item.path.span,
                     "a command is a `float`",
-                    helps=("name one of its fields",),
+                    helps=(instead_of(t, item.path),),
                 )
             elif (topic, path) in command_sets:
                 self.diagnostics.error(
                     "N002",
-                    f"the commands of `{item.path.text}` are given twice",
+                    f"the commands of `{item.path.span.text}` are given twice",
                     item.path.span,
                     "again",
                     also=((command_sets[topic, path].span, "the first time"),),

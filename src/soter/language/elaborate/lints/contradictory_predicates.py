@@ -31,6 +31,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
     leaf_count,
+    leaf_name,
     leaves,
 )
 
@@ -367,7 +368,7 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
             parts.append(f"`{topic.name}` has its first value")
             continue
         for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
-            name = ".".join((topic.name, *path)).replace(".[", "[")
+            name = leaf_name(topic.name, path)
             shown = f"{t.name}.{t.members[cast('int', leaf)]}" if isinstance(t, EnumType) else ""
             if isinstance(leaf, bool):
                 shown = str(leaf).lower()

@@ -31,7 +31,7 @@ from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType, has_list, leaves
+from soter.language.model.types import FloatType, IntType, has_list, leaf_name, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -143,7 +143,7 @@ def doubt_first_publications(system: System, plant: Component, diagnostics: Diag
         for (path, _), x, bound in zip(leaves(topic.type), flat(first), placed.bounds, strict=True):
             if bound is None or bound.low <= x <= bound.high:
                 continue
-            name = ".".join((topic.name, *path)).replace(".[", "[")
+            name = leaf_name(topic.name, path)
             diagnostics.warning(
                 "W015",
                 f"{x!r} is outside of the set of `{name}`",

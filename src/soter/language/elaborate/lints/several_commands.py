@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
-from soter.language.model.types import RecordType
+from soter.language.model.types import ArrayType, RecordType, leaf_name, positions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
     Path = tuple[str, ...]
     Leaf = tuple[typed.PlantSymbol, typed.TypedExpr, Path]
+
+WHOLE = RecordType, ArrayType
+"""Of their parts each is followed for itself."""
 
 
 def doubt_shield(system: System, module: Module, diagnostics: Diagnostics) -> None:
@@ -71,13 +74,15 @@ def _state(
 
 
 def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
-    """Where a part of a field or of a record comes from."""
+    """Where a part of a field, an element, a record or an array comes from."""
     if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
         return e.target, (e.target.type.fields[e.index][0], *path)
-    if isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType) and path:
-        at = e.type.index(path[0])
+    if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
+        return e.target, (f"[{e.index.value}]", *path)
+    if isinstance(e, typed.Aggregate) and isinstance(e.type, WHOLE) and path:
+        at = positions(e.type, path[:1])[0]
         order = e.order or tuple(range(len(e.elements)))
-        return None if at is None else (e.elements[order.index(at)], path[1:])
+        return e.elements[order.index(at)], path[1:]
     return None
 
 
@@ -92,17 +97,17 @@ def _felt(
     inner = _part(e, path)
     if isinstance(e, typed.TopicRead):
         if e.topic in outputs:
-            yield ".".join((e.topic.name, *path))
+            yield leaf_name(e.topic.name, path)
     elif inner is not None:
         parts = [inner]
     elif isinstance(e, typed.VarRead):
         given = dict(plant.lets).get(e.variable)
         parts = [] if given is None else [(given, path)]
     elif isinstance(e, (typed.Vector, typed.TypedBinary)):
-        parts = [(x, path if isinstance(x.type, RecordType) else ()) for x in (e.left, e.right)]
+        parts = [(x, path if isinstance(x.type, WHOLE) else ()) for x in (e.left, e.right)]
     elif isinstance(e, typed.TypedUnary):
         parts = [(e.operand, path)]
     elif isinstance(e, (typed.Builtin, typed.TypedCall)) and not path:
-        parts = [(x, ()) for x in e.arguments if not isinstance(x.type, RecordType)]
+        parts = [(x, ()) for x in e.arguments if not isinstance(x.type, WHOLE)]
     for x, there in parts:
         yield from _felt(plant, x, there, outputs)

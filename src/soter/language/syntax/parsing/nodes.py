@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import remove
 from soter.language.syntax import tree
+from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import OnceParts, predicate
 from soter.language.syntax.parsing.verification import VerifyParser
 from soter.language.syntax.tokens import ERROR, INT, NAME, visible
@@ -339,7 +340,7 @@ class NodeParser(VerifyParser):
         moves: list[tree.Move] = []
         if self.accept_word("moves"):
             while True:
-                path = self.path("a topic or one of its fields")
+                path = instance_arrays.path(self, "a topic or one of its fields")
                 self.expect_word("by", "and how far, behind what moves")
                 by = self.expr("how far it moves")
                 way = next((w for w in ("down", "up") if self.accept_word(w)), "")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
+from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import OnceParts
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.schemes import SCHEMES
@@ -198,7 +199,7 @@ def _integrate(parser: BodyParser, parts: _PlantParts) -> None:
 def _measured(parser: BodyParser, parts: _PlantParts) -> None:
     parser.i += 1
     while True:
-        path = parser.path("a topic or one of its fields")
+        path = instance_arrays.path(parser, "a topic or one of its fields")
         parser.expect_word("within", "after the measured value")
         parts.measured.append((path, parser.expr("the bound of the error")))
         if not parser.accept(","):

@@ -323,7 +323,7 @@ def _external(parser: BodyParser, parts: _SystemParts) -> None:
     measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
     if parser.accept_word("measured"):
         while True:
-            path = parser.path("the topic or one of its fields")
+            path = instance_arrays.path(parser, "the topic or one of its fields")
             parser.expect_word("within", "after the measured value")
             measured.append((path, parser.expr("the bound of the error")))
             if not parser.accept(","):

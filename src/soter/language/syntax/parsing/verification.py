@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
+from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import BodyParser, OnceParts, predicate
 from soter.language.syntax.tokens import NAME
 
@@ -86,7 +87,7 @@ class VerifyParser(BodyParser):
         self.i += 1
         axes: list[tree.GridAxis] = []
         while True:
-            path = self.path("a topic or one of its fields")
+            path = instance_arrays.path(self, "a topic or one of its fields")
             self.expect("in", "after the axis")
             interval = self.range_of("the range of the axis")
             self.expect("/", "and the number of cells after the range of the axis")
@@ -107,7 +108,7 @@ class VerifyParser(BodyParser):
         self.i += 1
         axes: list[tree.GridAxis] = []
         while True:
-            path = self.path("a state or a field of a topic")
+            path = instance_arrays.path(self, "a state or a field of a topic")
             interval = self.range_of("the range of the axis") if self.accept("in") else None
             axes.append(tree.GridAxis(path, interval, None))
             if not self.accept(","):
@@ -120,7 +121,7 @@ class VerifyParser(BodyParser):
     def _commands(self, parts: _VerifyParts) -> None:
         start = self.starts[self.i]
         self.i += 1
-        path = self.path("an output topic or one of its fields")
+        path = instance_arrays.path(self, "an output topic or one of its fields")
         self.expect("in", "after the output")
         self.expect("{", "before the commands")
         values = [self.expr("a command")]
