@@ -8,6 +8,7 @@ Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induc
 from __future__ import annotations
 
 import time
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -17,7 +18,7 @@ from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
-from soter.verify.claims.levels import deploy, levels
+from soter.verify.claims.levels import levels, returned, with_levels
 from soter.verify.claims.published_value_ranges import say_narrowed
 from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
@@ -92,20 +93,24 @@ def verify_module(
     `explain`: measure why something stays undecided; None: where `refute` is. `compiled`: what
     `library_of` gives. `search`, as every method takes it: these runs are looked for without.
     """
+    from soter.verify.deploy.missing_predicates import keep  # noqa: PLC0415 - as `deploy` below
+
     del search
     began = time.perf_counter()
     library, prelude = compiled or library_of(problem)
     announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
-    cpu = time.process_time()
-    done = _all_cases(problem, library, _upto(progress, CASES))
-    cpu = time.process_time() - cpu
+    spent: list[float] = []
+    chosen = with_levels(problem, partial(_all_cases, library, _upto(progress, CASES), spent))
+    problem, done = chosen.problem, chosen.done or []
+    keep(chosen, library)
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages, *chosen.notes),
+        levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -133,7 +138,7 @@ def verify_module(
     if refute and problem.modes is None:  # in a run somebody has to decide what the others do
         _refute(problem, result)
     if refute if explain is None else explain:
-        _diagnose(done, result, cpu)
+        _diagnose(done, result, spent[0])
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -155,41 +160,26 @@ def _reached(progress: Progress | None, share: float, name: str) -> None:
         progress(share)
 
 
-def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
-    every = list(cases(problem))
-    done = []
+def _all_cases(
+    library: ReachLibrary, progress: Progress | None, spent: list[float], problem: Problem
+) -> list[Case]:
+    """Of a problem with so many levels; `spent` gets the CPU seconds. The first time tells more."""
+    began, every, done = time.process_time(), list(cases(problem)), []
     furthest = 0.0
     for i, parameter in enumerate(every):
 
         def tell(what: str, part: float, i: int = i) -> None:
             nonlocal furthest
-            if progress is not None:
+            if progress is not None and not spent:
                 stage = STAGES.index(what) if what in STAGES else 0
                 furthest = max(furthest, (i + (stage + part) / len(STAGES)) / len(every))
                 progress(furthest)
 
         done.append(_settled(problem, library, parameter, tell))
-    return _returned(problem, done)
-
-
-def _returned(problem: Problem, done: list[Case]) -> list[Case]:
-    """Computed predicates: the DM has one table for all cases, and P2b returns to what it holds."""
     if problem.computed:
-        deploy(done)
-        for case in done:
-            _return(case)
+        returned(done)
+    spent.append(time.process_time() - began)
     return done
-
-
-def _return(case: Case) -> None:
-    """P2b of one case."""
-    if case.failed("P2b") or case.problem.stays:
-        return  # there is no K, or no enclosure; or it is not asked
-    try:
-        with ClaimTimer(case, "P2b"):
-            recover(case)
-    except UnboundedError as error:
-        case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
 
 
 def _settled(
@@ -496,5 +486,9 @@ def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:
 def _attempt(problem: Problem, tell: Tell) -> list[Case]:
     """Every case of a problem that is tried, settled as if it were declared."""
     library, _ = library_of(problem)
-    done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
-    return _returned(problem, done)
+
+    def settled(problem: Problem) -> list[Case]:
+        done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
+        return returned(done) if problem.computed else done
+
+    return with_levels(problem, settled).done or []

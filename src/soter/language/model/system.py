@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-LEVELS_DEFAULT = 3
+LEVELS_DEFAULT, LEVELS_LEAST = 3, 2
+"""Levels of computed predicates where nothing says or chooses them, and with no hysteresis."""
 
 
 @dataclass(frozen=True)
