@@ -469,8 +469,8 @@ FINDING = JsonObject(
 MODULE = JsonObject(
     f"{RESULTS}.ModuleResult",
     "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
-    "not_rechecked at_the_start notes levels=problem.levels levels_why levels_cost "
-    "horizon_s horizon_needed_s recover_s assumptions=assumptions.text assumption_keys=assumptions.key",
+    "not_rechecked at_the_start notes levels=problem.levels levels_why levels_cost horizon_s "
+    "horizon_needed_s recover_s assumptions=assumptions.text assumption_keys=assumptions.key",
     {"horizon_s": _horizon_s, "horizon_needed_s": _needed_s},
     verdict=VERDICT,
     properties=FINDING,

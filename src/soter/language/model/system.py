@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 
 LEVELS_DEFAULT, LEVELS_LEAST = 3, 2
-"""Levels of computed predicates where nothing says or chooses them, and with no hysteresis."""
 
 
 @dataclass(frozen=True)
