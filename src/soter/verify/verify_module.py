@@ -8,7 +8,6 @@ Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induc
 from __future__ import annotations
 
 import time
-from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -47,6 +46,7 @@ from soter.verify.work_estimate import announce_work
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.verify.claims.levels import ChosenLevels
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.induction.refute import Search
     from soter.verify.problem.problem import Group, Problem
@@ -93,16 +93,12 @@ def verify_module(
     `explain`: measure why something stays undecided; None: where `refute` is. `compiled`: what
     `library_of` gives. `search`, as every method takes it: these runs are looked for without.
     """
-    from soter.verify.deploy.missing_predicates import keep  # noqa: PLC0415 - as `deploy` below
-
     del search
     began = time.perf_counter()
     library, prelude = compiled or library_of(problem)
     announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
-    spent: list[float] = []
-    chosen = with_levels(problem, partial(_all_cases, library, _upto(progress, CASES), spent))
+    chosen, cpu = _chosen(problem, library, _upto(progress, CASES))
     problem, done = chosen.problem, chosen.done or []
-    keep(chosen, library)
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
     result = ModuleResult(
@@ -138,7 +134,7 @@ def verify_module(
     if refute and problem.modes is None:  # in a run somebody has to decide what the others do
         _refute(problem, result)
     if refute if explain is None else explain:
-        _diagnose(done, result, spent[0])
+        _diagnose(done, result, cpu)
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -160,26 +156,36 @@ def _reached(progress: Progress | None, share: float, name: str) -> None:
         progress(share)
 
 
-def _all_cases(
-    library: ReachLibrary, progress: Progress | None, spent: list[float], problem: Problem
-) -> list[Case]:
-    """Of a problem with so many levels; `spent` gets the CPU seconds. The first time tells more."""
-    began, every, done = time.process_time(), list(cases(problem)), []
+def _chosen(
+    problem: Problem, library: ReachLibrary, progress: Progress | None
+) -> tuple[ChosenLevels, float]:
+    """All cases, with as many levels as are chosen; and the CPU seconds of the first attempt."""
+    spent: list[float] = []
+
+    def attempt(problem: Problem) -> list[Case]:
+        began = time.process_time()
+        done = _all_cases(problem, library, None if spent else progress)
+        spent.append(time.process_time() - began)
+        return done
+
+    return with_levels(problem, attempt), spent[0]
+
+
+def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
+    every = list(cases(problem))
+    done = []
     furthest = 0.0
     for i, parameter in enumerate(every):
 
         def tell(what: str, part: float, i: int = i) -> None:
             nonlocal furthest
-            if progress is not None and not spent:
+            if progress is not None:
                 stage = STAGES.index(what) if what in STAGES else 0
                 furthest = max(furthest, (i + (stage + part) / len(STAGES)) / len(every))
                 progress(furthest)
 
         done.append(_settled(problem, library, parameter, tell))
-    if problem.computed:
-        returned(done)
-    spent.append(time.process_time() - began)
-    return done
+    return returned(done) if problem.computed else done
 
 
 def _settled(

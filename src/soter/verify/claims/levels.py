@@ -59,7 +59,7 @@ def with_levels(problem: Problem, attempt: Attempt) -> ChosenLevels:
         problem = replace(problem, levels=LEVELS_DEFAULT)
     done = attempt(problem)
     lost = _unshown(done)
-    if problem.levels_open and lost:
+    if problem.levels_open and lost and "P2a" not in lost:
         fewest = replace(problem, levels=LEVELS_LEAST)
         again = attempt(fewest)
         if again is not None and _unshown(again).keys() < lost.keys():
@@ -68,11 +68,9 @@ def with_levels(problem: Problem, attempt: Attempt) -> ChosenLevels:
 
 
 def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
-    """Claim -> what fails first of it; nothing where P2a fails, which is none of levels."""
+    """Claim -> what fails first of it: those of levels, and P2a."""
     failures = [f for case in done or () for f in case.failures]
-    if any(f.claim == "P2a" for f in failures):
-        return {}
-    return {f.claim: f.text for f in reversed(failures) if f.claim in OF_LEVELS}
+    return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}
 
 
 def returned(done: list[Case]) -> list[Case]:

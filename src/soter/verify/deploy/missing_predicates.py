@@ -27,7 +27,7 @@ from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
-from soter.verify.claims.levels import ChosenLevels, levels, returned, with_levels, withheld
+from soter.verify.claims.levels import levels, returned, with_levels, withheld
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
+    from soter.verify.claims.results import ModuleResult
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
@@ -65,6 +66,8 @@ if TYPE_CHECKING:
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
 FILE, REST, LEVELS = "sets.npz", "rest", "levels"
+OF_SETS = ("P2a", "ttf", "safer")
+"""Where these hold the sets of a proof are whole."""
 NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
@@ -300,26 +303,22 @@ def sets_of(
     return (problem, None) if sets is None else (replace(problem, levels=sets[0]), sets[1])
 
 
-def keep(chosen: ChosenLevels, library: ReachLibrary) -> None:
+def keep(result: ModuleResult) -> None:
     """What a proof has found, for whatever flies: the same would be found once more."""
-    sets = _deployed(chosen) if chosen.problem.computed else None
-    if sets is not None:
-        _keep(_key(chosen.problem, library), chosen.problem, sets)
-
-
-def _deployed(chosen: ChosenLevels) -> Sets | None:
-    """None where some group has none that may be put into a DM."""
-    done = chosen.done or []
-    case_pairs = [pairs_of(case.sets) for case in done]
-    whole = all(len(pairs) == len(chosen.problem.groups) for pairs in case_pairs)
-    return (chosen.problem.levels, case_pairs) if whole and not any(map(withheld, done)) else None
+    problem = result.problem
+    if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):
+        sets = problem.levels, [pairs_of(case) for case in result.cases]
+        _keep(_key(problem, library_of(problem)[0]), problem, sets)
 
 
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
 ) -> Sets | None:
     chosen = with_levels(problem, partial(_cases, library, progress, tell))
-    return None if chosen.done is None else _deployed(chosen)
+    pairs = [pairs_of(case.sets) for case in chosen.done or ()]
+    if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
+        return None
+    return None if any(map(withheld, chosen.done or ())) else (chosen.problem.levels, pairs)
 
 
 def _cases(
