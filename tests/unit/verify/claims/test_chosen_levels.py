@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,12 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import levels
 from soter.verify.deploy import missing_predicates
+from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from soter.verify.claims.results import ModuleResult
 
@@ -92,7 +93,7 @@ def manifest_of(folder: Path) -> Any:
 def table_of(folder: Path) -> bytes:
     """What the DM of a certificate holds."""
     (table,) = manifest_of(folder)["modules"][0]["tables"]
-    return (folder / "cert" / table["levels"]).read_bytes()
+    return Path(folder, "cert", table["levels"]).read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +192,7 @@ def test_fewer_are_chosen_just_where_they_show_more(
 def levels_problem(is_open: bool) -> Any:
     """A problem of three levels."""
     flat = system_of(check_file("p.soter", FINE if is_open else written(FINE, 3)), None)
-    problem = missing_predicates.extract(flat, flat.modules[0])
+    problem = extract(flat, flat.modules[0])
     assert problem.levels_open == is_open
     return problem
 
