@@ -53,7 +53,8 @@ if TYPE_CHECKING:
 FILE = "inherited.json"
 SCHEMA = 1
 SETS_CONFIRMED = ("P2a", "P3", "ttf", "safer")
-"""By which the sets of computed predicates are what they are said to be."""
+"""By which the sets of computed predicates are what they are said to be; with P2b the number of
+their levels is the one that is chosen."""
 NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
 """Files of the command that runs in virtual time."""
 
@@ -135,7 +136,8 @@ class _CertifiedTables:
         from soter.verify.deploy.certified_sets import certified_sets  # noqa: PLC0415 - NumPy
 
         reports = self.confirmed.get(problem.name, [])
-        if not reports or not all(set(SETS_CONFIRMED) <= set(r.confirmed) for r in reports):
+        needed = {*SETS_CONFIRMED, *(["P2b"] if problem.levels_open and not problem.stays else [])}
+        if not reports or not all(needed <= set(r.confirmed) for r in reports):
             return None
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 

@@ -80,8 +80,8 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float], None]
 
-CASES_MAX = 4096
-"""Combinations of parameter values."""
+CASES_MAX, LEVELS_MIN = 4096, 2
+"""Combinations of parameter values; levels of computed predicates."""
 MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
@@ -182,7 +182,7 @@ def _entry(
         with _understood("a module"):
             facts, report = whole[0].check(_system(checked, overrides, entry), entry)
     else:
-        only_keys(entry, MODULE_KEYS, "a module", "tables view law")
+        only_keys(entry, MODULE_KEYS, "a module", "levels tables view law")
         with _understood("a module"):
             facts = facts_of(_system(checked, overrides, entry), entry)
     if any(_key(f) == _key(facts) for f in covered):
@@ -240,6 +240,7 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     known = [given["name"] for given in entry["inputs"] if given["kind"] == "state"]
     leave_out(facts, [s.name for s in facts.states if s.name not in known])
+    _read_levels(facts, entry.get("levels", facts.levels))
     if len(facts.tower) > 1:
         read_above(facts)
     check_supported(facts)
@@ -247,6 +248,15 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     if facts.above is not None or setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)  # else every read of SC shows a state
     return facts
+
+
+def _read_levels(facts: Facts, said: object) -> None:
+    """Any number of levels will do where the program has none: what is claimed is shown of it."""
+    if not isinstance(said, int) or isinstance(said, bool) or said < LEVELS_MIN:
+        raise RejectedError("`levels` is not as it should be")
+    if said != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
+        raise RejectedError("the number of levels is another one in the program")
+    facts.levels = said
 
 
 @dataclass(eq=False)

@@ -209,10 +209,8 @@ def _say(report: VerifyReport, printed: Printout) -> None:
         printed.say(_headline(module, printed))
         printed.say()
         _table(module, printed)
-        for line in _details(module, printed):
+        for line in (*_details(module, printed), "", "under these assumptions"):
             printed.say(line)
-        printed.say()
-        printed.say("under these assumptions")
         for text in (a.text for a in module.assumptions):
             printed.say(printed.paint("muted", f"  {text}"))
     if not report.modules:
@@ -471,11 +469,12 @@ FINDING = JsonObject(
 MODULE = JsonObject(
     f"{RESULTS}.ModuleResult",
     "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
-    "not_rechecked at_the_start notes horizon_s horizon_needed_s recover_s "
-    "assumptions=assumptions.text assumption_keys=assumptions.key",
+    "not_rechecked at_the_start notes levels=problem.levels levels_why levels_cost horizon_s "
+    "horizon_needed_s recover_s assumptions=assumptions.text assumption_keys=assumptions.key",
     {"horizon_s": _horizon_s, "horizon_needed_s": _needed_s},
     verdict=VERDICT,
     properties=FINDING,
+    levels_cost=COST,
     vacuous=JsonObject(
         f"{RESULTS}.Vacuity",
         "how_often what share text parameters*",

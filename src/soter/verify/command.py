@@ -20,6 +20,7 @@ from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
 from soter.native.compiler_process import end_compilers
 from soter.verify.claims.results import ModuleResult, VerifyReport
+from soter.verify.deploy.missing_predicates import keep
 from soter.verify.deploy.remedy_cost import enter_cost
 from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.assumption import Assumption
@@ -81,6 +82,7 @@ def verify(
     results = _proved(problems, refute, explain, progress, search)
     of_those_above(results)
     for (flat, _), result in zip(chosen, results, strict=True):
+        keep(result)
         enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
         if find_spec("flint") is not None:
             result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)

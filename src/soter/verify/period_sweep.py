@@ -21,6 +21,7 @@ from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
+from soter.language.model.system import LEVELS_LEAST
 from soter.language.model.tree_walk import nodes
 from soter.report.proof.advice import AdvicePage, Line
 from soter.verify.claims import claims
@@ -240,6 +241,8 @@ def advise(
             _fill(row, changed, opened[times.delta_sc], wanted)
         except UnboundedError as error:
             row.why = str(error)
+        if problem.levels_open and delta == advice.delta_ns and not row.verifies(advice.levels):
+            advice.levels = LEVELS_LEAST if row.verifies(LEVELS_LEAST) else advice.levels
     return advice
 
 

@@ -10,6 +10,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.claimed_parts import OF_SETS, unclaimed
+from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.proof_methods import pairs_of, tables
 
@@ -59,6 +60,8 @@ def entry_over_sets(
     if result.laws:
         ruled = enumerate(result.laws)
         entry["law"] = [_case(problem, case, f"{stem}_law{k}", files, {"P2a"}) for k, case in ruled]
+    if problem.levels_open and problem.levels != LEVELS_DEFAULT:
+        entry["levels"] = problem.levels
     if problem.computed:
         entry["tables"] = _tables(result, stem, files)
     return entry

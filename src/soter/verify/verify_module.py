@@ -17,7 +17,7 @@ from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
-from soter.verify.claims.levels import deploy, levels
+from soter.verify.claims.levels import levels, returned, with_levels
 from soter.verify.claims.published_value_ranges import say_narrowed
 from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
@@ -46,6 +46,7 @@ from soter.verify.work_estimate import announce_work
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.verify.claims.levels import ChosenLevels
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.induction.refute import Search
     from soter.verify.problem.problem import Group, Problem
@@ -96,16 +97,16 @@ def verify_module(
     began = time.perf_counter()
     library, prelude = compiled or library_of(problem)
     announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
-    cpu = time.process_time()
-    done = _all_cases(problem, library, _upto(progress, CASES))
-    cpu = time.process_time() - cpu
+    chosen, cpu = _chosen(problem, library, _upto(progress, CASES))
+    problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages),
+        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages, *chosen.notes),
+        levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
     )
@@ -155,6 +156,21 @@ def _reached(progress: Progress | None, share: float, name: str) -> None:
         progress(share)
 
 
+def _chosen(
+    problem: Problem, library: ReachLibrary, progress: Progress | None
+) -> tuple[ChosenLevels, float]:
+    """All cases, with as many levels as are chosen; and the CPU seconds of the first attempt."""
+    spent: list[float] = []
+
+    def attempt(problem: Problem) -> list[Case]:
+        began = time.process_time()
+        done = _all_cases(problem, library, None if spent else progress)
+        spent.append(time.process_time() - began)
+        return done
+
+    return with_levels(problem, attempt), spent[0]
+
+
 def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
     every = list(cases(problem))
     done = []
@@ -169,27 +185,7 @@ def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | Non
                 progress(furthest)
 
         done.append(_settled(problem, library, parameter, tell))
-    return _returned(problem, done)
-
-
-def _returned(problem: Problem, done: list[Case]) -> list[Case]:
-    """Computed predicates: the DM has one table for all cases, and P2b returns to what it holds."""
-    if problem.computed:
-        deploy(done)
-        for case in done:
-            _return(case)
-    return done
-
-
-def _return(case: Case) -> None:
-    """P2b of one case."""
-    if case.failed("P2b") or case.problem.stays:
-        return  # there is no K, or no enclosure; or it is not asked
-    try:
-        with ClaimTimer(case, "P2b"):
-            recover(case)
-    except UnboundedError as error:
-        case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
+    return returned(done) if problem.computed else done
 
 
 def _settled(
@@ -496,5 +492,9 @@ def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:
 def _attempt(problem: Problem, tell: Tell) -> list[Case]:
     """Every case of a problem that is tried, settled as if it were declared."""
     library, _ = library_of(problem)
-    done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
-    return _returned(problem, done)
+
+    def settled(problem: Problem) -> list[Case]:
+        done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
+        return returned(done) if problem.computed else done
+
+    return with_levels(problem, settled).done or []

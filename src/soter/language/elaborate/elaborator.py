@@ -26,6 +26,7 @@ from soter.language.model import typed
 from soter.language.model.durations import show_ns
 from soter.language.model.system import (
     LEVELS_DEFAULT,
+    LEVELS_LEAST,
     Component,
     Disturbance,
     External,
@@ -562,7 +563,7 @@ class Elaborator(Topics):
         verify = module.verify
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
-        levels = self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
+        levels = self.count(verify.levels, "the number of levels", LEVELS_LEAST, MAX_LEVELS)
         delays = {
             "`late dm`": verify.late_dm,
             "`late sc`": verify.late_sc,

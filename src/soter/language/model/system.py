@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-LEVELS_DEFAULT = 3
+LEVELS_DEFAULT, LEVELS_LEAST = 3, 2
 
 
 @dataclass(frozen=True)

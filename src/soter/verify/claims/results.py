@@ -352,6 +352,10 @@ class ModuleResult:
     """A line where AC cannot have control at the start."""
     notes: tuple[str, ...] = ()
     """Lines about how it was proved that are no assumptions."""
+    levels_why: str = ""
+    """What is not shown with as many levels as there are by default, where fewer were chosen."""
+    levels_cost: RemedyCost | None = None
+    """What these cost: `before` is with as many as by default."""
     added: tuple[Assumption, ...] = ()
     """What the proof takes for granted beyond its problem."""
     shown: frozenset[str] = frozenset()
@@ -489,10 +493,7 @@ class VerifyReport:
 
     def __getitem__(self, module: str) -> ModuleResult:
         """The result of one module, by full name; KeyError where there is none."""
-        for m in self.modules:
-            if m.name == module:
-                return m
-        raise KeyError(module)
+        return {m.name: m for m in reversed(self.modules)}[module]
 
     def __repr__(self) -> str:
         headlines = ", ".join(f"{m.name} {m.headline}" for m in self.modules)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,13 +20,14 @@ import numpy as np
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
+from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
-from soter.verify.claims.levels import levels, withheld
+from soter.verify.claims.levels import levels, returned, with_levels, withheld
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
@@ -47,19 +49,25 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
+    from soter.verify.claims.case import Case
+    from soter.verify.claims.results import ModuleResult
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
     from soter.verify.tables.level_table import LevelTable
 
     Found = list[LevelTable]
+    Sets = tuple[int, list[Pairs]]
+    """How many levels there are, and the pairs of every case."""
     Progress = Callable[[float], None]
     Tell = Callable[[str, float], None]
 
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
-FILE, REST = "sets.npz", "rest"
+FILE, REST, LEVELS = "sets.npz", "rest", "levels"
+OF_SETS = ("P2a", "ttf", "safer")
+"""Where these hold the sets of a proof are whole."""
 NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
@@ -108,7 +116,7 @@ def complete(
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
-            sets = sets_of(problem, _part(progress, i, len(todo)), tell)
+            problem, sets = sets_of(problem, _part(progress, i, len(todo)), tell)
         level_tables = None if sets is None else tables(problem, sets)
         if known is not None:
             known.built(problem, level_tables or [])
@@ -119,6 +127,8 @@ def complete(
         every = zip(in_order(problem.groups), level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
+        if problem.levels_open and problem.levels != LEVELS_DEFAULT:
+            what += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
 
@@ -277,8 +287,11 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 
 def sets_of(
     problem: Problem, progress: Progress | None = None, tell: Tell | None = None
-) -> list[Pairs] | None:
-    """Pairs of every case, from the cache or computed; None where the engine has no answer."""
+) -> tuple[Problem, list[Pairs] | None]:
+    """The problem with its number of levels, and pairs of every case, from the cache or computed.
+
+    None where the engine has no answer.
+    """
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
     key = _key(problem, library)
@@ -287,14 +300,33 @@ def sets_of(
         sets = _computed(problem, library, progress, tell)
         if sets is not None:
             _keep(key, problem, sets)
-    return sets
+    return (problem, None) if sets is None else (replace(problem, levels=sets[0]), sets[1])
+
+
+def keep(result: ModuleResult) -> None:
+    """What a proof has found, for whatever flies: the same would be found once more."""
+    problem = result.problem
+    if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):
+        sets = problem.levels, [pairs_of(case) for case in result.cases]
+        _keep(_key(problem, library_of(problem)[0]), problem, sets)
 
 
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
-) -> list[Pairs] | None:
+) -> Sets | None:
+    chosen = with_levels(problem, partial(_cases, library, progress, tell))
+    pairs = [pairs_of(case.sets) for case in chosen.done or ()]
+    if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
+        return None
+    return None if any(map(withheld, chosen.done or ())) else (chosen.problem.levels, pairs)
+
+
+def _cases(
+    library: ReachLibrary, progress: Progress | None, tell: Tell | None, problem: Problem
+) -> list[Case] | None:
+    """Every case up to its levels, and with P2b where their number is open; None without a K."""
     every = list(cases(problem))
-    case_pairs = []
+    done = []
     for i, parameter in enumerate(every):
         if progress is not None:
             progress(i / len(every))  # how many rounds a case takes nobody knows before
@@ -309,11 +341,8 @@ def _computed(
             levels(case)
         except UnboundedError:
             return None
-        pairs = pairs_of(case.sets)
-        if withheld(case) or len(pairs) != len(problem.groups):
-            return None
-        case_pairs.append(pairs)
-    return case_pairs
+        done.append(case)
+    return returned(done) if problem.levels_open else done
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
@@ -344,7 +373,8 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         [(g.representation, g.axes) for g in problem.groups],
         replace(problem.times, declared=frozenset()),
         sorted(problem.times.declared),
-        problem.levels,
+        "chosen" if problem.levels_open else problem.levels,
+        (problem.recover_ns, problem.stays) if problem.levels_open else (),
         None if problem.module.shield is None else problem.module.shield.cells,
         problem.module.symbol.toward_sc,
         problem.has_core_hint,
@@ -375,10 +405,10 @@ def engine_files() -> list[Path]:
     return [*files, *texts]
 
 
-def _keep(key: str, problem: Problem, sets: list[Pairs]) -> None:
+def _keep(key: str, problem: Problem, sets: Sets) -> None:
     """Write the sets; a cache that cannot be written is no error."""
-    arrays: dict[str, NDArray[np.generic]] = {}
-    for i, case in enumerate(sets):
+    arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(sets[0])}
+    for i, case in enumerate(sets[1]):
         for j, (group, pair) in enumerate(zip(in_order(problem.groups), case, strict=True)):
             for name, array in method_of(group).packed(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
@@ -390,7 +420,7 @@ def _keep(key: str, problem: Problem, sets: list[Pairs]) -> None:
         store("sets", key, (FILE,), make)
 
 
-def _kept(key: str, problem: Problem) -> list[Pairs] | None:
+def _kept(key: str, problem: Problem) -> Sets | None:
     """The sets of an earlier run; None where there are none."""
     folder = find_cached("sets", key, (FILE,))
     if folder is None:
@@ -398,7 +428,7 @@ def _kept(key: str, problem: Problem) -> list[Pairs] | None:
     groups = in_order(problem.groups)
     try:
         with np.load(folder / FILE) as data:
-            return [
+            return int(data[LEVELS]), [
                 [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
             ]

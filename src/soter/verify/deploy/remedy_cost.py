@@ -18,6 +18,7 @@ from soter.core.steps import lower
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
+from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.build import library
 from soter.native.library import Library
 from soter.verify.claims.results import FlownFigures, RemedyCost
@@ -45,10 +46,15 @@ CPU_S = 5.0
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enter what the changes cost that prove every claim, beside their advice, where there are any.
+    """Enter what the changes cost that prove every claim, beside their advice, and fewer levels.
 
     `fresh`: gives the system that the module was proved in, as it flies.
     """
+    if result.levels_why:
+        phase(f"{result.problem.name}: measuring what fewer levels cost")
+        default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
+        result.levels_cost = _cost(default, result.problem, fresh)
+        result.notes += (f"fewer levels cost: {result.levels_cost}",)
     for finding in result.findings.values():
         if finding.remedied is not None:
             phase(f"{result.problem.name}: measuring what that costs")
@@ -126,7 +132,7 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     if module in open_modules(flat):
         own = extract(faultless(flat), module)
         problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
-        sets = sets_of(problem, tell=tell)
+        problem, sets = sets_of(replace(problem, levels_open=tried.levels_open), tell=tell)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             return None

@@ -1,6 +1,6 @@
 """A problem as it would be had something else been written.
 
-Purpose: one `Problem` from another: fewer levels, smaller cells, `ttf` and `safer` left out, a
+Purpose: one `Problem` from another: smaller cells, `ttf` and `safer` left out, a
 smaller `max_age`, an axis without ends or a longer one, AC and SC exchanged. None where that is
 no problem, or where the module cannot be read again from its verification system alone (views,
 `abstracts`, modes, a fail-safe law).
@@ -27,11 +27,6 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Axis, Problem
-
-
-def fewer_levels(problem: Problem) -> Problem | None:
-    """`levels 2;`."""
-    return replace(problem, levels=2) if problem.computed and problem.levels > 2 else None
 
 
 def smaller_cells(problem: Problem) -> Problem:
@@ -119,7 +114,7 @@ def exchanged(problem: Problem) -> Problem | None:
 def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
     """The problem of a module that was changed in its own verification system.
 
-    Grids and levels that were changed before stay so.
+    Grids that were changed before stay so.
     """
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
@@ -130,7 +125,7 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
         return None
     if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
         return None  # R007
-    return replace(again, groups=problem.groups, states=problem.states, levels=problem.levels)
+    return replace(again, groups=problem.groups, states=problem.states)
 
 
 # ---------------------------------------------------------------- grids

@@ -234,7 +234,8 @@ def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     if part.levels and part.levels[0].any():
         count = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
         if count:
-            text = f"S_0 to S_{count - 1} are not empty: `levels {count + 1}` would do"
+            which = "S_0 is" if count == 1 else f"S_0 to S_{count - 1} are"
+            text = f"{which} not empty: `levels {count + 1}` would do"
             yield Cause("levels", text, "", (("levels", float(count + 1)),))
         return
     errors = errors_of(case.problem)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.model.system import LEVELS_LEAST
 from soter.verify.claims.cell_boxes import holding
 from soter.verify.claims.results import Cause
 from soter.verify.diagnosis.experiments import (
@@ -78,6 +79,7 @@ def recovery_causes(
     if goal.computed:
         many = case.problem.levels
         text = f"`safer` is computed: S_{many - 2} of {many} levels, on the grid as it is declared"
+        text += ", with 2 no more is shown" * (case.problem.levels_open and many > LEVELS_LEAST)
         yield Cause("computed", text, OWN if not any(c.hint for c in causes) else "")
         return
     if any(c.kind in ("stays_away", "leaves", "pushed_out") for c in causes):

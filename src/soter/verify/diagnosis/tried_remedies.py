@@ -133,10 +133,6 @@ def remedies(
         return
     if not problem.computed:
         yield Remedy(LEFT_OUT, changed_problems.predicates_left_out(problem))
-    elif "P2b" in failing:
-        fewer = changed_problems.fewer_levels(problem)
-        if fewer is not None:
-            yield Remedy("`levels 2;`", fewer)
     if younger is not None:
         yield Remedy(" and ".join(younger[1]), younger[0])
     yield from _more_cells(problem)

@@ -44,7 +44,7 @@ def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> N
     if problem.module.shield is not None:
         shields.find(case, proof, engine, part, lambda cells: _anywhere(cells, blind))
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
-    hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
+    hint = problem.stronger
     if names:
         hint = f"let a plant drive a topic with {', '.join(names)}, or write `ttf` and `safer`"
     for claim, j in (("ttf", 0), ("safer", len(part.levels) - 1)):

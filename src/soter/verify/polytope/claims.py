@@ -210,7 +210,7 @@ class PolytopeProof(GroupProof):
             sets.allowed, sets.carried = list(its.allowed), list(its.carried)
         empty = [j for j, s in enumerate(sets.allowed) if inner_point(s) is None]
         if why or empty:
-            hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
+            hint = problem.stronger
             self._both(case, why or f"S_{empty[0]} is empty: AC would never get control", hint)
         elif self._proved(case, ("ttf", "safer"), "S", proofs.prove_levels):
             return

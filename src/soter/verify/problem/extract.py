@@ -14,7 +14,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants import Calculator
 from soter.language.elaborate.views import refuse_views
-from soter.language.model.system import claims_nothing, tower_of
+from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Group, ProblemKind
     from soter.verify.time.downstream_paths import DownstreamPath
 
-LEVELS_DEFAULT = 3
 CASES_MAX = 4096
 
 
@@ -140,6 +139,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         groups=axis_groups,
         times=handed_back(times, above),
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
+        levels_open=_levels_open(at.module) and not synthesize,
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
         synthesize=synthesize,
@@ -165,6 +165,13 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
     return problem if rest is None else followed(problem, rest, calculator)
+
+
+def _levels_open(module: Module) -> bool:
+    """Whether levels are chosen. Through views no AC of computed predicates ever gets control."""
+    symbol = module.symbol
+    computed = symbol.ttf is None and symbol.rest is None
+    return computed and symbol.verify.levels is None and not module.view
 
 
 def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:

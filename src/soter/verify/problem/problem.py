@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Literal
 
+from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -224,7 +226,9 @@ class Problem:
     groups: tuple[Group, ...]
     """In chain order: a group depends on itself and earlier ones."""
     times: Times
-    levels: int = 3
+    levels: int = LEVELS_DEFAULT
+    levels_open: bool = False
+    """The program leaves that number open: it is chosen (`verify/claims/levels.py`)."""
     has_core_hint: bool = False
     computed: bool = False
     """The module has neither `ttf` nor `safer`: they are to be computed."""
@@ -284,6 +288,12 @@ class Problem:
     def returning(self) -> str:
         """The predicate under which P2b gives control back: `safer` with all other modes in AC."""
         return "back" if self.modes is not None and self.modes.waits else "safer"
+
+    @property
+    def stronger(self) -> str:
+        """What helps where some S_j is empty; of levels that are chosen there are no fewer."""
+        fewer = "" if self.levels_open or self.levels <= LEVELS_LEAST else "fewer levels, "
+        return f"{fewer}a smaller period, smaller errors, a stronger SC"
 
     def in_horizon(self, ns: int) -> int:
         """A time as proofs take it: a map's is a whole number of its periods."""

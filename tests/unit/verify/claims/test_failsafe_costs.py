@@ -99,7 +99,7 @@ rta Guard {
   period 50ms;
   safe abs(motion.x) < 10.0;
   failsafe push = 0.0;
-  verify { grid motion.x in [-11.0, 11.0] / 60, motion.v in [-16.0, 16.0] / 60; }
+  verify { grid motion.x in [-11.0, 11.0] / 60, motion.v in [-16.0, 16.0] / 60; levels 3; }
 }
 system Track { b: Bob; module Guard; until 10s; }
 """

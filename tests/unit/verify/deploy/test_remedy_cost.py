@@ -22,8 +22,8 @@ PREDICATES = (
     ("  ttf level < 0.25 || level > 1.75;\n", ""),
     ("  safer level > 0.4 && level < 1.6;\n", ""),
 )
-COARSE = (*PREDICATES, ("/ 320", "/ 16"))
-TWO = ("/ 16;", "/ 16; levels 2;")
+COARSE = (*PREDICATES, ("/ 320;", "/ 16; levels 3;"))
+FINER = ("/ 16;", "/ 32;")
 OLD, YOUNG = ("max_age 100ms", "max_age 4s"), ("max_age 4s", "max_age 100ms")
 BOLD = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
 EXTERN = "extern node Learned period 100ms { subscribes level; publishes pump; }"
@@ -52,12 +52,12 @@ def check_flown(flown: FlownFigures | None, path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("start", "remedies"),
     [
-        (COARSE, (TWO,)),
+        (COARSE, (FINER,)),
         ((OLD,), (YOUNG,)),
         ((BOLD,), tuple((new, "") for new in (f"  {BOLD[1]};\n", PREDICATES[1][0]))),
         ((OLD, BOLD), (YOUNG, (f"  {BOLD[1]};\n", ""), PREDICATES[1])),
     ],
-    ids=["fewer levels", "younger reads", "predicates left out", "two of them"],
+    ids=["more cells", "younger reads", "predicates left out", "two of them"],
 )
 def test_the_figures_are_those_of_runs(
     tmp_path: Path, start: tuple[tuple[str, str], ...], remedies: tuple[tuple[str, str], ...]
@@ -71,11 +71,11 @@ def test_the_figures_are_those_of_runs(
 
 
 def test_tables_have_their_bytes(tmp_path: Path) -> None:
-    """Four of 16 cells a byte and 17 breakpoints; none where predicates are written."""
+    """Four cells a byte, and breakpoints; none where predicates are written."""
     cost = cost_of(tmp_path / "tank.soter", changed(*COARSE))
     assert cost.before is not None
     assert cost.after is not None
-    assert cost.before.table_bytes == cost.after.table_bytes == 16 // 4 + 17 * 8
+    assert (cost.before.table_bytes, cost.after.table_bytes) == (4 + 17 * 8, 8 + 33 * 8)
     written = cost_of(tmp_path / "tank.soter", changed(OLD))
     assert written.after is not None
     assert written.after.table_bytes == 0
@@ -115,7 +115,7 @@ def test_beside_another_module_only_the_one_is_changed(tmp_path: Path) -> None:
     path.write_text(both)
     first = soter.load(path).verify("SafeTank", refute=False, explain=True).modules[0]
     (cost,) = [f.cost for f in first.findings.values() if f.cost is not None]
-    path.write_text(both.replace(*TWO, 1))
+    path.write_text(both.replace(*FINER, 1))
     run = soter.load(path).simulate()
     assert cost.after is not None
     assert cost.after.takeovers_per_min == run.modules["SafeTank"].switches_to_sc
