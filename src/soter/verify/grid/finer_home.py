@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     Bools = NDArray[np.bool_]
 
-TARGET_MAX = 100_000
+TARGET_MAX = 20_000
 """More cells of the target are not looked at."""
 WAY_MAX = 40_000
 """From more cells of K than that the way to it is not looked at: of 70,000 it took a minute."""
