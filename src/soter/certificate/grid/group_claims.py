@@ -83,8 +83,9 @@ class GroupTables(Axes):
         places = zip(self.grid.edges, grid.edges, strict=True)
         at = np.ix_(*(np.searchsorted(e, f[:-1], side="right") - 1 for e, f in places))
         given = None if self.given_back is None else self.given_back[at]
-        own = {"home": self.home, "rank": self.rank, "rank_holds": self.rank_holds}
-        return GroupTables(self.states, grid, self.core[at], given_back=given, **own)
+        made = GroupTables(self.states, grid, self.core[at], given_back=given)
+        made.home, made.rank, made.rank_holds = self.home, self.rank, self.rank_holds
+        return made
 
 
 # ---------------------------------------------------------------- chains

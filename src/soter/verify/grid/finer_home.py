@@ -90,7 +90,7 @@ def _halved(group: Group, declared: Group, inner: Bools) -> Group:
     """Every interval that cells of a set of declared ones lie in, cut in two."""
     axes = []
     for k, axis in enumerate(group.axes):
-        near = inner.any(axis=tuple(i for i in range(inner.ndim) if i != k))
+        near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
         at = _origin(declared.axes[k].edges, np.array(axis.edges))
         axes.append(halved(axis, near[at]))
     return replace(group, axes=tuple(axes))
