@@ -21,7 +21,7 @@ RETURN = frozenset({"P2b"})
 OF_SETS = FREE | RETURN | {"P2a", "start"}
 """Claims that rest on K."""
 RESTS: dict[str, dict[str, frozenset[str]]] = {
-    "grid": {"R": FREE, "Q": RETURN, "W": RETURN, "W_N": RETURN},
+    "grid": {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN},
     "polytope": {
         "Q": RETURN,
         "target": RETURN,

@@ -65,7 +65,7 @@ class GridGroup(Group):
     """One group of which a certificate has tables of cells."""
 
     kind = "grid"
-    required, optional = ("kind", "axes", "K"), ("R", "Q", "W", "W_N", "S")
+    required, optional = ("kind", "axes", "K"), ("R", "Q", "Q_axes", "W", "W_N", "S")
 
     def __init__(self, tables: GroupTables) -> None:
         self.tables, self.states = tables, tables.states
@@ -74,17 +74,20 @@ class GridGroup(Group):
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
         """RejectedError where a table is not of the size of the grid."""
         del facts
-        shape = axes.grid.shape
+        shape = shape_of_way = axes.grid.shape
         certificate.count(shape)
         core = certificate.numbers(entry["K"], shape, "<u1")
         tables = GroupTables(axes.states, axes.grid, core)
         if "R" in entry:
             tables.free = certificate.bits(entry["R"], shape)
+        if "Q_axes" in entry:
+            tables.finer = _finer(certificate, axes.grid, entry["Q_axes"])
+            shape_of_way = tables.finer.shape
         if "Q" in entry:
-            tables.home = certificate.numbers(entry["Q"], shape, "<u1")
+            tables.home = certificate.numbers(entry["Q"], shape_of_way, "<u1")
         if "W" in entry:
-            tables.rank = certificate.numbers(entry["W"], shape, "<u2")
-            tables.rank_holds = certificate.numbers(entry.get("W_N"), shape, "<u1")
+            tables.rank = certificate.numbers(entry["W"], shape_of_way, "<u2")
+            tables.rank_holds = certificate.numbers(entry.get("W_N"), shape_of_way, "<u1")
         tables.levels = [certificate.bits(path, shape) for path in entry.get("S", [])]
         return cls(tables)
 
@@ -315,6 +318,9 @@ class GridCheck(GroupCheck):
         RejectedError where Q, W or the table of the DM is not there, or they do not fit.
         """
         tables = self.tables
+        if tables.finer is not None:
+            yield from self._on_finer().home(None)
+            return
         if calm is None:
             if tables.given_back is None:
                 raise RejectedError("a claim needs the table of the DM, which is not there")
@@ -339,6 +345,12 @@ class GridCheck(GroupCheck):
         what = "SC does not certainly come nearer to Q from"
         yield from blocks(what, self.grid, nearer, tables.rank_holds)
 
+    def _on_finer(self) -> GridCheck:
+        """A check of the way back on the smaller cells of Q and W."""
+        if self.tables.given_back is None:
+            raise RejectedError("Q has cells of its own, and the DM has no table")
+        return GridCheck(self.model, self.tables.on_finer(), self.lawful)
+
     def start(self, until_ns: int) -> Iterable[Task]:
         """At once: it is one box; RejectedError where it may leave K."""
         box = Grid(tuple(self._starts()))
@@ -361,6 +373,20 @@ class GridCheck(GroupCheck):
                 low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
                 ends = low, high
             yield ends
+
+
+def _finer(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
+    """The cells of Q; RejectedError where one of them is no part of a cell of the grid."""
+    edges = tuple(map(certificate.edges, paths))
+    same = len(edges) == len(grid.edges) and all(
+        set(own) <= set(cut) and (own[0], own[-1]) == (cut[0], cut[-1])
+        for own, cut in zip(grid.edges, edges, strict=False)
+    )
+    if not same:
+        raise RejectedError("the cells of Q are no parts of those of its group")
+    finer = Grid(edges, grid.unbounded)
+    certificate.count(finer.shape)
+    return finer
 
 
 def blocks(

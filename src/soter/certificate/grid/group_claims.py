@@ -16,6 +16,7 @@ import numpy as np
 from soter.certificate.cells.cell_sets import (
     Axes,
     Cells,
+    Grid,
     block_index,
     finer,
     uncovered,
@@ -72,6 +73,19 @@ class GroupTables(Axes):
     greatest that is permitted with it, 0 where none is; the grid's shape and the command cells."""
     command: int | None = None
     """The control that it is about; None: none moves the group."""
+    finer: Grid | None = None
+    """The smaller cells of `home`, `rank` and `rank_holds`; None: they are those of all else."""
+
+    def on_finer(self) -> GroupTables:
+        """K, what the DM gives back, Q and W on the smaller cells."""
+        grid = self.finer
+        assert grid is not None
+        places = zip(self.grid.edges, grid.edges, strict=True)
+        at = np.ix_(*(np.searchsorted(e, f[:-1], side="right") - 1 for e, f in places))
+        given = None if self.given_back is None else self.given_back[at]
+        made = GroupTables(self.states, grid, self.core[at], given_back=given)
+        made.home, made.rank, made.rank_holds = self.home, self.rank, self.rank_holds
+        return made
 
 
 # ---------------------------------------------------------------- chains

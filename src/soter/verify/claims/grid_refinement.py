@@ -71,12 +71,13 @@ def _split(group: Group, cells: Bools) -> Group | None:
         for _ in range(AROUND):
             near[1:] |= near[:-1].copy()
             near[:-1] |= near[1:].copy()
-        axes.append(_halved(axis, near))
+        axes.append(halved(axis, near))
     size = int(np.prod([len(a.edges) - 1 for a in axes], dtype=np.int64))
     return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
 
 
-def _halved(axis: Axis, near: Bools) -> Axis:
+def halved(axis: Axis, near: Bools) -> Axis:
+    """The axis with those of its intervals in two; never an outer one of an axis without ends."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()
     for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):
@@ -106,4 +107,18 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
             text += f"({was:,} -> {is_:,} cells)"
             names = tuple(n for n, _, _ in counts)
             worst[names] = max(worst.get(names, (0, "")), (is_, text))
-    return tuple(text for _, text in worst.values())
+    return (*(text for _, text in worst.values()), *_finer_notes(done))
+
+
+def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
+    """A line for each group whose Q is on smaller cells than the DM's table."""
+    lines: dict[str, None] = {}
+    for part in (part for case in done for part in case.sets.groups):
+        if part.finer is None:
+            continue
+        size, group = part.finer
+        pairs = zip(part.group.axes, group.axes, strict=True)
+        counts = [f"{a.name} {len(a.edges) - 1:,} -> {len(b.edges) - 1:,}" for a, b in pairs]
+        text = f"P2b: Q on cells of {size} the size ({', '.join(counts)})"
+        lines[f"{text}; the DM's table is as declared"] = None
+    return lines

@@ -220,9 +220,9 @@ class GroupSets:
     """The sets of one group under one combination of parameter values.
 
     Arrays have one entry a cell, in C order over the group's axes: `allowed` C_g, `core` the
-    witnesses of K (0: not in K, otherwise N), `free` R(H), `ttf` and `safer` whether that
-    predicate may hand control to AC from an estimate of a state in the cell; `home` the
-    witnesses of Q, `rank` (0: not in W) and `rank_holds` those of W. None: not computed.
+    witnesses of K (0: not in K, otherwise N), `free` R(H); `home` the witnesses of Q, `rank` (0:
+    not in W) and `rank_holds` those of W, on other cells where these are `finer` (their size in
+    words, their axes). None: not computed.
     """
 
     group: Group
@@ -240,6 +240,7 @@ class GroupSets:
     home: NDArray[np.uint8] | None = None
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
+    finer: tuple[str, Group] | None = None
     return_ns: int = 0
     """The longest time from W to Q."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)

@@ -183,13 +183,17 @@ def _rests(goal: _Goal, start: Floats, whose: str, budget: CpuBudget) -> Iterato
     if not inside[-1] or not (end.still or all(inside[-(len(inside) // 4 + 1) :])):
         yield _away(goal, head, end)
         return
-    pushed = _pushed(goal, start, list(every), budget.part(PUSHED_S), end)
+    pushed, followed = _pushed(goal, start, list(every), budget.part(PUSHED_S), end)
     if pushed is not None:
         yield pushed
         return
     last = max((i for i, held in enumerate(inside) if not held), default=-1)
     when = trace.times[min(last + 1, len(trace.times) - 1)]
-    text = f"{head} is in `safer` from {when:.4g} s on, and so is every other run that was tried"
+    text = f"{head} is in `safer` from {when:.4g} s on"
+    if followed:
+        ends = "with disturbances, errors and delays at their ends"
+        text += f", and of {followed} runs {ends} each is so for the last quarter of its time"
+    text += ": no run that was tried stays away, and no set was shown that all runs stay in"
     yield Cause("comes_back", text, "", (("back_s", when),))
 
 
@@ -213,15 +217,16 @@ def _away(goal: _Goal, head: str, end: _Rest) -> Cause:
 
 def _pushed(
     goal: _Goal, start: Floats, rest: Sequence[Pattern], budget: CpuBudget, alone: _Rest
-) -> Cause | None:
+) -> tuple[Cause | None, int]:
     """The run with an adversary that ends furthest outside `safer`; None where all are inside.
 
-    `alone`: where the undisturbed run ends.
+    And how many were followed to the end. `alone`: where the undisturbed run ends.
     """
     model = goal.model
     holds = WALK_HOLDS * model.inputs.period_ns / 1e9
     worst: tuple[float, Pattern, _Rest] | None = None
     low, high = np.full(len(start), np.inf), np.full(len(start), -np.inf)
+    followed = 0
     for pattern in rest:
         if not budget.goes_on():
             break
@@ -229,6 +234,7 @@ def _pushed(
         if trace.left or not budget.goes_on():
             continue
         end = _rest(model, trace)
+        followed += 1
         low, high = np.minimum(low, end.low), np.maximum(high, end.high)
         quarter = [
             x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * end.time_s
@@ -237,7 +243,7 @@ def _pushed(
         if outside and (worst is None or outside > worst[0]):
             worst = outside, pattern, end
     if worst is None:
-        return None
+        return None, followed
     _, pattern, end = worst
     asked = _asked(goal, end.last)
     what = ", ".join(pattern_text(model, pattern))
@@ -249,7 +255,8 @@ def _pushed(
     text = f"with {what} SC's run of the model {at}, where `safer` does not hold of every estimate"
     if asked is None:
         wider = "" if goal.computed else "a wider `safer`, "
-        return Cause("pushed_out", text, f"{wider}smaller disturbances, or a stronger SC")
+        hint = f"{wider}smaller disturbances, or a stronger SC"
+        return Cause("pushed_out", text, hint), followed
     name, value, first, last = asked
     axis = model.names.index(name)
     error = errors_of(model.problem).get(axis, 0.0)
@@ -263,7 +270,8 @@ def _pushed(
         middle, own = _near_zero(first / 2 + last / 2), float(alone.last[axis])
         hint += f"let SC bring {name} to {middle:.4g} instead of {own:.4g}, as it strays, or "
     hint += f"an SC that keeps {name} closer (a larger gain, an integral part), or smaller bounds"
-    return Cause("pushed_out", text, hint, (("at", value), ("low", ends[0]), ("high", ends[1])))
+    numbers = ("at", value), ("low", ends[0]), ("high", ends[1])
+    return Cause("pushed_out", text, hint, numbers), followed
 
 
 def _asked(goal: _Goal, x: Floats) -> tuple[str, float, float, float] | None:

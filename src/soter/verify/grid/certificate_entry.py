@@ -35,6 +35,9 @@ def entry(
         "W": _whole(rank, "<u2"),
         "W_N": _whole(holds, "<u1"),
     }
+    if group.finer is not None:
+        own = axes(problem, group.finer[1], f"{stem}_Q", files)
+        group_entry["Q_axes"] = [axis["edges"] for axis in own["axes"]]
     for key, data in tables.items():
         if data is not None:
             files[f"{stem}_{key}.bin"] = data

@@ -11,23 +11,31 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.verify.grid.finer_home import WAY_MAX, finer_home
 from soter.verify.grid.policies import HOLDS, RecoveryRanks, way
 from soter.verify.grid.sets import LONGEST
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
+    from soter.verify.grid.finer_home import FinerHome
     from soter.verify.grid.sets import GridGroup
 
     Bools = NDArray[np.bool_]
+    Lengths = Sequence[Sequence[int]]
 
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 """Lengths of chain: the first that serve nearly every cell are enough."""
 SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
 """The same where a hold costs much, the flow not being linear: a cell far from Q takes as many
 holds as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
+FINER = ((4, 8, 16, 32), HOLDS)
+"""The same on cells that are smaller than the declared ones: lengths that are tried together find
+more than one after the other, and these are found first."""
 LONG = 96
 """Where K needs chains so long, the shortest are not tried."""
 STRAGGLERS_MAX = 2000
@@ -43,17 +51,50 @@ def recover(
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
-    part.home = engine.core(inside).witness
+    part.home, part.finer = engine.core(inside).witness, None
     if not part.home.any():
+        found, tried = finer_home(case, engine, part) if case.problem.computed else (None, "")
+        if found is not None:
+            _from_finer(case, proof, part, found)
+            return
+        text = "SC keeps no set inside `safer`"
+        text += f", nor with cells of {tried} the size" * bool(tried)
         hint = "let SC come to rest where `safer` holds"
-        case.fail("P2b", "SC keeps no set inside `safer`", proof, hint).cells = inside
+        case.fail("P2b", text, proof, hint).cells = inside
         return
     # what SC keeps inside `safer` it keeps: as good as K, and mostly part of it
     part.core = np.where(part.core > 0, part.core, part.home)
-    return_way = _way(engine, part, part.home > 0)
+    every_length = SHORT if engine.c.is_local else LENGTHS
+    first = len(every_length) - 2 if part.core.max() > LONG else 0
+    home = part.home > 0
+    return_way = _way(engine, part.core > 0, part.allowed, home, every_length[first:])
+    _enter(part, return_way)
+    _stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
+
+
+def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerHome) -> None:
+    """The same on the smaller cells of Q; K, and what else rests on it, stays as it is."""
+    core = (part.core > 0)[found.origin]
+    part.home, part.finer = found.home, (found.size, found.group)
+    home = found.home > 0
+    far = int(np.count_nonzero(core & ~home))
+    if far > WAY_MAX:
+        text = f"SC keeps a set inside `safer` with cells of {found.size} the size; the way there "
+        text += f"from {far:,} such cells of K was not looked at (at most {WAY_MAX:,})"
+        case.fail("P2b", text, proof, "fewer cells; a `safer` of your own")
+        return
+    return_way = _way(found.engine, core | home, part.allowed[found.origin], home, FINER)
+    _enter(part, return_way)
+    _stuck(case, proof, found.declared(core & (return_way.rank == 0)))
+
+
+def _enter(part: GroupSets, return_way: RecoveryRanks) -> None:
     part.rank, part.rank_holds = return_way.rank, return_way.holds
     part.return_ns = return_way.longest_ns
-    stuck = (part.core > 0) & (return_way.rank == 0)
+
+
+def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
+    """A failure where there is no way back from some cells."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
         hint = "an SC that returns to where `safer` holds; a finer grid"
@@ -61,20 +102,19 @@ def recover(
         failure.cells, failure.stuck = stuck, True
 
 
-def _way(engine: GridGroup, part: GroupSets, home: Bools) -> RecoveryRanks:
+def _way(
+    engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
+) -> RecoveryRanks:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
-    core = part.core > 0
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
-    every_length = SHORT if engine.c.is_local else LENGTHS
-    first = len(every_length) - 2 if part.core.max() > LONG else 0
     return_way: RecoveryRanks | None = None
-    for lengths in every_length[first:]:
-        return_way = way(engine, core, part.allowed, home, holds=lengths, before=return_way)
+    for lengths in lengths_tried:
+        return_way = way(engine, core, allowed, home, holds=lengths, before=return_way)
         if int((core & ~return_way.cells).sum()) <= few:
             break
     assert return_way is not None
     if 0 < int((core & ~return_way.cells).sum()) <= STRAGGLERS_MAX:
         # at the border of K chains fit W at few lengths only
         every = range(1, LONGEST + 1)
-        return_way = way(engine, core, part.allowed, home, holds=every, before=return_way)
+        return_way = way(engine, core, allowed, home, holds=every, before=return_way)
     return return_way
