@@ -119,6 +119,8 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
     whole = problem.view or problem.modes or problem.influences or problem.law
     if whole or problem.module.symbol.verify.abstracts:
         return None
+    if module.shield is not None:  # what it permitted was of the other sets
+        module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=()))
     try:
         again = extract(derived_systems.with_module(system, module), module)
     except SoterError:

@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
+from soter.api import Program
 from soter.cli.main import main
 from soter.verify.diagnosis import changed_problems, tried_remedies
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
+from unit.verify.problem.test_left_out_states import LANE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -219,3 +221,18 @@ def test_a_finer_grid_that_was_tried_in_vain_is_not_advised(tmp_path: Path) -> N
     assert finding.hint == "another SC (not tried)"
     remedies = in_vain.removeprefix("in vain: ").split("; ")
     assert len(remedies) == len(set(remedies))
+
+
+def test_a_module_with_a_shield_is_read_again_without_what_that_permitted(tmp_path: Path) -> None:
+    (tmp_path / "lane.soter").write_text(
+        LANE.replace("  safe", "  shield 4;\n  safe").replace("40ms", "80ms"), "utf-8"
+    )
+    problem = Program(str(tmp_path / "lane.soter")).verify(refute=False).modules[0].problem
+    shield = problem.module.shield
+    assert shield is not None
+    shield.held = shield.permits = problem.module.symbol.safe  # as its compiled DM has it
+    read_again = changed_problems.younger_reads(problem)
+    assert read_again is not None
+    again = read_again[0].module.shield
+    assert again is not None
+    assert again.held is None
