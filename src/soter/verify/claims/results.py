@@ -220,9 +220,8 @@ class GroupSets:
     """The sets of one group under one combination of parameter values.
 
     Arrays have one entry a cell, in C order over the group's axes: `allowed` C_g, `core` the
-    witnesses of K (0: not in K, otherwise N), `free` R(H); `home` the witnesses of Q, `rank` (0:
-    not in W) and `rank_holds` those of W, on other cells where these are `finer` (their size in
-    words, their axes). None: not computed.
+    witnesses of K (0: not in K, otherwise N), `free` R(H); `home` those of Q, `rank` (0: not in W)
+    and `rank_holds` of W, on other cells where these are `finer` (size in words, axes).
     """
 
     group: Group

@@ -39,6 +39,7 @@ from soter.verify.tubes.problem import followed
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
     from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.module_above import Above
@@ -106,12 +107,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
-    groups = Axes(at, inputs, diagnostics)
-    boundless = groups.boundless() if rest is None and kind == "flow" else frozenset()
-    if boundless:
-        out, readers = left_out(at, core, inputs.quantities(), boundless)
-        inputs = inputs.without(out)
-        groups = Axes(at, inputs, diagnostics, readers)
+    inputs, groups = _axes(at, core, inputs, kind, diagnostics)
     axis_groups = groups.groups() if rest is None else ()
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
@@ -172,6 +168,23 @@ def _levels_open(module: Module) -> bool:
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
+
+
+def _axes(
+    at: VerificationSystem,
+    core: CoreSystem,
+    inputs: Inputs,
+    kind: ProblemKind,
+    diagnostics: Diagnostics,
+) -> tuple[Inputs, Axes]:
+    """The axes of sets, without states that nothing bounds and nothing asks for."""
+    groups = Axes(at, inputs, diagnostics)
+    sets = at.module.symbol.rest is None and kind == "flow"
+    if not (sets and (boundless := groups.boundless())):
+        return inputs, groups
+    out, readers = left_out(at, core, inputs.quantities(), boundless)
+    inputs = inputs.without(out)
+    return inputs, Axes(at, inputs, diagnostics, readers)
 
 
 def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
