@@ -101,7 +101,10 @@ def _open(facts: Facts) -> Said:
 
 def _left_out(facts: Facts) -> Said:
     for s in facts.left_out:
-        yield f"left out {s.name}", f"left out, as nothing that is asked reads it: {s.name}"
+        text = (
+            "left out, as nothing that is asked reads it, below 1e+308, and where the functions in"
+        )
+        yield f"left out {s.name}", f"{text} its rate are defined: {s.name}"
 
 
 def _range(x: Input) -> str:

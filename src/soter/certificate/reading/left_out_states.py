@@ -17,6 +17,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import LEFT_OUT, CaseModel, control_inputs
 from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.module_facts import Facts, bounded_topics
+from soter.certificate.reading.symbolic_operations import EVERYWHERE
 from soter.certificate.terms.terms import (
     Linear,
     NotRecheckedError,
@@ -28,7 +29,7 @@ from soter.certificate.terms.terms import (
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-BOUNDED = frozenset({"sin", "cos", "tanh", "atan", "soft_sign"})
+BOUNDED = EVERYWHERE | {"soft_sign"}
 LARGEST_OF = frozenset({"max0", "abs", "sqrt", "choice", "spread", "min", "max"})
 
 

@@ -20,7 +20,7 @@ from soter.certificate.reading.symbolic_values import (
     plain,
     truth_of,
 )
-from soter.certificate.terms.arb_balls import ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
+from soter.certificate.terms.arb_balls import HALF, ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.certificate.terms.terms import (
     LARGEST,
     Linear,
@@ -41,6 +41,10 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
+EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
+"""Functions of the prelude that have a value, and no large one, of all real numbers."""
+
+
 class Operations:
     """What operators give. `rounded`: as the machine computes it; else as real numbers.
 
@@ -51,7 +55,7 @@ class Operations:
         self.terms = terms
         self.is_rounded = rounded
         self.everywhere = False
-        """Functions of the prelude are real ones, also where no error of theirs is known."""
+        """Those of `EVERYWHERE` are real functions, also where no error of theirs is known."""
 
     @property
     def path(self) -> Value:
@@ -150,10 +154,14 @@ class Operations:
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
         low, high = (exact(v) for v in bound.domain[0])
-        if self.everywhere:
+        if self.everywhere and name in EVERYWHERE:
             return self.terms.function(name, x)
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((ONE, x),), -low))))
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((-ONE, x),), high))))
+        if name == "tan":  # it has no value where the cosine is 0
+            cosine = self.terms.function("cos", x)
+            minus = self.terms.combine(((-ONE, cosine),))
+            self.terms.oblige(either(self.terms.below(cosine), self.terms.below(minus)))
         value = self.terms.function(name, x)
         largest = magnitude(value.low).max(magnitude(value.high))
         if not largest < LARGEST:  # bounded where it is used, or not at all
@@ -255,6 +263,10 @@ class Operations:
         if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
+
+    def whole_beside(self, x: Linear) -> Linear:
+        """The whole number next to x, as a real function; of two that are as near the greater."""
+        return self.terms.function("floor", self.terms.combine(((ONE, x),), HALF))
 
     def _as_computed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x

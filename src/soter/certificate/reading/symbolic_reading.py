@@ -370,6 +370,8 @@ class SymbolicReader(CodeReader):
         """Functions of the prelude by their tested bounds, where inputs are involved."""
         if fun.prelude and fun.name in PRELUDE and isinstance(arguments[0], Linear):
             return self.operations.prelude(fun.name, arguments[0])
+        if fun.prelude and fun.name == "_round" and not self.operations.is_rounded:
+            return self.operations.whole_beside(arguments[0])
         return super().called(fun, arguments)
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:

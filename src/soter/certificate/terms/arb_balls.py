@@ -264,6 +264,10 @@ def _curve_tanh(x: arb) -> arb:
     return -t * (1 - t * t)
 
 
+def _slope_of_tan(x: arb) -> arb:
+    return 1 + x.tan() ** 2
+
+
 def _nothing_known() -> Line:
     far = arb.pos_inf()
     return ZERO, ZERO, far, -far, far
@@ -283,6 +287,7 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "log": _line_log,
     "tanh": partial(_smooth, arb.tanh, lambda v: 1 - v.tanh() ** 2, _curve_tanh),
     "atan": partial(_smooth, arb.atan, lambda v: 1 / (1 + v * v), lambda x: -x / (1 + x * x) ** 2),
+    "tan": partial(_smooth, arb.tan, _slope_of_tan, lambda x: x.tan() * _slope_of_tan(x)),
 }
 """Exact functions of one variable; the prelude's errors are added by `symbolic_operations.py`."""
-PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan")
+PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan", "tan")

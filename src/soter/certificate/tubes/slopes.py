@@ -95,4 +95,5 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
     "log": _of_one(lambda x: 1 / x),
     "tanh": _of_one(lambda x: 1 - x.tanh() ** 2),
     "atan": _of_one(lambda x: 1 / (1 + x * x)),
+    "tan": _of_one(lambda x: 1 + x.tan() ** 2),
 }

@@ -189,7 +189,10 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         assumptions.append(Assumption("sets", text))
     if inputs.left_out:
         names = ", ".join(x.name for x in inputs.left_out)
-        text = f"left out, as nothing that is asked reads it, and below 1e+308: {names}"
+        text = (
+            "left out, as nothing that is asked reads it, below 1e+308, and where the functions in "
+            f"its rate are defined: {names}"
+        )
         assumptions.append(Assumption("left out", text))
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.model import typed
 from soter.language.model.tree_walk import children, nodes
+from soter.language.model.types import IntType
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.enclose.compiled_enclosures import hint_of
 from soter.verify.enclose.enclosure_code import generate_enclosures
@@ -27,7 +28,12 @@ if TYPE_CHECKING:
     Variables = Collection[typed.Variable]
 
 BOUNDED = frozenset({"sin", "cos", "tanh", "atan"})
+TOTAL = BOUNDED | {"clamp"}
 LARGEST_OF = frozenset({"abs", "min", "max", "saturate", "norm"})
+SIMPLE = (
+    *(typed.TypedUnary, typed.TypedBinary, typed.Vector, typed.Conditional),
+    *(typed.TypedField, typed.Aggregate),
+)
 MOVING = "derivative"
 
 
@@ -92,8 +98,32 @@ def _goes_on(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bo
     assert plant is not None
     named = {x.member for x in others if x.owner == leaf.owner}
     variables = [v for v in plant.states if v.name in named]
+    lets = dict(plant.lets)
     rate = next((e for v, e in plant.der.items() if v.name == leaf.member), None)
-    return rate is None or _degree(rate, variables, dict(plant.lets)) <= 1
+    return rate is None or (_is_total(rate, lets) and _degree(rate, variables, lets) <= 1)
+
+
+def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
+    """Whether an expression has a finite value whatever it reads, as far as that is seen."""
+    if isinstance(e, typed.VarRead):
+        return e.variable not in lets or _is_total(lets[e.variable], lets)
+    if isinstance(e, typed.TopicRead) or not _reads(e):
+        return True
+    parts = _parts(e)
+    divides = isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("/", "%")
+    if isinstance(e.type, IntType) or (divides and _reads(parts[1])):
+        return False
+    known = (
+        isinstance(e, SIMPLE)
+        or (isinstance(e, typed.Index) and not _reads(e.index))
+        or (isinstance(e, typed.TypedCall) and e.fun.prelude and e.fun.name in TOTAL)
+        or (isinstance(e, typed.Builtin) and e.name in LARGEST_OF)
+    )
+    return known and all(_is_total(part, lets) for part in parts)
+
+
+def _reads(e: typed.TypedExpr) -> bool:
+    return any(isinstance(n, (typed.VarRead, typed.TopicRead)) for n in nodes([e]))
 
 
 def _degree(
@@ -102,7 +132,7 @@ def _degree(
     """A power of these variables beyond which an expression does not grow; inf: none is known."""
     if isinstance(e, typed.VarRead):
         return _degree(lets[e.variable], of, lets) if e.variable in lets else e.variable in of
-    if not any(isinstance(n, typed.VarRead) for n in nodes([e])):
+    if not _reads(e):
         return 0
     of_parts = [_degree(part, of, lets) for part in _parts(e)]
     if not any(of_parts):

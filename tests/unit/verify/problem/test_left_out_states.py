@@ -13,6 +13,7 @@ import pytest
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import leave_out, refuse_read
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.assumption import texts
@@ -109,6 +110,9 @@ def test_what_nothing_asks_for_is_left_out_and_said(
         ("turn + bend;", "turn + bend * cos(x);", "the rate of `c.h`"),
         ("{ x: x,", "{ x: 2.0 * x,", "what plants publish, which has to fit"),
         ("15.0 * cos(h)", "15.0 * cos(h) + 0.1 * x * x", "its own rate, by which it may end"),
+        ("15.0 * cos(h)", "log(h + 0.5)", "its own rate, by which it may end"),
+        ("15.0 * cos(h)", "tan(9.0 * h)", "its own rate, by which it may end"),
+        ("15.0 * cos(h)", "1.0 / (h - 0.1)", "its own rate, by which it may end"),
         ("grid pose.y in", "core abs(pose.x) < 9.0; grid pose.y in", "`core`"),
     ],
 )
@@ -228,3 +232,16 @@ def test_the_rechecker_refuses_what_leaves_out_more(
 
     with pytest.raises(RejectedError, match=why):
         looked_at()
+
+
+@pytest.mark.parametrize("rate", ["log(h - 0.5)", "tan(9.0 * h)", "sqrt(h)", "1.0 / y", "log(x)"])
+def test_a_rate_that_is_not_defined_everywhere_leaves_nothing_out(
+    tmp_path: Path, rate: str
+) -> None:
+    path = tmp_path / "lane.soter"
+    path.write_text(changed("15.0 * cos(h)", rate), encoding="utf-8")
+    facts = small_proofs.facts_of(path, "S", "SafeLane")
+    leave_out(facts, ["c.x"])
+    facts.extents = tuple((-1.0, 1.0) for _ in facts.states)
+    with pytest.raises((RejectedError, NotRecheckedError)):
+        refuse_read(CaseModel(facts, (), facts.extents))
