@@ -238,8 +238,6 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
     RejectedError where there is none, NotRecheckedError where it is not understood.
     """
     facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
-    known = [given["name"] for given in entry["inputs"] if given["kind"] == "state"]
-    leave_out(facts, [s.name for s in facts.states if s.name not in known])
     _read_levels(facts, entry.get("levels", facts.levels))
     if len(facts.tower) > 1:
         read_above(facts)
@@ -344,7 +342,8 @@ def _cases(
         model = CaseModel(
             facts, values, narrowed(facts.extents, [g.part(errors=False) for g in own])
         )
-        refuse_read(model)
+        if facts.left_out:
+            refuse_read(model)
         share = partial(_share, progress, k, len(cases))
         case = CaseCheck(model, own, claimed.claims, entry, share, workers)
         if claimed.law is not None:
@@ -375,6 +374,9 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
     if not isinstance(inputs := entry["inputs"], list):
         raise RejectedError("`inputs` is not as it should be")
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
+    if len(inputs) < len(facts.states) + len(others):
+        known = [given["name"] for given in inputs]
+        leave_out(facts, [s.name for s in facts.states if s.name not in known])
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
     extents = []

@@ -138,6 +138,7 @@ EXACT: dict[str, Callable[[arb], arb]] = {
     "log": arb.log,
     "tanh": arb.tanh,
     "atan": arb.atan,
+    "tan": arb.tan,
 }
 POSITIVE = ("inverse", "log", "sqrt")
 
@@ -146,6 +147,8 @@ def intervals(name: str) -> list[tuple[float, float]]:
     pairs = list(itertools.combinations_with_replacement(ENDS, 2))
     if name == "inverse":
         return [p for p in pairs if p[0] > 0 or p[1] < -0.25]
+    if name == "tan":
+        return [p for p in pairs if -1.25 <= p[0] and p[1] <= 1.25]
     least = {"log": 0.5, "sqrt": 0.0}.get(name, -INF)
     return [p for p in pairs if p[0] >= least]
 
@@ -249,6 +252,7 @@ SECOND: dict[str, Callable[[float], float]] = {
     "log": lambda x: -1 / x**2,
     "tanh": lambda x: -2 * math.tanh(x) / math.cosh(x) ** 2,
     "atan": lambda x: -2 * x / (1 + x * x) ** 2,
+    "tan": lambda x: 2 * math.tan(x) * (1 + math.tan(x) ** 2),
 }
 """Second derivatives."""
 

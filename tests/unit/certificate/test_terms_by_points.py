@@ -410,7 +410,7 @@ def drawn(terms: Terms, chance: np.random.Generator, pool: list[Pair]) -> Pair:
 
     (a, f), (b, g), (d, h) = one(), one(), one()
     c, k = (float(v) for v in chance.integers(-3, 4, 2) / 2)
-    name = sorted(n for n in UNIVARIATE if n not in ("inverse", "sqrt", "log", "exp"))[
+    name = sorted(n for n in UNIVARIATE if n not in ("inverse", "sqrt", "log", "exp", "tan"))[
         chance.integers(9)
     ]
     plain: dict[str, Callable[[float], float]] = {

@@ -252,7 +252,7 @@ def test_when_the_start_of_sc_is_asked_about(
         sc=SimpleNamespace(phase=phase),
         first_available=lambda after, of: first if (after, of) == (0, reads) else -1,
     )
-    facts = SimpleNamespace(tower=(None,) * tower, above=above, setting=setting)
+    facts = SimpleNamespace(tower=(None,) * tower, above=above, setting=setting, levels=3)
     monkeypatch.setattr(rechecker, "read_facts", lambda *_: facts)
     for name in ("read_above", "check_supported", "survives_the_start"):
         monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))

@@ -56,8 +56,6 @@ def leave_out(facts: Facts, names: Collection[str]) -> None:
 def refuse_read(model: CaseModel) -> None:
     """RejectedError where something that is asked depends on a state that is left out."""
     facts = model.facts
-    if not facts.left_out:
-        return
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.commands(terms, states))
     asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
