@@ -148,7 +148,7 @@ def intervals(name: str) -> list[tuple[float, float]]:
     if name == "inverse":
         return [p for p in pairs if p[0] > 0 or p[1] < -0.25]
     if name == "tan":
-        return [p for p in pairs if -1.25 <= p[0] and p[1] <= 1.25]
+        return [p for p in pairs if p[0] >= -1.25 and p[1] <= 1.25]
     least = {"log": 0.5, "sqrt": 0.0}.get(name, -INF)
     return [p for p in pairs if p[0] >= least]
 

@@ -73,9 +73,9 @@ def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
 def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
     """Of states that SC reads, or that rest hangs on: what it does beyond is not looked at."""
     for s in problem.followed:
-        if problem.sets[s][1] == inf:
+        if max(map(abs, problem.sets[s])) > REACH:
             name = problem.facts.states[s].name
-            yield f"far {name}", f"{name}, whose topic has no set, stays below {REACH:g}"
+            yield f"far {name}", f"{name}, whose topic has no smaller set, stays below {REACH:g}"
 
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:

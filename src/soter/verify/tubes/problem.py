@@ -99,6 +99,11 @@ def reached(r: Interval) -> Interval:
     return Interval(max(r.low, -FARTHEST), min(r.high, FARTHEST))
 
 
+def is_far(r: Interval) -> bool:
+    """Whether something with this set may be beyond it."""
+    return reached(r) != r
+
+
 def read_by(problem: Problem) -> set[int]:
     """The topics that SC or a condition of the module reads: the DM of a proof reads them."""
     return {*problem.module.scope.topics.values(), *read_by_sc(problem)}

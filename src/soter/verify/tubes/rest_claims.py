@@ -20,7 +20,7 @@ from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.leading_back import ends, led_back, told
-from soter.verify.tubes.problem import reached, refused
+from soter.verify.tubes.problem import FARTHEST, is_far, reached, refused
 from soter.verify.tubes.rest_drift import undrifted
 from soter.verify.tubes.tube_check import PLAIN
 
@@ -166,7 +166,7 @@ def _around_rest(
 def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
     """A side without a set, moved in by powers of ten as far as that shows."""
     low, high = box[s].low, box[s].high
-    if isfinite(check.rooms[s].high - check.rooms[s].low):
+    if not is_far(check.rooms[s]):
         return box[s]
     for end in (10.0**k for k in range(99, -10, -1)):
         beyond = (Interval(low, -end), Interval(end, high))
@@ -195,6 +195,8 @@ def _shaved(
 def _starts(check: TubeCheck, caller: Caller) -> str:
     """Condition 6, of all states in which the plants may start."""
     initial = {s: check.problem.initial[s] for s in check.states}
+    if any(map(is_far, initial.values())):
+        return f"it is beyond {FARTHEST:g}"
     if caller.holds("starts", ends(check, initial)):
         return ""
     return f"from {told(check, initial)} SC is not certainly led to rest"

@@ -9,7 +9,6 @@ Non-goals: showing it (`rest_claims.py`).
 from __future__ import annotations
 
 import time
-from math import isinf
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
@@ -26,7 +25,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.assumption import Assumption
-from soter.verify.tubes.problem import FARTHEST
+from soter.verify.tubes.problem import FARTHEST, is_far
 from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.verify_module import static_claims
 
@@ -127,9 +126,7 @@ def verify_by_tubes(
 
 def _sets_of(check: TubeCheck) -> str:
     """The sets that are missing of what SC reads, as they are written; "": none."""
-    far = [
-        check.problem.leaf(s) for s in sorted(check.read_by_law) if isinf(check.read_sets[s].high)
-    ]
+    far = [check.problem.leaf(s) for s in sorted(check.read_by_law) if is_far(check.read_sets[s])]
     sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
@@ -137,10 +134,11 @@ def _sets_of(check: TubeCheck) -> str:
 def _far(check: TubeCheck) -> list[Assumption]:
     """Of states that SC reads, or that rest hangs on, and whose topics have no sets."""
     own = [s for s in check.states if s not in check.problem.drifts]
-    far = {s for s in own if isinf(check.rooms[s].high)}
-    far |= {s for s in check.read_by_law if isinf(check.read_sets[s].high)}
+    far = {s for s in own if is_far(check.rooms[s])}
+    far |= {s for s in check.read_by_law if is_far(check.read_sets[s])}
     names = [check.problem.quantities.states[s].name for s in sorted(far)]
-    text = f"states whose topics have no sets stay below {FARTHEST:g}: {', '.join(names)}"
+    who = "states whose topics have no sets, or larger ones,"
+    text = f"{who} stay below {FARTHEST:g}: {', '.join(names)}"
     return [Assumption("far", text)] if far else []
 
 

@@ -106,18 +106,24 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
     tmp_path: Path,
 ) -> None:
-    for text, names in ((HELD, "p.v"), (SENSED, "r.v")):
-        unbounded = text.replace("float in [-2.0, 2.0]", "float")
+    for text, names, wide in (
+        (HELD, "p.v", ""),
+        (HELD, "p.v", " in [-1e120, 1e120]"),
+        (SENSED, "r.v", ""),
+    ):
+        unbounded = text.replace("float in [-2.0, 2.0]", f"float{wide}")
         unbounded = unbounded.replace("sight: Sight in { v in [-2.0, 40.0] }", "sight: Sight")
         assert unbounded != text
         m = verified(tmp_path, unbounded, tmp_path / "proof")
         assert m.findings["P2a"].verdict == m.findings["start"].verdict == "proved"
         (told,) = [a.text for a in m.assumptions if a.key == "far"]
-        assert told == f"states whose topics have no sets stay below 1e+100: {names}"
+        assert told == (
+            f"states whose topics have no sets, or larger ones, stay below 1e+100: {names}"
+        )
         report = recheck(tmp_path / "proof")
         assert report.accepted, report.reason
         told = [a.text for a in report.modules[0].assumptions]
-        assert f"{names}, whose topic has no set, stays below 1e+100" in told
+        assert f"{names}, whose topic has no smaller set, stays below 1e+100" in told
 
 
 def test_an_sc_that_reads_answers_on_all_that_it_may_read(tmp_path: Path) -> None:
