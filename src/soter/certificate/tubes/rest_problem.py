@@ -206,7 +206,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
     sets = _sets(facts)
     facts.extents = tuple((max(a, -REACH), min(b, REACH)) for a, b in sets.values())
     states = _followed(facts, rest)
-    facts.unbounded = {s for s in states if -inf in sets[s] or inf in sets[s]}
+    facts.unbounded = {s for s in states if max(map(abs, sets[s])) > REACH}
     at = _estimate(facts)
     for s in states:
         if s not in at:
