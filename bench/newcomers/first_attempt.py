@@ -68,7 +68,8 @@ def main(argv: list[str]) -> int:
         with tempfile.TemporaryDirectory() as folder:
             (Path(folder) / path.name).write_bytes(path.read_bytes())
             verified, cpu_s = run("verify", path.name, "--cert", "proof", folder=Path(folder))
-            verdict, checked, again_s = said(verified), {}, 0.0
+            checked: dict[str, Any] = {}
+            verdict, again_s = said(verified), 0.0
             if verdict == "proved":
                 checked, again_s = run("recheck", "proof", folder=Path(folder))
         first += verdict == "proved"

@@ -375,8 +375,8 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         raise RejectedError("`inputs` is not as it should be")
     others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
     if len(inputs) < len(facts.states) + len(others):
-        known = [given["name"] for given in inputs]
-        leave_out(facts, [s.name for s in facts.states if s.name not in known])
+        there = [given["name"] for given in inputs if given["kind"] == "state"]
+        leave_out(facts, [s.name for s in facts.states if s.name not in there])
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
     extents = []

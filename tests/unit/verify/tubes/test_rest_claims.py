@@ -122,8 +122,8 @@ def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_en
         )
         report = recheck(tmp_path / "proof")
         assert report.accepted, report.reason
-        told = [a.text for a in report.modules[0].assumptions]
-        assert f"{names}, whose topic has no smaller set, stays below 1e+100" in told
+        again = [a.text for a in report.modules[0].assumptions]
+        assert f"{names}, whose topic has no smaller set, stays below 1e+100" in again
 
 
 def test_an_sc_that_reads_answers_on_all_that_it_may_read(tmp_path: Path) -> None:
