@@ -152,7 +152,7 @@ ROOMS = {
     "tests/unit/report": (20, "as above"),
     "tests/unit/simulate": (17, "as above"),
     "tests/unit/language": (20, "as above"),
-    "tests/unit/certificate": (65, "as above; and what single functions promise, by kind"),
+    "tests/unit/certificate": (66, "as above; and what single functions promise, by kind"),
     "tests/unit/verify/diagnosis": (17, "as above"),
     "tests/unit/verify/tubes": (21, "as above, what enumerates small systems, maps, columns, fits"),
     "tests/unit/cli": (37, "as above: a file a command"),
