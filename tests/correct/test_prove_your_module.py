@@ -34,6 +34,20 @@ def _changed(folder: Path, old: str, new: str) -> str:
     return "changed.soter"
 
 
+def test_a_car_on_a_road_is_proved_without_an_axis_along_it(tmp_path: Path) -> None:
+    lane = PIECES["lane.soter"].replace("}\nsystem", PIECES["road"] + "}\nsystem")
+    (tmp_path / "lane.soter").write_text(lane, encoding="utf-8")
+    verified = _soter(tmp_path, "verify", "lane.soter")
+    assert verified.returncode == 0, verified.stdout
+    assert "PROVED under" in verified.stdout
+    assert "where the functions in its rate are defined: c.x" in verified.stdout
+    read = lane.replace("-0.25 * pose.y", "-0.25 * pose.y + 0.001 * pose.x")
+    (tmp_path / "lane.soter").write_text(read, encoding="utf-8")
+    refused = _soter(tmp_path, "verify", "lane.soter")
+    assert refused.returncode == 1
+    assert "`c.x` is read by SC" in refused.stderr
+
+
 def test_the_tank_runs_before_anything_is_said_of_a_proof(tmp_path: Path) -> None:
     (tmp_path / "tank.soter").write_text(PIECES["tank.soter"], encoding="utf-8")
     ran = _soter(tmp_path, "run", "tank.soter")

@@ -54,7 +54,10 @@ def leave_out(facts: Facts, names: Collection[str]) -> None:
 
 
 def refuse_read(model: CaseModel) -> None:
-    """RejectedError where something that is asked depends on a state that is left out."""
+    """That nothing which is asked depends on a state that is left out, and that it does not end.
+
+    RejectedError where one of these is not so, NotRecheckedError where its rate may be undefined.
+    """
     facts = model.facts
     terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.commands(terms, states))

@@ -60,7 +60,8 @@ system Field { h: Hopper; module Envelope; until 60s; }
 """
 OPEN = {"no way back with three": COARSE, "nothing is left of three": HOPPER}
 WHY = {
-    "no way back with three": "SC keeps no set inside `safer`",
+    "no way back with three": "SC keeps no set inside `safer`, nor with cells of half or a quarter "
+    "of the size",
     "nothing is left of three": "S_1 is empty: AC would never get control",
 }
 ROBOT = """soter 1;

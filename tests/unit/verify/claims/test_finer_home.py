@@ -49,7 +49,7 @@ rta Slot {
   sc Middle;
   period 20ms;
   safe abs(b.x) < 4.25;
-  verify { grid b.x in [-4.25, 4.25] / 17; }
+  verify { grid b.x in [-4.25, 4.25] / 17; levels 3; }
 }
 system S default { p: P; module Slot; until 30s; }
 """
