@@ -633,6 +633,12 @@ BENCHMARKS = (
         "not prove one the first line of its advice is carried out, as data beside the robot says.",
     ),
     Benchmark(
+        "soter verify: honest robots at the first attempt",
+        ("bench/newcomers/first_attempt.py",),
+        "Robots as engineers wrote them, with figures of textbooks, verified as they stand; "
+        "certificates of those that are proved in full are re-checked. `--folder`: other ones.",
+    ),
+    Benchmark(
         "soter test: wide steps",
         ("bench/testing/wide.py",),
         "100 tests with very many choices, topics, words, inputs or starts, each searched with "
