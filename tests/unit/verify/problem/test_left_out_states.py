@@ -208,6 +208,7 @@ def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
     [
         ("h: float }", "h: float }", ["c.h"], "no sets of c.h"),
         ("der x = 15.0", "der x = x * x + 15.0", ["c.x"], "may end"),
+        ("der x = 15.0", "der x = x * abs(x) + 15.0", ["c.x"], "may end"),
         ("< 0.9;\n", "< 0.9 && pose.x > -5.0;\n", ["c.x"], "reads what is left out"),
         (
             "y: float, h: float } max",
@@ -216,7 +217,7 @@ def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
             "reads what is left out",
         ),
     ],
-    ids=["an_axis", "ends", "safe", "a_set"],
+    ids=["an_axis", "ends", "ends_by_a_product", "safe", "a_set"],
 )
 def test_the_rechecker_refuses_what_leaves_out_more(
     tmp_path: Path, old: str, new: str, names: list[str], why: str
