@@ -104,3 +104,10 @@ def test_the_c_has_no_heap_and_no_mutable_globals(room: str) -> None:
                 r"^(static\s+)?(?!const)[a-z_0-9]+ \*?[a-z_]+(\[.*\])?( =.*)?;$", line
             )
             assert not is_variable or core or line.startswith(("typedef", "struct ")), line
+
+
+def test_what_only_types_need_is_imported_for_types_alone() -> None:
+    """`typing_extensions` is there beside the tools of a developer, and is no dependency."""
+    at_run_time = re.compile(r"^(?:from|import) typing_extensions\b", re.MULTILINE)
+    found = [p for p in SOURCES if at_run_time.search(p.read_text(encoding="utf-8"))]
+    assert found == []

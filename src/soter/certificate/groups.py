@@ -9,9 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ClassVar
-
-from typing_extensions import ParamSpec
+from typing import TYPE_CHECKING, Any, ClassVar, ParamSpec
 
 from soter.certificate.terms.terms import NotRecheckedError
 
