@@ -1,0 +1,121 @@
+"""Flights of a robot against what may happen to it, in many starts at a time.
+
+Purpose: `Robot`, its equations as numpy functions, and `leaves`: from how many states of a lattice
+some flight leaves `safe`. A flight begins with SC, or with AC at an end of its commands for the
+time that no DM can avoid (what it reads is `max_age` old, and it acts once a period), then SC.
+Disturbances and errors stay at an end or jump between the ends, readings are fresh or old.
+Non-goals: Soter: nothing of it is imported, so that it is an oracle of its own.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+Array = np.ndarray[Any, np.dtype[np.float64]]
+Booleans = np.ndarray[Any, np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A plant, its SC and the bounds of both; states, commands, disturbances are rows of arrays."""
+
+    low: tuple[float, ...]
+    """Of each state, where the lattice of starts begins; in the units of the program."""
+    high: tuple[float, ...]
+    safe: Callable[[Array], Booleans]
+    """Of states, shape (states, n): whether each is safe."""
+    rates: Callable[[Array, Array, Array], Array]
+    """Of states, commands and disturbances: the derivatives, or the next states if `maps`."""
+    sc: Callable[[Array], Array]
+    """Of what is measured: the commands, shape (commands, n)."""
+    ac: tuple[tuple[float, ...], ...]
+    """Commands that AC may hold."""
+    disturbed: tuple[tuple[float, float], ...]
+    errors: tuple[float, ...]
+    age_s: float
+    period_s: float
+    """Of the DM."""
+    step_s: float
+    """Of SC, and of the simulation's hold."""
+    until_s: float
+    pieces: int = 4
+    """Steps of integration in a step of SC."""
+    late_s: float = 0.0
+    """How late a command acts, at most."""
+    maps: bool = False
+
+
+def lattice(robot: Robot, points: int) -> Array:
+    """States at even distances, the ends among them, those in `safe`."""
+    ends = zip(robot.low, robot.high, strict=True)
+    axes = [np.linspace(a, b, points) for a, b in ends]
+    states = np.array([c.ravel() for c in np.meshgrid(*axes, indexing="ij")])
+    return states[:, robot.safe(states)]
+
+
+def signs(mode: int, count: int, n: int, held: Array, random: np.random.Generator) -> Array:
+    """-1 or 1 of `count` bounded things of n flights: all low, all high, or jumping (`held`)."""
+    if mode < 2:
+        return np.full((count, n), 2.0 * mode - 1.0)
+    jumps = random.random((count, n)) < 0.05
+    return np.where(jumps, -held, held)
+
+
+def moved(robot: Robot, x: Array, u: Array, d: Array) -> Array:
+    """The states a step of SC later, by the midpoint rule."""
+    if robot.maps:
+        return robot.rates(x, u, d)
+    dt = robot.step_s / robot.pieces
+    for _ in range(robot.pieces):
+        x = x + dt * robot.rates(x + dt / 2 * robot.rates(x, u, d), u, d)
+    return x
+
+
+def left_by(robot: Robot, start: Array, modes: tuple[int, int, int], ac: int) -> Booleans:
+    """Which of the starts leave `safe` in the flight of these modes; `ac` < 0: SC at once."""
+    random = np.random.default_rng(7)
+    n = start.shape[1]
+    middle = np.array([(a + b) / 2 for a, b in robot.disturbed])[:, None]
+    half = np.array([(b - a) / 2 for a, b in robot.disturbed])[:, None]
+    errors = np.array(robot.errors)[:, None]
+    d_signs = np.ones((len(robot.disturbed), n))
+    e_signs = np.ones((len(robot.errors), n))
+    old = round(robot.age_s / robot.step_s) if modes[2] else 0
+    late = round(robot.late_s / robot.step_s) if modes[2] else 0
+    own = max(round((robot.age_s + robot.late_s + robot.period_s) / robot.step_s), 1)
+    past, commands = [start], []
+    x, left = start, np.zeros(n, dtype=bool)
+    with np.errstate(all="ignore"):
+        for k in range(round(robot.until_s / robot.step_s)):
+            d_signs = signs(modes[0], len(d_signs), n, d_signs, random)
+            e_signs = signs(modes[1], len(e_signs), n, e_signs, random)
+            seen = past[max(len(past) - 1 - old, 0)] + errors * e_signs
+            held = np.array(robot.ac[ac])[:, None] * np.ones((1, n))
+            commands.append(held if ac >= 0 and k < own else robot.sc(seen))
+            u = commands[max(len(commands) - 1 - late, 0)]
+            x = moved(robot, x, u, middle + half * d_signs)
+            past.append(x)
+            del past[: max(len(past) - 1 - old, 0)], commands[: max(len(commands) - 1 - late, 0)]
+            left |= ~robot.safe(x)
+            if left.all():
+                break
+    return left
+
+
+def leaves(robot: Robot, own_sets: bool) -> tuple[int, int]:
+    """From how many starts some flight leaves `safe`, of how many; `own_sets`: AC begins each."""
+    start = lattice(robot, {1: 41, 2: 15, 3: 7, 4: 5}[len(robot.low)])
+    left = np.zeros(start.shape[1], dtype=bool)
+    for modes in itertools.product((0, 1, 2), (0, 1, 2), (0, 1)):
+        for ac in range(0 if own_sets else -1, len(robot.ac)):
+            rest = ~left
+            if rest.any():
+                left[rest] = left_by(robot, start[:, rest], modes, ac)
+    return int(left.sum()), left.size
