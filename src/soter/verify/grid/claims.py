@@ -22,6 +22,7 @@ from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import levels, recovery, set_volumes
 from soter.verify.grid.certificate_entry import entry
 from soter.verify.grid.region_figure import figure
+from soter.verify.grid.resting import resting
 from soter.verify.grid.sets import GridGroup
 from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
 
@@ -82,10 +83,12 @@ class GridProof(GroupProof):
         """K: a greatest fixpoint."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
-        kept = self.engine.core(self.found.allowed, vain=case.vain)
+        rests = resting(case, self.engine, self.found.allowed)
+        kept = self.engine.core(self.found.allowed, vain=case.vain, resting=rests)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)
-        case.count("longest", int(kept.witness.max()))
+        case.count("resting", int(rests.sum()))
+        case.count("longest", int(np.where(rests, 0, kept.witness).max()))
         if kept.witness.any():
             return True
         hint = "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances"

@@ -94,13 +94,13 @@ def _farther(
         q = make.factor(own, x)
         if q is None or p is make.number(0.0):
             continue
-        of_p, of_q = _enclosed([p, q], ranges)
+        of_p, of_q = enclosed([p, q], ranges)
         if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
             size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
             worst = max(Fraction(of_p.high), -Fraction(of_p.low))
             most += size * worst / -Fraction(of_q.high)
             e = rest
-    (more,) = _enclosed([e], ranges)
+    (more,) = enclosed([e], ranges)
     if not more.high <= 0.0:
         fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
         return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_pushed(check, z)}"
@@ -131,7 +131,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
         if e.op not in ("min", "max"):
             continue
         a, b = (make.replaced(x, known) for x in e.of)
-        of_a, of_b = _enclosed([a, b], ranges)
+        of_a, of_b = enclosed([a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
@@ -139,7 +139,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
     return [make.replaced(e, known) for e in roots]
 
 
-def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
+def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     """Where these expressions lie; without ends where nothing is known."""
     used = [e for e in in_order(nodes) if e.op == "input"]
     over = {e.of: f"a[{k}]" for k, e in enumerate(used)}
