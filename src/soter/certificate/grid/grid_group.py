@@ -28,6 +28,7 @@ from soter.certificate.grid.group_claims import (
     witnessed,
 )
 from soter.certificate.grid.inward_flow import points_inwards
+from soter.certificate.grid.resting import RESTS, rests
 from soter.certificate.grid.shield import cells_of, to_show, tops_of
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
@@ -251,10 +252,14 @@ class GridCheck(GroupCheck):
             raise RejectedError(f"K holds cells on which {what} is not certain")
         if self._never_left(self.kernel):
             return ()
-        within = Cells(self.grid, self.allowed)
-        show = partial(witnessed, self.chains, self.tables.core, within, self.kernel)
+        within, tasks, at_rest = Cells(self.grid, self.allowed), [], self.tables.core == RESTS
+        if at_rest.any():
+            still = rests(self.model, self.tables, at_rest, within)
+            tasks = [*blocks("SC does not certainly stand still from", self.grid, still)]
+        holds = np.where(at_rest, 0, self.tables.core)
+        show = partial(witnessed, self.chains, holds, within, self.kernel)
         what = "SC does not certainly lead back to K from"
-        return blocks(what, self.grid, show, self.tables.core)
+        return [*tasks, *blocks(what, self.grid, show, holds)]
 
     def free(self, horizon_ns: int) -> Iterable[Task]:
         """From each cell of R; RejectedError where there is none."""
@@ -318,6 +323,8 @@ class GridCheck(GroupCheck):
         RejectedError where Q, W or the table of the DM is not there, or they do not fit.
         """
         tables = self.tables
+        if (tables.core == RESTS).any():
+            raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
             yield from self._on_finer().home(None)
             return
