@@ -27,7 +27,7 @@ from soter.certificate.reading.definedness import all_certain
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.terms.arb_balls import ONE, ZERO, above, below, exact
+from soter.certificate.terms.arb_balls import ZERO, above, below, exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of
 
 if TYPE_CHECKING:
@@ -96,9 +96,7 @@ class Resting:
         terms = Terms()
         whole = -FARTHEST, FARTHEST
         names = [s.name for s in self.model.facts.states]
-        states = [
-            terms.input("state", name, *ranges.get(i, whole)) for i, name in enumerate(names)
-        ]
+        states = [terms.input("state", name, *ranges.get(i, whole)) for i, name in enumerate(names)]
         return terms, states
 
     def _commands(self) -> tuple[list[Interval], set[int]]:

@@ -21,10 +21,10 @@ from soter.verify.grid.group_model import FARTHEST, OUTSET
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.rest_drift import enclosed
+from soter.verify.tubes.rest_drift import Enclosures
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -110,6 +110,9 @@ class _Search:
         whole[:n, 0], whole[:n, 1] = engine.low[:n], engine.high[:n]
         self.whole = whole
         self.law = forms.numbers("law", whole, len(case.problem.controls))
+        self.ranges = {("x", s): Interval(*map(float, whole[s])) for s in range(n)}
+        self.signs = tuple(product((-1, 0, 1), repeat=len(self.moving)))
+        self.written = self._written() if self.law is not None else None
 
     # ------------------------------------------------------------ B
 
@@ -117,12 +120,10 @@ class _Search:
         """The cells that are kept in a B that goes so far beyond the first edges."""
         none = np.zeros_like(allowed)
         box = [self._around_rest(axis, below, above) for axis in self.moving]
-        if self.law is None or any(b is None for b in box):
-            return none
         within = [b for b in box if b is not None]
-        if not self._defined(within):
+        if self.law is None or len(within) < len(box) or not self._defined(within):
             return none
-        rates = {signs: self._rates(within, signs) for signs in self._all_signs()}
+        rates = self._rates_in(within)
         if not self._kept(rates):
             return none
         far = [[self._potentials(rates, way, sign) for sign in (-1, 1)] for way in self.ways]
@@ -161,26 +162,33 @@ class _Search:
 
     # ------------------------------------------------------------ rates
 
-    def _all_signs(self) -> Iterator[Signs]:
-        return product((-1, 0, 1), repeat=len(self.moving))
-
-    def _rates(self, box: Sequence[Interval], signs: Signs) -> list[Interval]:
-        """Where all rates lie while the states have these signs, SC answering anything it may."""
+    def _written(self) -> Enclosures:
+        """All rates while states have these signs, SC answering anything it may: a list a sign."""
         assert self.law is not None
-        make, n = self.make, len(self.case.problem.states)
-        ranges = {("x", s): Interval(*map(float, self.whole[s])) for s in range(n)}
-        ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
-        winds = self.case.problem.disturbances
-        ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(winds)}
-        known: dict[Node, Node] = {}
-        for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
-            state = self.engine.axes[axis]
-            ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
-            ranges["x", state] = Interval(*ends)
-            known |= _signed(make, make.input("x", state), sign)
-        points = {at: r.low for at, r in ranges.items() if r.low == r.high}
-        known |= {make.input(*at): make.number(value) for at, value in points.items()}
-        return enclosed([make.replaced(e, known) for e in self.rates], ranges)
+        make, winds = self.make, self.case.problem.disturbances
+        self.ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
+        self.ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(winds)}
+        certain = {
+            make.input(*at): make.number(r.low) for at, r in self.ranges.items() if r.low == r.high
+        }
+        lists = []
+        for signs in self.signs:
+            known = dict(certain)
+            for axis, sign in zip(self.moving, signs, strict=True):
+                known |= _signed(make, make.input("x", self.engine.axes[axis]), sign)
+            lists.append([make.replaced(e, known) for e in self.rates])
+        return Enclosures(lists)
+
+    def _rates_in(self, box: Sequence[Interval]) -> Rates:
+        """Where they lie at states of B, and a hair beyond."""
+        found = {}
+        for number, signs in enumerate(self.signs):
+            ranges = dict(self.ranges)
+            for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
+                ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
+                ranges["x", self.engine.axes[axis]] = Interval(*ends)
+            found[signs] = self.written.of(number, ranges)
+        return found
 
     def _kept(self, rates: Rates) -> bool:
         """Whether no state of B gets farther from 0."""
@@ -256,7 +264,7 @@ class _Search:
 def _signed(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
     """What is known of comparisons of x with 0 where it is above, or below."""
     if not sign:
-        return {}
+        return {x: make.number(0.0)}
     zero, held = make.number(0.0), {True: make.true, False: make.false}
     pairs = ((x, zero, sign > 0), (zero, x, sign < 0))
     return {make.compare(op, a, b): held[true] for a, b, true in pairs for op in (">", ">=")}

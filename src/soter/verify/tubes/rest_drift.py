@@ -141,15 +141,29 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
 
 def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     """Where these expressions lie; without ends where nothing is known."""
-    used = [e for e in in_order(nodes) if e.op == "input"]
-    over = {e.of: f"a[{k}]" for k, e in enumerate(used)}
-    many = f"Form[{max(1, len(used))}]"
-    text = function("asked", f"a: {many}", nodes, over, f"Form[{len(nodes)}]")
-    caller = Caller("\n".join([RANGES, part("forms.soter"), text]))
-    inputs: list[Any] = [
-        caller.value("f_range", ranges[e.of].low, ranges[e.of].high) for e in used
-    ] or [caller.value("f_number", 0.0)]
-    found = caller.value("asked", inputs)
-    if found is None:
-        return [Interval(-inf, inf)] * len(nodes)
-    return [Interval(f[2], f[3]) for f in found]
+    return Enclosures([nodes]).of(0, ranges)
+
+
+class Enclosures:
+    """Lists of expressions, written out once and enclosed over several ranges."""
+
+    def __init__(self, lists: Sequence[Sequence[Node]]) -> None:
+        self._count = [len(nodes) for nodes in lists]
+        self._used = [[e for e in in_order(nodes) if e.op == "input"] for nodes in lists]
+        text = [RANGES, part("forms.soter")]
+        for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
+            over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
+            many = f"Form[{max(1, len(used))}]"
+            text.append(function(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
+        self._caller = Caller("\n".join(text))
+
+    def of(self, k: int, ranges: Ranges) -> list[Interval]:
+        """Where those of one list lie; without ends where nothing is known."""
+        value = self._caller.value
+        inputs: list[Any] = [
+            value("f_range", ranges[e.of].low, ranges[e.of].high) for e in self._used[k]
+        ] or [value("f_number", 0.0)]
+        found = value(f"asked_{k}", inputs)
+        if found is None:
+            return [Interval(-inf, inf)] * self._count[k]
+        return [Interval(f[2], f[3]) for f in found]
