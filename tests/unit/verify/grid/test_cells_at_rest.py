@@ -93,6 +93,14 @@ WRONG = pytest.mark.parametrize(
         pytest.param(STANDS, STANDS.replace("v > 0.0 |", "v > 0.01 |"), id="slow, never at rest"),
         pytest.param(STANDS, "der v = v > 0.0 ? -6.0 * v + grip : 0.0;", id="coasts"),
         pytest.param("safe seen.gap > 0.0", "safe abs(seen.gap - 50.0) < 49.0", id="on both sides"),
+        pytest.param("gap > 0.0;", "gap > 0.0 && seen.gap < 100.5;", id="beyond"),
+        pytest.param("gap > 0.0;", "gap > 0.0 && seen.gap < 1e200;", id="far beyond"),
+        pytest.param("} max_age", "} in { gap in [-1.0, 101.0] } max_age", id="unpublished"),
+        pytest.param(
+            f"{BY}\n  {STANDS}",
+            f"der gap = -v - 0.001;\n  {STANDS}".replace(": 0.0;", ": 0.5;"),
+            id="creeps, pushed back",
+        ),
         pytest.param(SC, "step { publish accel = seen.gap > 50.0 ? -BRAKE : -5.9; }", id="by it"),
         pytest.param(STANDS, STANDS.replace("+ grip", "+ grip + 0.001 * gap"), id="rate by it"),
         pytest.param("safe seen.gap > 0.0;", "safe seen.gap > 0.0; shield 8;", id="shield"),
@@ -200,13 +208,13 @@ def test_the_rechecker_shows_what_was_found_and_nothing_that_does_not_stop(
 ) -> None:
     assert honest.any()
     assert shown(TEXT, honest, tmp_path)
-    (gaps, speeds), (m, n) = ((0.0, 100.0), (-1.0, 18.0)), honest.shape
-    for k in np.flatnonzero(np.linspace(*speeds, n + 1)[1:] > 0.0):
-        first = int(np.flatnonzero(honest[:, k])[0])
+    gaps, speeds = np.linspace(0.0, 100.0, 101), np.linspace(-1.0, 18.0, 77)
+    for k in np.flatnonzero(speeds[1:] > 2.0):
+        too_near = int(np.flatnonzero(left(gaps[:-1], speeds[k + 1]) < gaps[1])[-1])
+        assert not honest[too_near, k]
         one = honest.copy()
-        one[first - 1, k] = True
-        if left(first * (gaps[1] / m), speeds[0] + (k + 1) * 0.25) <= gaps[1] / m:
-            assert not shown(TEXT, one, tmp_path)
+        one[too_near, k] = too_near > 0
+        assert too_near == 0 or not shown(TEXT, one, tmp_path)
 
 
 def test_a_way_that_goes_on_both_ways_is_bounded_on_both_sides() -> None:
