@@ -101,6 +101,7 @@ WRONG = pytest.mark.parametrize(
             f"der gap = -v - 0.001;\n  {STANDS}".replace(": 0.0;", ": 0.5;"),
             id="creeps, pushed back",
         ),
+        pytest.param(SC, "step { publish accel = seen.gap > 250.0 ? A : -BRAKE; }", id="far out"),
         pytest.param(SC, "step { publish accel = seen.gap > 50.0 ? -BRAKE : -5.9; }", id="by it"),
         pytest.param(STANDS, STANDS.replace("+ grip", "+ grip + 0.001 * gap"), id="rate by it"),
         pytest.param("safe seen.gap > 0.0;", "safe seen.gap > 0.0; shield 8;", id="shield"),
