@@ -121,7 +121,7 @@ class GridGroup(Group):
         if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
             raise RejectedError("a table of the DM has other axes than its group")
         for axis, place in zip(entry["axes"], looked_at, strict=True):
-            edges = group.grid.edges[place]
+            edges = group.grid.reach(place)
             if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
                 raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
         total = levels_of(tables)

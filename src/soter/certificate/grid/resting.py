@@ -75,14 +75,13 @@ class Resting:
         facts = self.model.facts
         symbol = facts.symbol
         others = facts.view or facts.modes or len(facts.tower) > 1 or facts.module.law
-        ends = facts.open_ends or facts.unbounded
         alone = len(self.group.states) == len(facts.states)
         asked = symbol.shield is not None or symbol.verify.enters is not None
         if (
             facts.kind != "flow"
             or not facts.computed
             or others
-            or ends
+            or facts.open_ends
             or asked
             or not alone
             or is_linear(self.model, self.group.states)
@@ -175,7 +174,9 @@ class Resting:
 
     def _safe_beyond(self, way: int, sign: int) -> bool:
         """Whether all beyond an end of a way is in C, wherever the other ways are."""
-        facts, edges = self.model.facts, self.grid.edges[way]
+        facts = self.model.facts
+        if self.grid.has_no_ends(way):
+            return True  # its outer cells are in C with all that lies beyond
         at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
         for part in self.grid.beyond(way, low=sign < 0, high=sign > 0):
             terms, states = self._terms({**at, self.group.states[way]: part})
@@ -183,7 +184,7 @@ class Resting:
             held += [self.model.in_set(terms, states, t) for t in bounded_topics(facts)]
             if not all_certain(terms, [*held, *terms.obligations]):
                 return False
-        return bool(edges)
+        return True
 
     # ------------------------------------------------------------ cells
 

@@ -84,7 +84,7 @@ def _may_rest(problem: Problem, engine: GridGroup) -> bool:
         and alone
         and len(problem.groups) == 1
         and not (problem.module.law or symbol.synthesized or symbol.shield or symbol.verify.enters)
-        and not (engine.open_ends or engine.unbounded or engine.is_linear)
+        and not (engine.open_ends or engine.is_linear)
     )
 
 
@@ -251,6 +251,8 @@ class _Search:
     def _safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
         """Whether C goes on beyond an end of a way, wherever the other ways are."""
         whole, edges = self.whole.copy(), self.engine.edges
+        if self.engine.axes[way] in self.engine.unbounded:
+            return True  # its outer cells are in C with all that lies beyond
         for other in self.ways:
             whole[self.engine.axes[other]] = -FARTHEST, FARTHEST
         for axis, r in zip(self.moving, box, strict=True):

@@ -267,6 +267,26 @@ def test_from_where_ac_has_control_the_brake_stops_in_time(proved: tuple[Any, Pa
     assert (left(gap, faster)[outer] > 0.0).all()
 
 
+def test_on_a_free_road_ac_has_control_where_the_axis_has_no_ends(tmp_path: Path) -> None:
+    """With ends the table knows nothing of so far a gap, and SC brakes."""
+    shares = {}
+    for ends in ("", " open"):
+        source = text(("gap: float = 80.0", "gap: float = 5000.0"), ("/ 100,", f"/ 100{ends},"))
+        (tmp_path / "brake.soter").write_text(source)
+        program = soter.load(tmp_path / "brake.soter")
+        result = program.simulate(seed=1, until="10s")
+        shares[ends] = result.modules["Aeb"].ac_share
+        if ends:
+            report = program.verify(cert=tmp_path / "cert", refute=False)
+            assert report.modules[0].verdict == "proved"
+            outer = report.modules[0].cases[0].groups[0].levels[0]
+            assert outer[-1].any()
+            assert not outer[:2].any()
+            assert recheck(tmp_path / "cert").accepted
+    assert shares[""] == 0.0
+    assert shares[" open"] > 0.9
+
+
 @pytest.mark.parametrize("how", ["more rests", "all rests", "moved down"])
 def test_marks_that_are_not_so_are_rejected(
     how: str, proved: tuple[Any, Path], tmp_path: Path
