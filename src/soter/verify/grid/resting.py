@@ -182,6 +182,7 @@ class _Search:
     def _rates_in(self, box: Sequence[Interval]) -> Rates:
         """Where they lie at states of B, and a hair beyond."""
         found = {}
+        assert self.written is not None
         for number, signs in enumerate(self.signs):
             ranges = dict(self.ranges)
             for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
@@ -235,7 +236,7 @@ class _Search:
         for of_moving in product(*inside):
             place = dict(zip(self.moving, of_moving, strict=True))
             to_rest = [slice(*_to_rest(e, place.get(a))) for a, e in enumerate(edges)]
-            fine = allowed[tuple(to_rest)].all(axis=tuple(self.moving))
+            fine: Bools = np.asarray(allowed[tuple(to_rest)].all(axis=tuple(self.moving)))
             for k, (way, of, out) in enumerate(zip(self.ways, far, beyond, strict=True)):
                 least = [min((self._most(p, place) for p in side), default=inf) for side in of]
                 fine = _led(fine, k, edges[way], least, out)
