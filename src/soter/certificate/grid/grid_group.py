@@ -320,7 +320,8 @@ class GridCheck(GroupCheck):
     def home(self, calm: Cells | None) -> Iterator[Task]:
         """From each cell of Q, and from each of K to lower ranks.
 
-        RejectedError where Q, W or the table of the DM is not there, or they do not fit.
+        RejectedError where Q, W or the table of the DM is not there, or they do not fit;
+        NotRecheckedError where K has cells at rest.
         """
         tables = self.tables
         if (tables.core == RESTS).any():

@@ -231,7 +231,10 @@ class Resting:
 def rests(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
-    """What gives the marked cells of a block that are not shown; NotRecheckedError as `Resting`."""
+    """What gives the marked cells of a block that are not shown; NotRecheckedError as `Resting`.
+
+    RejectedError where one of them is none of `c`.
+    """
     if not (marked <= c.members).all():
         raise RejectedError("K has cells at rest on which `safe` is not certain")
     return partial(Resting.unshown, Resting(model, group, marked, c))
