@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from soter.verify.grid.group_model import FARTHEST, OUTSET
-from soter.verify.problem.problem import Interval
+from soter.verify.grid.group_model import OUTSET
+from soter.verify.problem.problem import FARTHEST, Interval
 from soter.verify.tubes.expressions import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.rest_drift import Enclosures
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 
 MORE = Fraction(1, 2**20)
 """So much is added to each c: the re-checker's own may be a little larger."""
-SIDES = ((inf, inf), (inf, 0.0), (0.0, inf), (0.0, 0.0))
-"""How far beyond the first edge B goes, below 0 and above it: to the end of the grid, or not."""
+SIDES = ((True, True), (True, False), (False, True), (False, False))
+"""Whether B goes on beyond the first edge, below 0 and above it: to the end of the grid."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +116,8 @@ class _Search:
 
     # ------------------------------------------------------------ B
 
-    def cells(self, allowed: Bools, below: float, above: float) -> Bools:
-        """The cells that are kept in a B that goes so far beyond the first edges."""
+    def cells(self, allowed: Bools, below: bool, above: bool) -> Bools:
+        """The cells that are kept in a B that goes on below and above, or does not."""
         none = np.zeros_like(allowed)
         box = [self._around_rest(axis, below, above) for axis in self.moving]
         within = [b for b in box if b is not None]
@@ -129,7 +129,7 @@ class _Search:
         far = [[self._potentials(rates, way, sign) for sign in (-1, 1)] for way in self.ways]
         return self._standing(allowed, within, far)
 
-    def _around_rest(self, axis: int, below: float, above: float) -> Interval | None:
+    def _around_rest(self, axis: int, below: bool, above: bool) -> Interval | None:
         """Edges below and above 0; None where the grid does not go on on both sides."""
         edges = self.engine.edges[axis]
         if not edges[0] < 0.0 < edges[-1]:
