@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
@@ -261,3 +262,42 @@ def test_how_much_inputs_move_what_is_compared() -> None:
     ]  # fmt: skip
     for truth, inputs, most in table:
         assert float(influence(terms, truth, inputs)) == most
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_an_input_that_lacks_an_end_decides_what_is_only_so_there(seed: int) -> None:
+    """A comparison that is decided holds of every value that the inputs may have."""
+    chance = np.random.default_rng(seed)
+    terms = Terms()
+    signs = [int(s) for s in chance.integers(-1, 2, 2)]
+    ends = {-1: (-2.0, 0.0), 0: (0.0, 0.0), 1: (0.0, 2.0)}
+    inputs = [terms.input("state", f"x{k}", *map(exact, ends[s])) for k, s in enumerate(signs)]
+    for x, sign in zip(inputs, signs, strict=True):
+        (index,) = x.terms
+        terms.excluded[index] = sign
+    factors = [float(f) for f in chance.integers(-2, 3, 2)]
+    offset = float(chance.integers(-1, 2)) * float(chance.integers(0, 2))
+    pairs = zip(factors, inputs, strict=True)
+    sum_ = terms.combine([(exact(f), x) for f, x in pairs], exact(offset))
+    values = [
+        sign * np.array([2.0, 1.0, 2.0**-60, 5e-324]) if sign else np.zeros(1) for sign in signs
+    ]
+    all_of = [offset + factors[0] * a + factors[1] * b for a in values[0] for b in values[1]]
+    for strict in (True, False):
+        said = terms.below(sum_, strict=strict)
+        held = [x < 0.0 if strict else x <= 0.0 for x in all_of]
+        if said.kind == "constant":
+            assert said.value == all(held) == any(held)
+        elif not any(factors[k] and signs[k] for k in (0, 1)):
+            pytest.fail("a number is compared with 0, and nothing is said")
+
+
+def test_above_its_lower_end_it_is_above_and_below_its_upper_one_below() -> None:
+    for sign, low, high in ((1, 0.0, 2.0), (-1, -2.0, 0.0)):
+        terms = Terms()
+        x = terms.input("state", "x", exact(low), exact(high))
+        zero = terms.constant(0.0)
+        terms.excluded[next(iter(x.terms))] = sign
+        for op, held in ((">", sign > 0), (">=", sign > 0), ("<", sign < 0), ("<=", sign < 0)):
+            said = terms.compare(op, x, zero)
+            assert (said.kind, said.value) == ("constant", held), op

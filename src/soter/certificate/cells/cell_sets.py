@@ -80,6 +80,12 @@ class Grid:
         """Whether what lies beyond the ends of an axis belongs to its outer cells."""
         return bool(self.unbounded) and self.unbounded[axis]
 
+    def reach(self, axis: int) -> tuple[float, ...]:
+        """Breakpoints of an axis, the outer ones as far out as their cells go."""
+        edges = self.edges[axis]
+        far = float(FARTHEST)
+        return (-far, *edges[1:-1], far) if self.has_no_ends(axis) else edges
+
     def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
         """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
 

@@ -27,8 +27,8 @@ def nothing_reads(model: CaseModel, groups: int) -> None:
     branch is left out because of where a grid ends.
     """
     facts = model.facts
-    if facts.kind == "map" or facts.computed or facts.symbol.verify.enters is not None:
-        raise NotRecheckedError("an axis without ends of a map, of `enters` or of computed sets")
+    if facts.kind == "map" or facts.symbol.verify.enters is not None:
+        raise NotRecheckedError("an axis without ends of a map, or of `enters`")
     if groups != 1:
         raise NotRecheckedError("an axis without ends beside other groups")
     terms, states = model.new_terms(FARTHEST)

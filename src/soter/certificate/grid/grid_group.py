@@ -28,6 +28,7 @@ from soter.certificate.grid.group_claims import (
     witnessed,
 )
 from soter.certificate.grid.inward_flow import points_inwards
+from soter.certificate.grid.resting import RESTS, rests
 from soter.certificate.grid.shield import cells_of, to_show, tops_of
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
@@ -120,7 +121,7 @@ class GridGroup(Group):
         if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
             raise RejectedError("a table of the DM has other axes than its group")
         for axis, place in zip(entry["axes"], looked_at, strict=True):
-            edges = group.grid.edges[place]
+            edges = group.grid.reach(place)
             if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
                 raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
         total = levels_of(tables)
@@ -251,10 +252,14 @@ class GridCheck(GroupCheck):
             raise RejectedError(f"K holds cells on which {what} is not certain")
         if self._never_left(self.kernel):
             return ()
-        within = Cells(self.grid, self.allowed)
-        show = partial(witnessed, self.chains, self.tables.core, within, self.kernel)
+        within, tasks, at_rest = Cells(self.grid, self.allowed), [], self.tables.core == RESTS
+        if at_rest.any():
+            still = rests(self.model, self.tables, at_rest, within)
+            tasks = [*blocks("SC does not certainly stand still from", self.grid, still)]
+        holds = np.where(at_rest, 0, self.tables.core)
+        show = partial(witnessed, self.chains, holds, within, self.kernel)
         what = "SC does not certainly lead back to K from"
-        return blocks(what, self.grid, show, self.tables.core)
+        return [*tasks, *blocks(what, self.grid, show, holds)]
 
     def free(self, horizon_ns: int) -> Iterable[Task]:
         """From each cell of R; RejectedError where there is none."""
@@ -315,9 +320,12 @@ class GridCheck(GroupCheck):
     def home(self, calm: Cells | None) -> Iterator[Task]:
         """From each cell of Q, and from each of K to lower ranks.
 
-        RejectedError where Q, W or the table of the DM is not there, or they do not fit.
+        RejectedError where Q, W or the table of the DM is not there, or they do not fit;
+        NotRecheckedError where K has cells at rest.
         """
         tables = self.tables
+        if (tables.core == RESTS).any():
+            raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
             yield from self._on_finer().home(None)
             return

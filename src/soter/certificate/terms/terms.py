@@ -155,6 +155,8 @@ class Terms:
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
+    excluded: dict[int, int] = field(default_factory=dict)
+    """Inputs that lie above their lower end (1), or below their upper one (-1)."""
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
@@ -383,7 +385,18 @@ class Terms:
             return FALSE
         if strict and x.nonnegative:
             return FALSE
+        if self.excluded and self._beside_zero(x, 1 if strict else -1):
+            return TRUE if strict else FALSE
         return Proposition("below", argument=x, strict=strict)
+
+    def _beside_zero(self, x: Linear, sign: int) -> bool:
+        """Whether sign * x <= 0, and would only be 0 where an input had an end that it has not."""
+        most, beside = sign * x.const + x.radius, False
+        for index, factor in x.terms.items():
+            atom, slope = self.atoms[index], sign * factor
+            most += (slope * atom.low).max(slope * atom.high)
+            beside |= bool(-slope * self.excluded.get(index, 0) > 0)
+        return beside and bool(most <= 0)
 
     def compare(self, op: str, a: Linear, b: Linear) -> Proposition:
         """A op b of two machine numbers."""

@@ -113,11 +113,7 @@ def no_pull(model: PointModel, middle: Floats, budget: CpuBudget) -> Iterator[Ca
             low, high = (float(middle[axis] + s * APART * width) for s in (-0.5, 0.5))
             text = f"SC brings {state.name} to no place: undisturbed, a run from {low:.4g} ends at "
             text += f"{ends[0]:.4g}, one from {high:.4g} at {ends[1]:.4g}; what disturbs it adds up"
-            hint = (
-                f"an SC that comes to rest at one place, by a term such as `k * ({middle[axis]:.4g}"
-            )
-            hint += f" - {state.name.rpartition('.')[2]})`"
-            yield Cause("no_pull", text, hint, (("low_ends", ends[0]), ("high_ends", ends[1])))
+            yield Cause("no_pull", text, "", (("low_ends", ends[0]), ("high_ends", ends[1])))
 
 
 def _end(model: PointModel, start: Floats, axis: int, budget: CpuBudget) -> float | None:

@@ -62,7 +62,7 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
         note = "a proof must be able to enclose what the program computes"
         raise _refused(problem, str(error), span, note) from error
     _unread(problem, unit)
-    return ReachLibrary(unit.source), unit.prelude
+    return ReachLibrary(unit.source, reads=unit.reads), unit.prelude
 
 
 def _refused(problem: Problem, why: str, span: Span, note: str) -> SoterError:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.conjuncts import PARTS_MAX
 from soter.native.build import CHECK_FAILED, OWN_SYMBOLS, include_flags, objects, texts
@@ -21,6 +22,9 @@ from soter.native.compiler import STRICT, compile_with, find
 from soter.native.package_sources import files_below
 from soter.native.vector_instructions import vector_flags
 from soter.verify.enclose.enclosure_code import CONTROLS_MAX
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 HERE = Path(__file__).resolve().parents[1] / "engine"
 ENGINE = tuple(file.name for file in files_below(HERE, "*.c"))
@@ -57,9 +61,17 @@ def _inputs_of(source: str) -> int:
 class ReachLibrary:
     """A loaded engine with one module's enclosures; holds no state."""
 
-    def __init__(self, source: str, extra: tuple[str, ...] = ()) -> None:
-        """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests)."""
-        self.inputs = _inputs_of(source)
+    def __init__(
+        self,
+        source: str,
+        extra: tuple[str, ...] = (),
+        reads: Mapping[str, frozenset[int]] = MappingProxyType({}),
+    ) -> None:
+        """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests).
+
+        `reads`: the inputs that each function of the unit reads, where they are known.
+        """
+        self.inputs, self.reads = _inputs_of(source), reads
         self.ffi = ffi()
         self.path = compiled(source, self.inputs, extra)
         """The library's file; its name is a hash of all that it was made of."""

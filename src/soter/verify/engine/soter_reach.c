@@ -310,6 +310,7 @@ static void by_cells(core_job* job, int who, int64_t tile, const int* first, con
   do {
     const int64_t cell = soter_reach_cell(g, at);
     uint64_t here = soter_reach_part(g, w->r.kept, at, wide) & ~(w->r.changed[tile] >> bit);
+    here &= ~soter_reach_part(g, w->resting, at, wide);
     for (; here != 0; here &= here - 1) {
       const int k = __builtin_ctzll(here);
       at[end] = begin + k;

@@ -22,7 +22,8 @@ from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import levels, recovery, set_volumes
 from soter.verify.grid.certificate_entry import entry
 from soter.verify.grid.region_figure import figure
-from soter.verify.grid.sets import GridGroup
+from soter.verify.grid.resting import resting
+from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
 
 if TYPE_CHECKING:
@@ -82,10 +83,11 @@ class GridProof(GroupProof):
         """K: a greatest fixpoint."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
-        kept = self.engine.core(self.found.allowed, vain=case.vain)
+        rests = resting(case, self.engine, self.found.allowed)
+        kept = self.engine.core(self.found.allowed, vain=case.vain, resting=rests)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)
-        case.count("longest", int(kept.witness.max()))
+        case.count("longest", int(np.where(rests, 0, kept.witness).max()))
         if kept.witness.any():
             return True
         hint = "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances"
@@ -334,7 +336,9 @@ class Grids(Method):
             longest = max(c.counts.get("longest", 0) for c in done)
             rounds = max(c.counts.get("rounds", 0) for c in done)
             span = show_ns(longest * done[0].problem.times.delta_sc)
-            text = f"{cells:,} of {of:,} cells, chains up to {span}"
+            rest = sum(int((g.core == RESTS).sum()) for g in every)
+            still = f"{rest:,} of them at rest, " if rest else ""
+            text = f"{cells:,} of {of:,} cells, {still}chains up to {span}"
             return text, {"cells": cells, "longest": longest, "rounds": rounds}
         parts = [part.lets_ac if claim == "ttf" else part.gives_back for part in every]
         cells = sum(int(p.sum()) for p in parts if p is not None)

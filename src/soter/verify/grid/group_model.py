@@ -13,6 +13,7 @@ import numpy as np
 
 from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, followed
 from soter.verify.grid.grid_borders import keep_borders
+from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -33,8 +34,6 @@ OUTSET = 2.0**-20
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 DOMAIN = 2.0**20
 """How much larger that is along an axis without ends, where nothing reads its state."""
-FARTHEST = 2.0**1000
-"""As `FARTHEST` of the engine: such a state is taken to lie within."""
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
 

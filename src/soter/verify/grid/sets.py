@@ -40,6 +40,8 @@ SLICE_S = 0.1
 """How long the engine works between two looks at the stop flag."""
 LONGEST = 250
 """The largest N a witness (uint8) may have, with room for a mark."""
+RESTS = 255
+"""That mark, of a cell which is kept without a chain: SC stands still there (`resting.py`)."""
 VAIN_LEAST = 100
 """So many cells may always be followed for nothing: it takes no time."""
 POOL_BYTES = 2**28
@@ -172,7 +174,13 @@ class GridGroup(GridModel):
     # ------------------------------------------------------------ K
 
     def core(
-        self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4, vain: float = 0.0
+        self,
+        allowed: Bools,
+        *,
+        longest: int = LONGEST,
+        patience: int = 4,
+        vain: float = 0.0,
+        resting: Bools | None = None,
     ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
@@ -182,13 +190,15 @@ class GridGroup(GridModel):
         times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
         the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
+        `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N.
         """
         if self.still:
             return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
         if allowed.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
-        return self._core(allowed, longest, patience, most)
+        kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
+        return self._core(allowed, kept, longest, patience, most)
 
     @property
     def still(self) -> bool:
@@ -211,17 +221,20 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core(self, allowed: Bools, longest: int, patience: int, vain_max: int) -> Core:
+    def _core(
+        self, allowed: Bools, resting: Bools, longest: int, patience: int, vain_max: int
+    ) -> Core:
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        bits = self.bits(allowed)
+        bits, without_chain = self.bits(allowed), self.bits(resting)
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
         rounds = self.rounds(w.r)
         w.allowed = self.pointer(bits, "uint64_t *")
+        w.resting = self.pointer(without_chain, "uint64_t *")
         w.witness = self.pointer(witness, "uint8_t *")
         if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
             self._scratch = (
@@ -243,6 +256,7 @@ class GridGroup(GridModel):
         lib.soter_reach_core_end(self.c, w)
         if w.r.dirty_n:
             witness[...] = 0
+        witness[resting] = RESTS
         del rounds
         return Core(witness, int(w.r.rounds), int(w.r.steps), sum(w.r.vain))
 

@@ -269,7 +269,6 @@ def _unbounded(
     """R007 for an axis without ends where its meaning is not settled."""
     symbol = at.module.symbol
     wrong = {
-        "predicates that are computed": symbol.ttf is None,
         "an SC that is to be found": symbol.synthesized,
         "several groups of axes": len(groups) > 1,
         "a plant that moves in steps (`next`)": kind != "flow",

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 
 ProblemKind = Literal["flow", "map", "nodes", "tubes"]
+FARTHEST: Final = 2.0**1000
+"""A state whose axis has no ends is taken to lie within: a sum of two is a double."""
 NODES: Final = "nodes"
 """`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
 TUBES: Final = "tubes"
@@ -167,6 +169,13 @@ class Axis:
     """The first and the last cell have no outer end: what lies beyond belongs to them."""
     unit: str = ""
     """As the program declares it for the state, for people."""
+
+    @property
+    def reach(self) -> tuple[float, ...]:
+        """Breakpoints, the outer ones as far out as their cells go."""
+        if not self.unbounded:
+            return self.edges
+        return (-FARTHEST, *self.edges[1:-1], FARTHEST)
 
 
 @dataclass(frozen=True)

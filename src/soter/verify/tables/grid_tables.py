@@ -154,7 +154,7 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
     axes = [group.axes[k] for k in kept]
     return GroupTable(
         tuple(a.state for a in axes),
-        tuple(a.edges for a in axes),
+        tuple(a.reach for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
         _commands(problem, pairs, unseen),
     )

@@ -238,6 +238,12 @@ class Expressions:
             return self.neg(below[0])
         if e.op in ("add", "sub", "mul", "square"):
             return {"add": self.add, "sub": self.sub}.get(e.op, self.mul)(below[0], below[-1])
+        if e.op in ("and", "or"):
+            return self.join(e.op, *below)
+        if e.op == "select":
+            return self.select(*below)
+        if e.op in ("positive", "not negative") and below[0].op == "number":
+            return self.compare(">" if e.op == "positive" else ">=", below[0], self.number(0.0))
         return self._node(e.op, *below)
 
     # ------------------------------------------------------------ derivatives

@@ -94,13 +94,13 @@ def _farther(
         q = make.factor(own, x)
         if q is None or p is make.number(0.0):
             continue
-        of_p, of_q = _enclosed([p, q], ranges)
+        of_p, of_q = enclosed([p, q], ranges)
         if of_q.high < 0.0 and all(map(isfinite, (of_p.low, of_p.high, of_q.high))):
             size = max(abs(Fraction(where.low)), abs(Fraction(where.high)))
             worst = max(Fraction(of_p.high), -Fraction(of_p.low))
             most += size * worst / -Fraction(of_q.high)
             e = rest
-    (more,) = _enclosed([e], ranges)
+    (more,) = enclosed([e], ranges)
     if not more.high <= 0.0:
         fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
         return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_pushed(check, z)}"
@@ -131,7 +131,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
         if e.op not in ("min", "max"):
             continue
         a, b = (make.replaced(x, known) for x in e.of)
-        of_a, of_b = _enclosed([a, b], ranges)
+        of_a, of_b = enclosed([a, b], ranges)
         smaller = a if of_a.high <= of_b.low else b if of_b.high <= of_a.low else None
         if smaller is not None:
             larger = b if smaller is a else a
@@ -139,17 +139,31 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
     return [make.replaced(e, known) for e in roots]
 
 
-def _enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
+def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
     """Where these expressions lie; without ends where nothing is known."""
-    used = [e for e in in_order(nodes) if e.op == "input"]
-    over = {e.of: f"a[{k}]" for k, e in enumerate(used)}
-    many = f"Form[{max(1, len(used))}]"
-    text = function("asked", f"a: {many}", nodes, over, f"Form[{len(nodes)}]")
-    caller = Caller("\n".join([RANGES, part("forms.soter"), text]))
-    inputs: list[Any] = [
-        caller.value("f_range", ranges[e.of].low, ranges[e.of].high) for e in used
-    ] or [caller.value("f_number", 0.0)]
-    found = caller.value("asked", inputs)
-    if found is None:
-        return [Interval(-inf, inf)] * len(nodes)
-    return [Interval(f[2], f[3]) for f in found]
+    return Enclosures([nodes]).of(0, ranges)
+
+
+class Enclosures:
+    """Lists of expressions, written out once and enclosed over several ranges."""
+
+    def __init__(self, lists: Sequence[Sequence[Node]]) -> None:
+        self._count = [len(nodes) for nodes in lists]
+        self._used = [[e for e in in_order(nodes) if e.op == "input"] for nodes in lists]
+        text = [RANGES, part("forms.soter")]
+        for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
+            over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
+            many = f"Form[{max(1, len(used))}]"
+            text.append(function(f"asked_{k}", f"a: {many}", nodes, over, f"Form[{len(nodes)}]"))
+        self._caller = Caller("\n".join(text))
+
+    def of(self, k: int, ranges: Ranges) -> list[Interval]:
+        """Where those of one list lie; without ends where nothing is known."""
+        value = self._caller.value
+        inputs: list[Any] = [
+            value("f_range", ranges[e.of].low, ranges[e.of].high) for e in self._used[k]
+        ] or [value("f_number", 0.0)]
+        found = value(f"asked_{k}", inputs)
+        if found is None:
+            return [Interval(-inf, inf)] * self._count[k]
+        return [Interval(f[2], f[3]) for f in found]

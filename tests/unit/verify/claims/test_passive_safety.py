@@ -152,7 +152,6 @@ def test_safe_of_a_cell_without_an_end_is_looked_at_all_the_way_out(tmp_path: Pa
 
 def test_beyond_an_end_nothing_is_said_of_what_no_proof_follows() -> None:
     for old, new, what in (
-        ("  ttf seen.x > 0.0;\n  safer seen.x > 1.0;\n", "", "predicates that are computed"),
         ("der x = -8.0", "next x = x - 0.8", "steps"),
         (" / 10 open, seen.v", " / 10 open; grid seen.v", "several groups"),
     ):

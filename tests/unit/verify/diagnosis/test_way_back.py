@@ -125,7 +125,7 @@ def test_an_sc_that_only_stops_is_told_from_one_that_is_weak() -> None:
     why = cause(module_result, "P2a", "no_pull")
     assert why.text.startswith("SC brings e.h to no place")
     assert "e.v" not in why.text  # that it does stop
-    assert "(5 - h)" in p2a.hint or "(4.875 - h)" in p2a.hint or "(5.125 - h)" in p2a.hint
+    assert " - h)" not in p2a.hint  # no law that nobody tried
 
 
 def test_an_sc_that_is_too_slow_is_told_the_time_that_it_needs() -> None:

@@ -246,3 +246,30 @@ def test_predicates_are_looked_at_all_the_way_out() -> None:
     assert not near[-1, fast]
     assert near[-2, fast]
     assert everywhere[-1, fast]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_estimates_of_what_lies_beyond_are_those_of_the_outer_cells(
+    seed: int, rover: tuple[GridGroup, Problem]
+) -> None:
+    """A state whose estimate is in an eroded set is in the set, wherever beyond the ends it is."""
+    engine, _ = rover
+    chance = np.random.default_rng(seed)
+    edges = engine.edges[0]
+    cells = chance.random(engine.shape) < 0.97
+    cells[0], cells[-1] = chance.random(2) < 0.5
+    error = 0.37 * (edges[2] - edges[1]) * (1 + seed)
+    eroded = engine.erode(cells, {engine.axes[0]: error})
+
+    def at(x: Floats) -> npt.NDArray[np.int64]:
+        return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, engine.shape[0] - 1)
+
+    width = edges[-1] - edges[0]
+    places = np.concatenate([chance.uniform(edges[0] - width, edges[-1] + width, 400), FAR])
+    places = np.concatenate([places, edges[-1] + np.array([0.0, 1e6, 2.0**90]), edges])
+    states = np.concatenate([places + e for e in (-error, -error / 2, 0.0, error / 2, error)])
+    estimates = np.tile(places, 5)
+    let = eroded[at(estimates)]
+    assert let.any()
+    assert not let.all()
+    assert (~let | cells[at(states)]).all()

@@ -1,0 +1,240 @@
+"""Cells of K from which SC stands still wherever it is: "Rest anywhere" of docs/proof.md.
+
+Purpose: `rests`: that SC keeps them in C for ever. A certificate marks them, and no more: which
+states nothing reads (the ways), the box B that the others stay in, and how far a way gets in all is
+found here.
+Non-goals: cells with a number of holds (`group_claims.py`).
+
+Let B be a box of the other states around 0, and a little more. Where each is above 0 (below it,
+0), the signs of all of a run at an instant, every rate is enclosed, comparisons with 0 decided by
+the sign. A state whose rate is never positive above 0 and never negative below gets no farther from
+0. Let y be one, z a way and s z' its growth in a direction. If for c >= 0 always s z' + (c |y|)' <=
+0, where c may be another one above and below 0, z grows by c |y| at most: with y = 0 on a set of
+times y' is 0 on almost all of it, so there s z' <= 0 is asked.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.case_model import FARTHEST, control_inputs
+from soter.certificate.reading.definedness import all_certain
+from soter.certificate.reading.linear_flows import is_linear
+from soter.certificate.reading.map_steps import atom_of
+from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.terms.arb_balls import ZERO, above, below, exact
+from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from flint import arb
+    from numpy.typing import NDArray
+
+    from soter.certificate.cells.cell_sets import Axes, Block, Cells
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.terms import Linear
+
+    Interval = tuple[arb, arb]
+    Signs = tuple[int, ...]
+    Rates = Mapping[Signs, Sequence[Interval]]
+
+RESTS = 255
+"""What K has in the place of N for such a cell."""
+HAIR = exact(2.0**-21)
+"""By so much of itself B is looked at beyond itself: a run that left it would be there first."""
+
+
+class Resting:
+    """Cells of one group that are marked so; NotRecheckedError where it is not shown of all."""
+
+    def __init__(self, model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells) -> None:
+        """`marked`: of the grid's shape; `c`: cells of C."""
+        self.model, self.group, self.grid = model, group, group.grid
+        self.marked, self.c = marked, c
+        self._settled()
+        self.commands, read = self._commands()
+        self.ways = [k for k, state in enumerate(group.states) if state not in read]
+        self.moving = [k for k in range(len(group.states)) if k not in self.ways]
+        if not self.ways:
+            raise NotRecheckedError("P2a: K has cells at rest, and no state that nothing reads")
+        self.box = [self._extent(k) for k in self.moving]
+        self.rates = {
+            signs: self._rates(signs) for signs in product((-1, 0, 1), repeat=len(self.moving))
+        }
+        self._stay()
+        self.far = [[self._slopes(way, sign) for sign in (-1, 1)] for way in self.ways]
+        self.beyond = [[self._safe_beyond(way, sign) for sign in (-1, 1)] for way in self.ways]
+
+    def _settled(self) -> None:
+        facts = self.model.facts
+        symbol = facts.symbol
+        others = facts.view or facts.modes or len(facts.tower) > 1 or facts.module.law
+        alone = len(self.group.states) == len(facts.states)
+        asked = symbol.shield is not None or symbol.verify.enters is not None
+        if (
+            facts.kind != "flow"
+            or not facts.computed
+            or others
+            or facts.open_ends
+            or asked
+            or not alone
+            or is_linear(self.model, self.group.states)
+        ):
+            raise NotRecheckedError("P2a: K has cells at rest where their meaning is not settled")
+
+    # ------------------------------------------------------------ terms
+
+    def _terms(self, ranges: Mapping[int, Interval]) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, states in these ranges; others anywhere."""
+        terms = Terms()
+        whole = -FARTHEST, FARTHEST
+        names = [s.name for s in self.model.facts.states]
+        states = [terms.input("state", name, *ranges.get(i, whole)) for i, name in enumerate(names)]
+        return terms, states
+
+    def _commands(self) -> tuple[list[Interval], set[int]]:
+        """What SC may answer to anything, and the states that it or a rate reads.
+
+        Which these are is asked with states that may be anywhere, so that no branch is left out.
+        """
+        model = self.model
+        terms, states = self._terms({})
+        rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
+        found = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
+        read = {i for i, x in enumerate(states) if atom_of(x) in found}
+        terms, states = model.new_terms()
+        answers = model.commands(terms, states)
+        if not all_certain(terms, terms.obligations):
+            raise NotRecheckedError("P2a: SC does not certainly answer within its sets")
+        bounds = zip(answers, model.facts.controls, strict=True)
+        return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
+
+    def _extent(self, axis: int) -> Interval:
+        """B along an axis: 0, and all that marked cells have of it."""
+        others = tuple(k for k in range(self.marked.ndim) if k != axis)
+        places = np.flatnonzero(self.marked.any(axis=others))
+        edges = self.grid.edges[axis]
+        low, high = edges[int(places[0])], edges[int(places[-1]) + 1]
+        return exact(min(low, 0.0)), exact(max(high, 0.0))
+
+    def _rates(self, signs: Signs) -> list[Interval]:
+        """Where all rates lie at the states of B, and a hair beyond, that have these signs."""
+        ranges = {}
+        for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
+            hair = (high - low) * HAIR
+            ends = {-1: (low - hair, ZERO), 0: (ZERO, ZERO), 1: (ZERO, high + hair)}
+            ranges[self.group.states[axis]] = ends[sign]
+        terms, states = self._terms(ranges)
+        for axis, sign in zip(self.moving, signs, strict=True):
+            terms.excluded[atom_of(states[self.group.states[axis]])] = sign
+        controls = [
+            terms.input("box", c.name, low, high)
+            for c, (low, high) in zip(self.model.facts.controls, self.commands, strict=True)
+        ]
+        rates, _ = self.model.rates(terms, states, controls)
+        if not all_certain(terms, terms.obligations):
+            raise NotRecheckedError("P2a: a plant's equation is not defined everywhere at rest")
+        return [(rates[i].low, rates[i].high) for i in self.group.states]
+
+    # ------------------------------------------------------------ B, and how far ways get
+
+    def _stay(self) -> None:
+        """That no state of B gets farther from 0."""
+        for signs, rates in self.rates.items():
+            for axis, sign in zip(self.moving, signs, strict=True):
+                low, high = rates[axis]
+                if (sign > 0 and not high <= 0) or (sign < 0 and not low >= 0):
+                    name = self.model.facts.states[self.group.states[axis]].name
+                    raise NotRecheckedError(f"P2a: SC does not certainly bring {name} nearer to 0")
+
+    def _slopes(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
+        """For each state that will do: c below 0 and above it."""
+        found = []
+        for k, axis in enumerate(self.moving):
+            c = {-1: ZERO, 1: ZERO}
+            for signs, rates in self.rates.items():
+                low, high = rates[way]
+                grows = high if sign > 0 else -low
+                if grows <= 0:
+                    continue
+                least, most = rates[axis]
+                nears = -most if signs[k] > 0 else least
+                if not (signs[k] and nears > 0):
+                    break
+                c[signs[k]] = c[signs[k]].max(grows / nears)
+            else:
+                found.append((axis, c[-1], c[1]))
+        return found
+
+    def _safe_beyond(self, way: int, sign: int) -> bool:
+        """Whether all beyond an end of a way is in C, wherever the other ways are."""
+        facts = self.model.facts
+        if self.grid.has_no_ends(way):
+            return True  # its outer cells are in C with all that lies beyond
+        at = {self.group.states[k]: r for k, r in zip(self.moving, self.box, strict=True)}
+        for part in self.grid.beyond(way, low=sign < 0, high=sign > 0):
+            terms, states = self._terms({**at, self.group.states[way]: part})
+            held = [self.model.predicate(terms, states, facts.symbol.safe, errors=False)]
+            held += [self.model.in_set(terms, states, t) for t in bounded_topics(facts)]
+            if not all_certain(terms, [*held, *terms.obligations]):
+                return False
+        return True
+
+    # ------------------------------------------------------------ cells
+
+    def unshown(self, block: Block) -> Iterator[Block]:
+        """Marked cells of a block from which a run may leave C."""
+        marked = self.marked[tuple(slice(a, b) for a, b in block)]
+        for place in np.argwhere(marked):
+            cell = tuple(
+                (a + int(k), a + int(k) + 1) for (a, _), k in zip(block, place, strict=True)
+            )
+            box = self._reached(cell)
+            if box is None or not self.c.contains(box):
+                yield cell
+
+    def _reached(self, cell: Block) -> list[float] | None:
+        """All that a run from a cell comes to, within the grid; None: it may leave it unsafely."""
+        ends = self.grid.box(cell)
+        reached: list[float] = []
+        for k, edges in enumerate(self.grid.edges):
+            low, high = ends[k]
+            if k in self.moving:
+                reached += [below(low.min(ZERO)), above(high.max(ZERO))]
+                continue
+            at = self.ways.index(k)
+            for sign, start in ((-1, low), (1, high)):
+                end = start + sign * self._most(at, sign, ends)
+                last = exact(edges[0] if sign < 0 else edges[-1])
+                if not sign * (last - end) >= 0:
+                    if not self.beyond[at][sign > 0]:
+                        return None
+                    end = last
+                reached.append(below(end) if sign < 0 else above(end))
+        return reached
+
+    def _most(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
+        """How far a way gets from a box at most."""
+        most = exact(np.inf)
+        for axis, under, over in self.far[at][sign > 0]:
+            low, high = ends[axis]
+            most = most.min((under * -low).max(over * high).max(ZERO))
+        return most
+
+
+def rests(
+    model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
+) -> partial[Iterator[Block]]:
+    """What gives the marked cells of a block that are not shown; NotRecheckedError as `Resting`.
+
+    RejectedError where one of them is none of `c`.
+    """
+    if not (marked <= c.members).all():
+        raise RejectedError("K has cells at rest on which `safe` is not certain")
+    return partial(Resting.unshown, Resting(model, group, marked, c))

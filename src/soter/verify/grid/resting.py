@@ -1,0 +1,303 @@
+"""Cells from which SC stands still wherever it is, and stays: "Rest anywhere" of docs/proof.md.
+
+Purpose: `resting`: cells of K that no chain shows. An SC that only stops moves what nothing reads,
+a *way*, by less and less, but by what a grid knows for ever: each hold the next cell is touched. So
+it is said once how far it gets in all, by a potential of another state: while that state falls by
+1, the way changes by c at most.
+Non-goals: all other cells of K (`sets.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from math import inf
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from soter.verify.grid.group_model import OUTSET
+from soter.verify.problem.problem import FARTHEST, Interval
+from soter.verify.tubes.expressions import NoExpressionError
+from soter.verify.tubes.module_expressions import ModuleExpressions
+from soter.verify.tubes.rest_drift import Enclosures
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+    from soter.verify.grid.sets import GridGroup
+    from soter.verify.problem.problem import Problem
+    from soter.verify.tubes.expressions import Expressions, Node
+    from soter.verify.tubes.problem import TubeProblem
+
+    Bools = NDArray[np.bool_]
+    Signs = tuple[int, ...]
+    """Of each state that is no way: below 0, 0, above."""
+    Rates = Mapping[Signs, Sequence[Interval]]
+    """Of all states."""
+
+MORE = Fraction(1, 2**20)
+"""So much is added to each c: the re-checker's own may be a little larger."""
+SIDES = ((True, True), (True, False), (False, True), (False, False))
+"""Whether B goes on beyond the first edge, below 0 and above it: to the end of the grid."""
+
+
+@dataclass(frozen=True)
+class _Potential:
+    """How far a way gets: at most `below` times how far a state is below 0, `above` likewise."""
+
+    axis: int
+    below: Fraction
+    above: Fraction
+
+    def most(self, low: float, high: float) -> Fraction:
+        """From states in [low, high]."""
+        return max(self.below * Fraction(max(0.0, -low)), self.above * Fraction(max(0.0, high)))
+
+
+def resting(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
+    """Cells of `allowed`, in the grid's shape, from which every SC-run stays in C for ever."""
+    none = np.zeros(engine.shape, dtype=np.bool_)
+    ways = _ways(engine) if _may_rest(case.problem, engine) else []
+    if not ways or len(ways) == len(engine.axes):
+        return none
+    try:
+        search = _Search(case, engine, ways)
+    except NoExpressionError:
+        return none
+    found = [none, *(search.cells(allowed, *sides) for sides in SIDES)]
+    return max(found, key=np.count_nonzero)
+
+
+def _may_rest(problem: Problem, engine: GridGroup) -> bool:
+    """Whether it is settled what such cells mean."""
+    symbol = problem.module.symbol
+    alone = not (problem.view or problem.above or problem.below or problem.modes)
+    return (
+        problem.kind == "flow"
+        and problem.computed
+        and problem.stays
+        and alone
+        and len(problem.groups) == 1
+        and not (problem.module.law or symbol.synthesized or symbol.shield or symbol.verify.enters)
+        and not (engine.open_ends or engine.is_linear)
+    )
+
+
+def _ways(engine: GridGroup) -> list[int]:
+    """Axes whose states neither SC nor any rate reads."""
+    reads = engine.library.reads
+    if not {"law", "derivative"} <= reads.keys():
+        return []
+    read = reads["law"] | reads["derivative"]
+    return [a for a, state in enumerate(engine.axes) if state not in read]
+
+
+class _Search:
+    """B, and potentials in it, of one group."""
+
+    def __init__(self, case: Case, engine: GridGroup, ways: Sequence[int]) -> None:
+        self.case, self.engine, self.ways = case, engine, ways
+        self.moving = [a for a in range(len(engine.axes)) if a not in ways]
+        expressions = ModuleExpressions(cast("TubeProblem", case.problem))
+        self.make, self.rates = expressions.make, expressions.rates()
+        n, forms = len(case.problem.states), case.forms
+        whole = forms.whole.copy()
+        whole[:n, 0], whole[:n, 1] = engine.low[:n], engine.high[:n]
+        self.whole = whole
+        self.law = forms.numbers("law", whole, len(case.problem.controls))
+        self.ranges = {("x", s): Interval(*map(float, whole[s])) for s in range(n)}
+        self.signs = tuple(product((-1, 0, 1), repeat=len(self.moving)))
+        self.written = self._written() if self.law is not None else None
+
+    # ------------------------------------------------------------ B
+
+    def cells(self, allowed: Bools, below: bool, above: bool) -> Bools:
+        """The cells that are kept in a B that goes on below and above, or does not."""
+        none = np.zeros_like(allowed)
+        box = [self._around_rest(axis, below, above) for axis in self.moving]
+        within = [b for b in box if b is not None]
+        if self.law is None or len(within) < len(box) or not self._defined(within):
+            return none
+        rates = self._rates_in(within)
+        if not self._kept(rates):
+            return none
+        far = [[self._potentials(rates, way, sign) for sign in (-1, 1)] for way in self.ways]
+        return self._standing(allowed, within, far)
+
+    def _around_rest(self, axis: int, below: bool, above: bool) -> Interval | None:
+        """Edges below and above 0; None where the grid does not go on on both sides."""
+        edges = self.engine.edges[axis]
+        if not edges[0] < 0.0 < edges[-1]:
+            return None
+        low = edges[0] if below else edges[edges < 0.0][-1]
+        high = edges[-1] if above else edges[edges > 0.0][0]
+        return Interval(float(low), float(high))
+
+    def _wider(self, box: Sequence[Interval]) -> list[Interval]:
+        """A neighbourhood of B: a run that leaves B is in it for a while."""
+        ends = []
+        for axis, r in zip(self.moving, box, strict=True):
+            state = self.engine.axes[axis]
+            hair = (r.high - r.low) * OUTSET / 2
+            low, high = self.engine.low[state], self.engine.high[state]
+            ends.append(Interval(max(r.low - hair, low), min(r.high + hair, high)))
+            assert ends[-1].low < r.low
+            assert ends[-1].high > r.high
+        return ends
+
+    def _defined(self, box: Sequence[Interval]) -> bool:
+        """Whether no plant faults there."""
+        whole = self.whole.copy()
+        for axis, r in zip(self.moving, self._wider(box), strict=True):
+            whole[self.engine.axes[axis]] = r.low, r.high
+        assert self.law is not None
+        n = len(self.case.problem.states)
+        whole[n : n + len(self.law)] = self.law
+        return self.case.forms.numbers("derivative", whole, n) is not None
+
+    # ------------------------------------------------------------ rates
+
+    def _written(self) -> Enclosures:
+        """All rates while states have these signs, SC answering anything it may: a list a sign."""
+        assert self.law is not None
+        make, winds = self.make, self.case.problem.disturbances
+        self.ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
+        self.ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(winds)}
+        certain = {
+            make.input(*at): make.number(r.low) for at, r in self.ranges.items() if r.low == r.high
+        }
+        lists = []
+        for signs in self.signs:
+            known = dict(certain)
+            for axis, sign in zip(self.moving, signs, strict=True):
+                known |= _signed(make, make.input("x", self.engine.axes[axis]), sign)
+            lists.append([make.replaced(e, known) for e in self.rates])
+        return Enclosures(lists)
+
+    def _rates_in(self, box: Sequence[Interval]) -> Rates:
+        """Where they lie at states of B, and a hair beyond."""
+        found = {}
+        assert self.written is not None
+        for number, signs in enumerate(self.signs):
+            ranges = dict(self.ranges)
+            for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
+                ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
+                ranges["x", self.engine.axes[axis]] = Interval(*ends)
+            found[signs] = self.written.of(number, ranges)
+        return found
+
+    def _kept(self, rates: Rates) -> bool:
+        """Whether no state of B gets farther from 0."""
+        for signs, of in rates.items():
+            for axis, sign in zip(self.moving, signs, strict=True):
+                rate = of[self.engine.axes[axis]]
+                if (sign > 0 and not rate.high <= 0.0) or (sign < 0 and not rate.low >= 0.0):
+                    return False
+        return True
+
+    def _potentials(self, rates: Rates, way: int, sign: int) -> list[_Potential]:
+        """Bounds of how far a way gets, downwards or upwards; none where it may go on for ever."""
+        state = self.engine.axes[way]
+        grows = {signs: _times(of[state], sign).high for signs, of in rates.items()}
+        found = []
+        for k, axis in enumerate(self.moving):
+            slopes = {-1: Fraction(0), 1: Fraction(0)}
+            for signs, of in rates.items():
+                most, at = grows[signs], signs[k]
+                if most <= 0.0:
+                    continue
+                rate = of[self.engine.axes[axis]]
+                falls = -rate.high if at > 0 else rate.low
+                if not at or not falls > 0.0 or most == inf:
+                    break
+                slopes[at] = max(slopes[at], Fraction(most) / Fraction(falls))
+            else:
+                below, above = (slopes[s] * (1 + MORE) for s in (-1, 1))
+                found.append(_Potential(axis, below, above))
+        return found
+
+    # ------------------------------------------------------------ cells
+
+    def _standing(
+        self, allowed: Bools, box: Sequence[Interval], far: Sequence[Sequence[list[_Potential]]]
+    ) -> Bools:
+        """Cells of B from which all that the ways and the others may come to lies in C."""
+        cells, edges = np.zeros_like(allowed), self.engine.edges
+        beyond = [[self._safe_beyond(box, way, sign) for sign in (-1, 1)] for way in self.ways]
+        inside = [
+            [k for k in range(len(e) - 1) if r.low <= e[k] and e[k + 1] <= r.high]
+            for e, r in ((edges[a], r) for a, r in zip(self.moving, box, strict=True))
+        ]
+        for of_moving in product(*inside):
+            place = dict(zip(self.moving, of_moving, strict=True))
+            to_rest = [slice(*_to_rest(e, place.get(a))) for a, e in enumerate(edges)]
+            fine: Bools = np.asarray(allowed[tuple(to_rest)].all(axis=tuple(self.moving)))
+            for k, (way, of, out) in enumerate(zip(self.ways, far, beyond, strict=True)):
+                least = [min((self._most(p, place) for p in side), default=inf) for side in of]
+                fine = _led(fine, k, edges[way], least, out)
+            cells[tuple(place.get(a, slice(None)) for a in range(len(edges)))] = fine
+        return cells & allowed
+
+    def _most(self, potential: _Potential, place: Mapping[int, int]) -> float:
+        """How far a way gets from a cell, rounded up."""
+        edges, k = self.engine.edges[potential.axis], place[potential.axis]
+        most = potential.most(float(edges[k]), float(edges[k + 1]))
+        return float(np.nextafter(float(most), inf)) if most else 0.0
+
+    def _safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
+        """Whether C goes on beyond an end of a way, wherever the other ways are."""
+        whole, edges = self.whole.copy(), self.engine.edges
+        if self.engine.axes[way] in self.engine.unbounded:
+            return True  # its outer cells are in C with all that lies beyond
+        for other in self.ways:
+            whole[self.engine.axes[other]] = -FARTHEST, FARTHEST
+        for axis, r in zip(self.moving, box, strict=True):
+            whole[self.engine.axes[axis]] = r.low, r.high
+        ends = (-FARTHEST, edges[way][0]) if sign < 0 else (edges[way][-1], FARTHEST)
+        whole[self.engine.axes[way]] = ends
+        named = self.engine.library.symbol("constraint") != self.engine.library.ffi.NULL
+        return self.case.forms.true("constraint" if named else "safe", whole)
+
+
+def _signed(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
+    """What is known of comparisons of x with 0 where it is above, or below."""
+    if not sign:
+        return {x: make.number(0.0)}
+    zero, held = make.number(0.0), {True: make.true, False: make.false}
+    pairs = ((x, zero, sign > 0), (zero, x, sign < 0))
+    return {make.compare(op, a, b): held[true] for a, b, true in pairs for op in (">", ">=")}
+
+
+def _times(r: Interval, sign: int) -> Interval:
+    return r if sign > 0 else Interval(-r.high, -r.low)
+
+
+def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
+    """The cells of an axis from one, and the one behind the last, to where the state is 0."""
+    if k is None:
+        return 0, len(edges) - 1
+    first = int(np.searchsorted(edges, 0.0, side="right")) - 1
+    last = int(np.searchsorted(edges, 0.0, side="left")) - 1
+    return min(k, first), max(k, last) + 1
+
+
+def _led(
+    fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
+) -> Bools:
+    """Cells from which what is so far below and above them on an axis is fine, too."""
+    low = edges[:-1] if not far[0] else np.nextafter(edges[:-1] - far[0], -inf)
+    high = edges[1:] if not far[1] else np.nextafter(edges[1:] + far[1], inf)
+    first = np.searchsorted(edges, low, side="right") - 1
+    last = np.searchsorted(edges, high, side="left") - 1
+    ends = ((low >= edges[0]) | beyond[0]) & ((high <= edges[-1]) | beyond[1])
+    sums = np.insert(np.cumsum(~fine, axis=axis), 0, 0, axis=axis)
+    wrong = np.take(sums, np.minimum(last, len(low) - 1) + 1, axis=axis)
+    wrong = wrong - np.take(sums, np.maximum(first, 0), axis=axis)
+    along = ends.reshape([-1 if k == axis else 1 for k in range(fine.ndim)])
+    found: Bools = (wrong == 0) & along
+    return found
