@@ -89,8 +89,10 @@ class GridGroup(GridModel):
         axes = [(a.state, a.edges) for a in group.axes]
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
+        around = {a.state for a in group.axes if a.wraps}
         told = of_problem(problem, parameters)
-        return cls(library, told, axes, open_ends=ends, unbounded=endless, **options)
+        options |= {"open_ends": ends, "unbounded": endless, "wraps": around}
+        return cls(library, told, axes, **options)
 
     # ------------------------------------------------------------ predicates
 
@@ -312,7 +314,10 @@ class GridGroup(GridModel):
         for a, (first, last) in enumerate(self.touched(errors)):
             if not errors.get(self.axes[a], 0.0):
                 continue
-            n, after = self.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
+            if self.axes[a] in self.wraps:  # cells beyond an end are those of another turn
+                now = np.concatenate([now, now], axis=a)
+                first, last = np.resize(first, 2 * len(first)), np.resize(last, 2 * len(last))
+            n, after = now.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
             out, scratch = np.empty_like(now), np.empty((n + 1) * after, dtype=np.int32)
             self.library.lib.soter_reach_shrink(
                 now.size // (n * after),
@@ -325,7 +330,7 @@ class GridGroup(GridModel):
                 self.pointer(out, "uint8_t *"),
                 self.pointer(scratch, "int32_t *"),
             )
-            now = out
+            now = np.ascontiguousarray(out[(slice(None),) * a + (slice(self.shape[a]),)])
         return now.view(np.bool_)
 
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:

@@ -7,6 +7,7 @@ Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import left_out
 from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.module_above import handed_back, under
+from soter.verify.problem.periodic_states import far_turns, turned, wrapping
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.module_above import Above
     from soter.verify.problem.problem import Group, ProblemKind
+    from soter.verify.problem.quantities import Quantities
     from soter.verify.time.downstream_paths import DownstreamPath
 
 CASES_MAX = 4096
@@ -109,6 +112,9 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     core, rest = lower(at.system), at.module.symbol.rest
     inputs, groups = _axes(at, core, inputs, kind, diagnostics)
     axis_groups = groups.groups() if rest is None else ()
+    quantities, axis_groups = _turned(
+        at, core, inputs, axis_groups, flow=kind == "flow" and not synthesize
+    )
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -122,7 +128,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         system=at.system,
         core=core,
         module=at.module,
-        quantities=inputs.quantities(),
+        quantities=quantities,
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
         states=_extents(axis_groups, groups),
@@ -154,7 +160,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         influences=at.influences,
         commands=commands,
         parameter_starts=tuple(inputs.parameter_starts),
-        schemes=_schemes(at, inputs) if kind == "flow" else (),
+        schemes=_schemes(at, inputs, quantities.turning) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
         above=above.name if above else "",
@@ -187,6 +193,22 @@ def _axes(
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
+def _turned(
+    at: VerificationSystem,
+    core: CoreSystem,
+    inputs: Inputs,
+    groups: tuple[Group, ...],
+    *,
+    flow: bool,
+) -> tuple[Quantities, tuple[Group, ...]]:
+    """The quantities and groups with the axes that wrap around."""
+    quantities = inputs.quantities()
+    if not flow or at.module.symbol.rest is not None:
+        return quantities, groups
+    states, _ = wrapping(at, core, quantities, groups)
+    return replace(quantities, turning=states), turned(groups, states)
+
+
 def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     refuse_views(module)
     _in_tower(flat, module, diagnostics)
@@ -198,7 +220,8 @@ def _beside(
 ) -> list[Assumption]:
     """What is assumed beside what every problem assumes."""
     of_above = [] if above is None else above.assumptions
-    return [*_forced(at.flat, at.home), *_open(groups), *modes.assumptions, *of_above]
+    beside = [*_open(groups), *far_turns(groups)]
+    return [*_forced(at.flat, at.home), *beside, *modes.assumptions, *of_above]
 
 
 def _forced(flat: System, module: Module) -> list[Assumption]:
@@ -397,20 +420,23 @@ def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     yield from product(*(p.values for p in problem.parameters))
 
 
-def _schemes(at: VerificationSystem, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
+def _schemes(
+    at: VerificationSystem, inputs: Inputs, turning: frozenset[int]
+) -> tuple[tuple[float, int, int], ...]:
     """Of each state step, order and plant: `Problem.schemes`.
 
     The step is 0 where a release of SC does not fall on a step of the plant: a command that is
     published between two steps acts on all of its step in the simulator. So it is where the plant's
-    scheme is none whose error is known (`enclose/scheme_error.py`).
+    scheme is none whose error is known (`enclose/scheme_error.py`), or where a state may be many
+    turns further than what is enclosed, so that its sums round by more.
     """
     schemes = []
-    for leaf in inputs.states:
+    for state, leaf in enumerate(inputs.states):
         c = at.system.components[leaf.owner]
         assert c.plant is not None
         scheme = SCHEMES[c.plant.method]
         fits = at.sc.period_ns % c.period_ns == 0 == at.sc.phase_ns % c.period_ns
-        covered = fits and scheme.order == scheme.stages <= ORDER
+        covered = fits and scheme.order == scheme.stages <= ORDER and state not in turning
         schemes.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
     return tuple(schemes)
 

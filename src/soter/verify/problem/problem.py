@@ -165,6 +165,8 @@ class Axis:
     """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
     unbounded: bool = False
     """The first and the last cell have no outer end: what lies beyond belongs to them."""
+    wraps: bool = False
+    """It is a full turn, and nothing reads how many of them its state has made."""
     unit: str = ""
     """As the program declares it for the state, for people."""
 

@@ -36,6 +36,8 @@ class Quantities:
     others: tuple[Leaf, ...]
     parameters: tuple[Leaf, ...]
     """Discrete plant states without dynamics: `param[]`, not forms."""
+    turning: frozenset[int] = frozenset()
+    """States that are read modulo a full turn (`periodic_states.py`): those of axes that wrap."""
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:
