@@ -61,8 +61,13 @@ class CaseModel:
     parameter: tuple[int, ...]
     extents: tuple[tuple[float, float], ...]
 
-    def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them; those whose axis has no ends up to `farthest`."""
+    def new_terms(
+        self, farthest: arb | None = None, turned: arb | None = None
+    ) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, and the states in them.
+
+        Those whose axis has no ends up to `farthest`, those whose axis wraps around to `turned`.
+        """
         terms = Terms()
         states = []
         for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
@@ -70,6 +75,9 @@ class CaseModel:
             ends = a - (b - a), b + (b - a)
             if farthest is not None and i in self.facts.unbounded:
                 ends = -farthest, farthest
+            if i in self.facts.turning:
+                terms.turning.add(len(terms.atoms))
+                ends = ends if turned is None else (-turned, turned)
             states.append(terms.input("state", s.name, *ends))
         return terms, states
 

@@ -155,6 +155,8 @@ class Terms:
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
+    turning: set[int] = field(default_factory=set)
+    """Inputs that stand for angles any number of turns further (`reading/turned_states.py`)."""
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
@@ -184,6 +186,10 @@ class Terms:
         low = larger(x.low, ZERO) if x.nonnegative else x.low
         _, _, _, least, most = UNIVARIATE[name](low, x.high)
         return self._atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+
+    def turns(self, x: Linear) -> bool:
+        """Whether it may be any number of turns further."""
+        return not self.turning.isdisjoint(x.terms)
 
     # ------------------------------------------------------------ linear operations
 
