@@ -39,7 +39,7 @@ from soter.verify.time.problem_times import times_of
 from soter.verify.tubes.problem import followed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Collection, Iterator, Sequence
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
@@ -69,7 +69,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
                 _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
             )
             if not problem.law_unread:
-                problem.law = _extract(*under_law(flat, module))
+                problem.law = _extract(*under_law(flat, module), wraps=problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
@@ -95,7 +95,14 @@ def _beyond_the_law(problem: Problem) -> str:
     return ""
 
 
-def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+def _extract(
+    flat: System,
+    module: Module,
+    *,
+    synthesize: bool = False,
+    wraps: Collection[int] | None = None,
+) -> Problem:
+    """`wraps`: the states whose axes may wrap around; None: all."""
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
     home = flat
@@ -112,9 +119,9 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     core, rest = lower(at.system), at.module.symbol.rest
     inputs, groups = _axes(at, core, inputs, kind, diagnostics)
     axis_groups = groups.groups() if rest is None else ()
-    quantities, axis_groups = _turned(
-        at, core, inputs, axis_groups, flow=kind == "flow" and not synthesize
-    )
+    if kind != "flow" or synthesize or rest is not None:
+        wraps = ()
+    quantities, axis_groups, turns_read = _turned(at, core, inputs, axis_groups, wraps)
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -163,6 +170,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         schemes=_schemes(at, inputs, quantities.turning) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
+        turns_read=turns_read,
         above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
@@ -198,15 +206,13 @@ def _turned(
     core: CoreSystem,
     inputs: Inputs,
     groups: tuple[Group, ...],
-    *,
-    flow: bool,
-) -> tuple[Quantities, tuple[Group, ...]]:
-    """The quantities and groups with the axes that wrap around."""
+    may: Collection[int] | None,
+) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
+    """The quantities and groups with the axes that wrap around, and of others who reads turns."""
     quantities = inputs.quantities()
-    if not flow or at.module.symbol.rest is not None:
-        return quantities, groups
-    states, _ = wrapping(at, core, quantities, groups)
-    return replace(quantities, turning=states), turned(groups, states)
+    some = [a.state for g in groups for a in g.axes if may is None or a.state in may]
+    states, readers = wrapping(at, core, quantities, groups, some)
+    return replace(quantities, turning=states), turned(groups, states), readers
 
 
 def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:

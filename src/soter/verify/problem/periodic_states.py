@@ -21,8 +21,11 @@ from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.enclose.compiled_enclosures import hint_of
 from soter.verify.enclose.enclosure_code import generate_enclosures
 from soter.verify.problem.assumption import Assumption
+from soter.verify.problem.left_out_states import MOVING, in_words
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from soter.core.core import CoreSystem
     from soter.verify.problem.problem import Axis, Group
     from soter.verify.problem.quantities import Quantities
@@ -35,14 +38,18 @@ FARTHEST = 2.0**14
 """2,607 turns: beyond, an estimate is in no table."""
 FAR_TURNS = 2.0**-33
 """As `SOTER_FAR_TURNS`; an estimate that is brought back by whole turns is off by less, too."""
-APART = frozenset({"drives", "derivative"})
+APART = frozenset({"drives", MOVING})
 """What these say is in others."""
 
 
 def wrapping(
-    at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
-) -> tuple[frozenset[int], dict[str, frozenset[str]]]:
-    """The states whose axis wraps around; of others by name the functions that read them otherwise.
+    at: VerificationSystem,
+    core: CoreSystem,
+    quantities: Quantities,
+    groups: tuple[Group, ...],
+    among: Collection[int],
+) -> tuple[frozenset[int], dict[str, str]]:
+    """Of these states those whose axis wraps around; of others by name who reads them otherwise.
 
     Of flows that one module alone commands, with the SC and the predicates that it declares.
     """
@@ -54,15 +61,16 @@ def wrapping(
         or len(tower_of(at.flat, at.home.index)) > 1
     )
     axes = [a for g in groups for a in g.axes if g.representation == "grid" and _is_turn(a)]
+    axes = [a for a in axes if a.state in among]
     found: set[int] = set()
-    readers: dict[str, frozenset[str]] = {}
+    readers: dict[str, str] = {}
     for axis in axes if settled else ():
         try:
             read = _readers(at, core, quantities, axis.state)
         except EnclosureError:
             continue  # said where all of it is enclosed
         if read:
-            readers[axis.name] = read
+            readers[axis.name] = in_words(read, quantities)
         else:
             found.add(axis.state)
     return frozenset(found), readers

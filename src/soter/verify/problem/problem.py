@@ -255,6 +255,8 @@ class Problem:
     """Whose modes the module reads; None: nobody else's."""
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
+    turns_read: Mapping[str, str] = field(default_factory=dict)
+    """Of axes that are a full turn and do not wrap around: their state -> who reads its turns."""
     above: str = ""
     """The module in whose place of AC this one stands: what is claimed is claimed while it is in
     AC; "" where there is none."""
