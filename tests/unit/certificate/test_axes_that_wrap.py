@@ -117,7 +117,7 @@ def test_that_nobody_counts_turns_is_shown_of_what_was_drawn(tmp_path: Path, see
         ("der x = ", "der x = 0.001 * h + "),
         ("der x = ", "der x = abs(h) > 50.0 ? 0.1 : 0.0 + "),
         ("safe abs", "safe pose.h < 99.0 && abs"),
-        ("h: float }", "h: float in [-9.0, 9.0] }"),
+        ("h: float }", "h: float } in { h in [-9.0, 9.0] }"),
         ("levels 2;", "levels 2;"),
     ],
 )

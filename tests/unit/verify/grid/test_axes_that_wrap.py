@@ -118,7 +118,7 @@ MOVES = next(d for d in map(Drawn, range(20)) if d.moves and not d.from_zero and
         ("der x = ", "der x = 0.001 * h + ", "the rate of `b.x`"),
         ("der x = ", "der x = abs(h) > 50.0 ? 0.1 : 0.0 + ", "the rate of `b.x`"),
         ("safe abs", "safe pose.h < 99.0 && abs", "`safe`"),
-        ("h: float }", "h: float in [-9.0, 9.0] }", "what plants publish"),
+        ("h: float }", "h: float } in { h in [-9.0, 9.0] }", "what plants publish"),
         ("verify {", "verify { core pose.h < 9.0;", "`core`"),
         ("safe abs(pose.x) < 3.0;", "safe abs(pose.x) < 3.0; ttf pose.h > 2.0 || abs(pose.x) > 2.0; safer abs(pose.x) < 1.0;", "`ttf`"),
     ],
