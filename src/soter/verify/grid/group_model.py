@@ -60,6 +60,17 @@ def _guesses(edges: Floats) -> Ints:
     return np.asarray(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, n - 1), np.int32)
 
 
+def _touched_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
+    """`touched` on a full turn: first in [0, n), last as much behind as cells there are."""
+    n, low, high = len(edges) - 1, edges[:-1], edges[1:]
+    turns = np.concatenate([low - TURN, low, low + TURN])
+    low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
+    first = np.searchsorted(turns, low, side="right") - 1
+    count = np.searchsorted(turns, high, side="left") - first
+    begin = np.where(count >= n, 0, first % n)
+    return begin.astype(np.int32), (begin + np.minimum(count, n) - 1).astype(np.int32)
+
+
 class GridModel:
     """The engine for one group: its grid and its dynamics."""
 
@@ -346,30 +357,19 @@ class GridModel:
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
+            if state in self.wraps:
+                cell_ranges.append(_touched_around(edges, e + SEAM))
+                continue
             low, high = edges[:-1], edges[1:]
-            if state in self.wraps:  # as far as an estimate is known, they end beyond the seam
-                edges = np.concatenate([edges[:-1] - TURN, edges[:-1], edges[:-1] + TURN])
-                e += SEAM
             if e:
                 low, high = np.nextafter(low - e, -np.inf), np.nextafter(high + e, np.inf)
             first = np.searchsorted(edges, low, side="right") - 1
             last = np.searchsorted(edges, high, side="left") - 1
-            if state in self.wraps:
-                cell_ranges.append(self._turned(first - n, last - n, n))
-                continue
             last = np.where(high > edges[-1], n, last)
             if state in self.unbounded:
                 first, last = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
             cell_ranges.append((first.astype(np.int32), last.astype(np.int32)))
         return cell_ranges
-
-    @staticmethod
-    def _turned(first: Any, last: Any, n: int) -> tuple[Any, Any]:  # noqa: ANN401 - arrays
-        """The same around a turn: all cells where it is all of it; first in [0, n)."""
-        whole = last - first >= n - 1
-        begin = np.where(whole, 0, first % n)
-        end = np.where(whole, n - 1, last - first + begin)
-        return begin.astype(np.int32), end.astype(np.int32)
 
     # ------------------------------------------------------------ memory
 

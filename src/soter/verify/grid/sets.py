@@ -311,12 +311,12 @@ class GridGroup(GridModel):
 
     def _moved(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
         now = np.ascontiguousarray(cells).view(np.uint8)
-        for a, (first, last) in enumerate(self.touched(errors)):
+        for a, cells_by_cell in enumerate(self.touched(errors)):
             if not errors.get(self.axes[a], 0.0):
                 continue
-            if self.axes[a] in self.wraps:  # cells beyond an end are those of another turn
-                now = np.concatenate([now, now], axis=a)
-                first, last = np.resize(first, 2 * len(first)), np.resize(last, 2 * len(last))
+            turns = 1 + (self.axes[a] in self.wraps)  # behind the last cell is the first one
+            now = np.concatenate([now] * turns, axis=a)
+            first, last = (np.concatenate([x] * turns) for x in cells_by_cell)
             n, after = now.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
             out, scratch = np.empty_like(now), np.empty((n + 1) * after, dtype=np.int32)
             self.library.lib.soter_reach_shrink(

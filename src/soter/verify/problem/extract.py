@@ -19,6 +19,7 @@ from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
+from soter.verify.enclose.periodic_states import far_turns, turned, turning_as, wrapping
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -29,7 +30,6 @@ from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import left_out
 from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.module_above import handed_back, under
-from soter.verify.problem.periodic_states import far_turns, turned, wrapping
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import VerificationSystem, place, whole
@@ -39,7 +39,7 @@ from soter.verify.time.problem_times import times_of
 from soter.verify.tubes.problem import followed
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
@@ -69,7 +69,8 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
                 _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
             )
             if not problem.law_unread:
-                problem.law = _extract(*under_law(flat, module), wraps=problem.quantities.turning)
+                law = _extract(*under_law(flat, module))
+                problem.law = turning_as(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
@@ -95,14 +96,7 @@ def _beyond_the_law(problem: Problem) -> str:
     return ""
 
 
-def _extract(
-    flat: System,
-    module: Module,
-    *,
-    synthesize: bool = False,
-    wraps: Collection[int] | None = None,
-) -> Problem:
-    """`wraps`: the states whose axes may wrap around; None: all."""
+def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
     home = flat
@@ -118,10 +112,7 @@ def _extract(
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
     inputs, groups = _axes(at, core, inputs, kind, diagnostics)
-    axis_groups = groups.groups() if rest is None else ()
-    if kind != "flow" or synthesize or rest is not None:
-        wraps = ()
-    quantities, axis_groups, turns_read = _turned(at, core, inputs, axis_groups, wraps)
+    quantities, axis_groups, turns_read = _turned(at, core, groups, kind, synthesize=synthesize)
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -202,16 +193,14 @@ def _axes(
 
 
 def _turned(
-    at: VerificationSystem,
-    core: CoreSystem,
-    inputs: Inputs,
-    groups: tuple[Group, ...],
-    may: Collection[int] | None,
+    at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
     """The quantities and groups with the axes that wrap around, and of others who reads turns."""
-    quantities = inputs.quantities()
-    some = [a.state for g in groups for a in g.axes if may is None or a.state in may]
-    states, readers = wrapping(at, core, quantities, groups, some)
+    quantities = axes.inputs.quantities()
+    groups = axes.groups() if at.module.symbol.rest is None else ()
+    if kind != "flow" or synthesize:
+        return quantities, groups, {}
+    states, readers = wrapping(at, core, quantities, groups)
     return replace(quantities, turning=states), turned(groups, states), readers
 
 

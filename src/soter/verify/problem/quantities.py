@@ -37,7 +37,7 @@ class Quantities:
     parameters: tuple[Leaf, ...]
     """Discrete plant states without dynamics: `param[]`, not forms."""
     turning: frozenset[int] = frozenset()
-    """States that are read modulo a full turn (`periodic_states.py`): those of axes that wrap."""
+    """States of axes that wrap: they are read modulo a full turn (`enclose/periodic_states.py`)."""
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:

@@ -22,8 +22,8 @@ import numpy as np
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, leaves
 from soter.verify.claims.cell_boxes import drawn_edges, share
+from soter.verify.enclose.periodic_states import FARTHEST, TURN
 from soter.verify.problem.estimates import seen
-from soter.verify.problem.periodic_states import FARTHEST, TURN
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
 from soter.verify.tables.typed_tree_builder import Writer
 
@@ -248,7 +248,7 @@ def place_function(
 
 
 def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
-    """x less whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
+    """An estimate less whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
 
     Up to `FARTHEST` it is off by less than `FAR_TURNS`: the turn by 2^-51 and so by 2^-40 as often,
     a product and two sums by 2^-39 each; the quotient may say a turn less or more next to an end,

@@ -1,4 +1,4 @@
-"""The re-checker wraps an axis where a certificate says so and, by itself, it finds nobody counting.
+"""The re-checker wraps an axis where a certificate says so, and it finds nobody counting turns.
 
 Its cells around a turn against exact numbers; programs in which somebody counts turns; and proofs
 that are accepted as they are, and not once they say something else.
@@ -40,10 +40,12 @@ MOVES = next(d for d in map(Drawn, range(20)) if d.moves and not d.from_zero and
 @pytest.mark.parametrize("low", [-math.pi, 0.0, -1.25])
 def test_cells_around_a_turn_cover_what_they_are_asked_for(low: float) -> None:
     chance = np.random.default_rng(3)
-    edges = tuple(low + 2 * math.pi * k / 12 for k in range(12)) + (low + 2 * math.pi,)
+    edges = (*(low + 2 * math.pi * k / 12 for k in range(12)), low + 2 * math.pi)
     grid = Grid((edges,), wraps=(True,))
     ends = [Fraction(e) for e in (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM)]
-    near = [e + 2 * math.pi * k + d for e in edges for k in (-2, 0, 1) for d in (-SEAM, 0.0, SEAM / 2)]
+    near = [
+        e + 2 * math.pi * k + d for e in edges for k in (-2, 0, 1) for d in (-SEAM, 0.0, SEAM / 2)
+    ]
     for start in [*near, *chance.uniform(-9.0, 9.0, size=300).tolist()]:
         for width in (0.0, 0.1, float(chance.uniform(0.0, 7.0))):
             block = grid.cells((start, start + width))
@@ -58,7 +60,7 @@ def test_cells_around_a_turn_cover_what_they_are_asked_for(low: float) -> None:
 
 
 def test_a_set_holds_a_box_that_goes_on_at_the_other_end() -> None:
-    edges = tuple(-math.pi + 2 * math.pi * k / 12 for k in range(12)) + (math.pi,)
+    edges = (*(-math.pi + 2 * math.pi * k / 12 for k in range(12)), math.pi)
     grid = Grid((edges, (0.0, 1.0, 2.0)), wraps=(True, False))
     members = np.zeros((12, 2), dtype=np.bool_)
     members[[0, 11], 0] = True

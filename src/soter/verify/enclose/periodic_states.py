@@ -24,10 +24,8 @@ from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.left_out_states import MOVING, in_words
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from soter.core.core import CoreSystem
-    from soter.verify.problem.problem import Axis, Group
+    from soter.verify.problem.problem import Axis, Group, Problem
     from soter.verify.problem.quantities import Quantities
     from soter.verify.problem.verification_system import VerificationSystem
 
@@ -43,13 +41,9 @@ APART = frozenset({"drives", MOVING})
 
 
 def wrapping(
-    at: VerificationSystem,
-    core: CoreSystem,
-    quantities: Quantities,
-    groups: tuple[Group, ...],
-    among: Collection[int],
+    at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """Of these states those whose axis wraps around; of others by name who reads them otherwise.
+    """The states whose axis wraps around; of others by name who reads them otherwise.
 
     Of flows that one module alone commands, with the SC and the predicates that it declares.
     """
@@ -61,7 +55,6 @@ def wrapping(
         or len(tower_of(at.flat, at.home.index)) > 1
     )
     axes = [a for g in groups for a in g.axes if g.representation == "grid" and _is_turn(a)]
-    axes = [a for a in axes if a.state in among]
     found: set[int] = set()
     readers: dict[str, str] = {}
     for axis in axes if settled else ():
@@ -99,6 +92,13 @@ def turned(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ..
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
+
+
+def turning_as(law: Problem, states: frozenset[int]) -> Problem:
+    """The problem of a fail-safe law, with no other axes that wrap around than its module has."""
+    kept = law.quantities.turning & states
+    quantities = replace(law.quantities, turning=kept)
+    return replace(law, quantities=quantities, groups=turned(law.groups, kept))
 
 
 def far_turns(groups: tuple[Group, ...]) -> list[Assumption]:

@@ -20,9 +20,9 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
 from soter.verify.enclose.compiled_enclosures import library_of
+from soter.verify.enclose.periodic_states import FAR_TURNS, FARTHEST
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
-from soter.verify.problem.periodic_states import FAR_TURNS, FARTHEST
 from soter.verify.tables.grid_tables import place_function
 from soter.verify.tables.typed_tree_builder import Writer
 
@@ -100,7 +100,10 @@ def test_no_command_leads_out_of_k_from_what_is_free(seed: int) -> None:
         x = x + 0.005 * drawn.rate(x + 0.0025 * drawn.rate(x, u, w), u, w)
         h = (x[-1] - engine.edges[-1][0]) % TURN + engine.edges[-1][0]
         states = np.stack([*x[:-1], h])
-        at = [np.searchsorted(e, v, side="right") - 1 for e, v in zip(engine.edges, states, strict=True)]
+        at = [
+            np.searchsorted(e, v, side="right") - 1
+            for e, v in zip(engine.edges, states, strict=True)
+        ]
         inside = [np.clip(i, 0, n - 1) for i, n in zip(at, engine.shape, strict=True)]
         assert core[tuple(inside)].all()
 
@@ -113,21 +116,29 @@ MOVES = next(d for d in map(Drawn, range(20)) if d.moves and not d.from_zero and
     ("old", "new", "reader"),
     [
         ("publish turn = clamp({g}", "publish turn = clamp(0.01 * pose.h + {g}", "SC"),
-        ("publish turn = clamp({g}", "let u = pose.h > 9.0 ? 0.1 : 0.0; publish turn = clamp(u + {g}", "SC"),
+        (
+            "publish turn = clamp({g}",
+            "let u = pose.h > 9.0 ? 0.1 : 0.0; publish turn = clamp(u + {g}",
+            "SC",
+        ),
         ("wrap_angle({a}", "wrap_angle(1.5 * pose.h + {a}", "SC"),
         ("der x = ", "der x = 0.001 * h + ", "the rate of `b.x`"),
         ("der x = ", "der x = abs(h) > 50.0 ? 0.1 : 0.0 + ", "the rate of `b.x`"),
         ("safe abs", "safe pose.h < 99.0 && abs", "`safe`"),
         ("h: float }", "h: float } in { h in [-9.0, 9.0] }", "what plants publish"),
         ("verify {", "verify { core pose.h < 9.0;", "`core`"),
-        ("safe abs(pose.x) < 3.0;", "safe abs(pose.x) < 3.0; ttf pose.h > 2.0 || abs(pose.x) > 2.0; safer abs(pose.x) < 1.0;", "`ttf`"),
+        (
+            "safe abs(pose.x) < 3.0;",
+            "safe abs(pose.x) < 3.0; ttf pose.h > 2.0; safer abs(pose.x) < 1.0;",
+            "`ttf`",
+        ),
     ],
 )
-def test_an_axis_whose_turns_somebody_counts_does_not_wrap(
-    old: str, new: str, reader: str
-) -> None:
+def test_an_axis_whose_turns_somebody_counts_does_not_wrap(old: str, new: str, reader: str) -> None:
     n = MOVES.numbers
-    old, new = (t.replace("{g}", repr(n["gain"])).replace("{a}", repr(n["away"])) for t in (old, new))
+    old, new = (
+        t.replace("{g}", repr(n["gain"])).replace("{a}", repr(n["away"])) for t in (old, new)
+    )
     text = MOVES.text(32)
     assert text.count(old) == 1, old
     problem = problem_of(text.replace(old, new))
@@ -153,11 +164,13 @@ def test_the_decision_module_finds_the_cell_of_an_estimate_any_number_of_turns_a
     low: float, high: float
 ) -> None:
     chance = np.random.default_rng(1)
-    edges = tuple(low + (high - low) * k / 24 for k in range(24)) + (high,)
+    edges = (*(low + (high - low) * k / 24 for k in range(24)), high)
     w = Writer(Span(Source("table.soter", "x"), 0, 1))
     place = Evaluator({}).function(place_function(w, "place", edges, wraps=True))
     far = chance.uniform(-FARTHEST, FARTHEST, size=400)
-    seams = np.array([low + TURN * k + d for k in range(-2600, 2601, 400) for d in (-1e-12, 0, 1e-12)])
+    seams = np.array(
+        [low + TURN * k + d for k in range(-2600, 2601, 400) for d in (-1e-12, 0, 1e-12)]
+    )
     for x in [*far.tolist(), *seams.tolist(), *edges]:
         cell = place(Environment(), (x,))
         assert isinstance(cell, int)
