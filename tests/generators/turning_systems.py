@@ -146,3 +146,19 @@ class Drawn:
                 past.append(x)
                 fine &= self.safe(x)
         return fine
+
+
+def counted(drawn: Drawn, cells: int) -> list[str]:
+    """The same program with one place each where somebody counts turns."""
+    text, n = drawn.text(cells), drawn.numbers
+    law = f"publish turn = clamp({n['gain']!r}"
+    places = {
+        law: f"publish turn = clamp(0.001 * pose.h + {n['gain']!r}",
+        f"{drawn.wanted} - pose.h": f"{drawn.wanted} - 1.5 * pose.h",
+        "  der h = turn": "  der h = turn - 0.001 * h",
+        "  safe ": "  safe pose.h < 9.0 && ",
+        "h: float }": "h: float } in { h in [-9.0, 9.0] }",
+        "levels 2;": "levels 2; core pose.h < 9.0;",
+    }
+    assert all(text.count(old) == 1 for old in places)
+    return [text.replace(old, new) for old, new in places.items()]
