@@ -30,6 +30,7 @@ for folder in (ROOT, ROOT / "tests"):
 
 from generators.turning_systems import Drawn, counted  # noqa: E402 - needs the path
 from soter.language.front_end import check_file, system_of  # noqa: E402
+from soter.verify.enclose import engine_library  # noqa: E402
 from soter.verify.enclose.compiled_enclosures import library_of  # noqa: E402
 from soter.verify.grid.sets import GridGroup  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
@@ -106,6 +107,7 @@ def main() -> int:
     parser.add_argument("--wide", type=int, default=3)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
+    engine_library.UNIT_LEVEL = "-O1"  # the same bits, and many small modules are compiled
     row, began = Row(), time.process_time()
     for seed in range(options.systems):
         looked_at(row, seed, options.wide)
