@@ -108,7 +108,7 @@ class Drawn:
         n, h = self.numbers, x[-1]
         turn = u + n["bend"] * np.sin(h + n["phase"]) + w
         if not self.moves:
-            return turn[None]
+            return np.asarray(turn[None])
         return np.stack([np.cos(h - (n["away"] - PI / 2)) + 0.5 * w, turn])
 
     def law(self, y: Floats) -> Floats:

@@ -61,13 +61,8 @@ class CaseModel:
     parameter: tuple[int, ...]
     extents: tuple[tuple[float, float], ...]
 
-    def new_terms(
-        self, farthest: arb | None = None, turned: arb | None = None
-    ) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them.
-
-        Those whose axis has no ends up to `farthest`, those whose axis wraps around to `turned`.
-        """
+    def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, and the states in them; those whose axis has no ends up to `farthest`."""
         terms = Terms()
         states = []
         for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
@@ -77,7 +72,6 @@ class CaseModel:
                 ends = -farthest, farthest
             if i in self.facts.turning:
                 terms.turning.add(len(terms.atoms))
-                ends = ends if turned is None else (-turned, turned)
             states.append(terms.input("state", s.name, *ends))
         return terms, states
 

@@ -5,7 +5,7 @@ Purpose: `read_turning` (which states those are, by a certificate, and whether t
 Non-goals: sets on such axes (`cells/cell_sets.py`).
 
 The argument. Everything that is asked is a term. Each is read with the state anywhere up to
-`FARTHEST`, so that nothing is decided by where it is. There it may only stand in arguments of
+3 `THIRD`, so that nothing is decided by where it is. There it may only stand in arguments of
 functions of a full turn, as a whole multiple of itself, to which only what does not depend on it is
 added: then the argument moves by whole turns as the state does, and what is rounded of it there is
 within `FAR_TURNS`, which is added to it where runs are enclosed near the grid. So a run a turn
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.terms.terms import Terms
 
-FARTHEST = exact(2.0**14)
-"""What is assumed of each such state."""
+THIRD = 5461.5
+"""Terms hold on three times an extent: up to 16,384 is assumed of each such state."""
 NEAR = exact(2.0**-44)
 """Ends of an axis are so near to a turn apart."""
 
@@ -65,8 +65,10 @@ def read_turning(facts: Facts, names: object) -> None:
 
 def refuse_turns_read(model: CaseModel) -> None:
     """RejectedError where something that is asked is not the same a turn further."""
-    facts = model.facts
-    terms, states = model.new_terms(turned=FARTHEST)
+    facts, far = model.facts, (-THIRD, THIRD)
+    extents = tuple(far if i in facts.turning else e for i, e in enumerate(model.extents))
+    model = CaseModel(facts, model.parameter, extents)
+    terms, states = model.new_terms()
     asked: list[Linear | Proposition] = list(model.commands(terms, states))
     asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
     seen = [e for e in (facts.ttf, facts.symbol.safer) if e is not None]

@@ -158,7 +158,7 @@ class EnclosureOperations:
     def unary(self, op: str, v: Item) -> Item:
         """neg, abs, floor, sqrt of a float."""
         if op == "neg" and isinstance(v, Form) and v.turns:
-            return replace(self.unary(op, Form(v.place)), turns=v.turns, sums=v.sums)
+            return self._turned(self.unary(op, Form(v.place)), v.turns, v.sums)
         if isinstance(v, FloatRange):
             known = span_unary(op, v)
             if known is not None:
@@ -172,7 +172,7 @@ class EnclosureOperations:
             turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
             if turns <= TURNS_MAX and sums <= SUMS_MAX:
                 plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
-                return replace(self.binary(op, *plain), turns=turns, sums=sums)
+                return self._turned(self.binary(op, *plain), turns, sums)
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
             known = span_binary(op, a, b)
             if known is not None:
@@ -206,6 +206,11 @@ class EnclosureOperations:
                 name = "soter_n_at_most" if op == "min" else "soter_n_at_least"
                 return self._form(name, self.form(x), float_literal(k.low))
         return self._form(f"soter_n_{op}", self.form(a), self.form(b))
+
+    @staticmethod
+    def _turned(v: Item, turns: int, sums: int) -> Form:
+        assert isinstance(v, Form)
+        return replace(v, turns=turns, sums=sums)
 
     def any_turn(self, v: Form) -> c.CExpr:
         """An argument of a function of a full turn, which may be turns off, as one that is not."""
