@@ -22,6 +22,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.enclose.periodic_states import FAR_TURNS, FARTHEST
 from soter.verify.grid.sets import GridGroup
+from soter.verify.problem.estimates import errors_of
 from soter.verify.problem.extract import extract
 from soter.verify.tables.grid_tables import place_function
 from soter.verify.tables.typed_tree_builder import Writer
@@ -108,7 +109,6 @@ def test_no_command_leads_out_of_k_from_what_is_free(seed: int) -> None:
         assert core[tuple(inside)].all()
 
 
-KEEPS = Drawn(7)
 MOVES = next(d for d in map(Drawn, range(20)) if d.moves and not d.from_zero and not d.by_sine)
 
 
@@ -157,6 +157,20 @@ def test_an_axis_that_is_not_one_turn_does_not_wrap(ends: str) -> None:
 def test_a_state_that_is_a_place_does_not_wrap_though_its_axis_is_as_long() -> None:
     text = MOVES.text(32).replace("pose.x in [-3.0, 3.0]", "pose.x in [-PI, PI]")
     assert problem_of(text).quantities.turning == {1}
+
+
+def test_errors_reach_across_the_seam() -> None:
+    problem = problem_of(MOVES.text(16))
+    engine = GridGroup.of(library_of(problem)[0], problem, problem.groups[0])
+    assert errors_of(problem)[1] >= MOVES.numbers["error"] + FAR_TURNS
+    chance, width = np.random.default_rng(2), TURN / 16
+    for off in (1e-6, 0.3 * width, 1.2 * width, 9.0 * width):
+        cells = chance.random(engine.shape) < 0.8
+        reach = int(off / width) + 1  # cells at either side that a cell and `off` touch
+        around = range(-reach, reach + 1)
+        near = [np.roll(cells, k, axis=1) for k in around]
+        assert (engine.erode(cells, {1: off}) == np.logical_and.reduce(near)).all()
+        assert (engine.dilate(cells, {1: off}) == np.logical_or.reduce(near)).all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(-math.pi, math.pi), (0.0, TURN), (-1.0, TURN - 1.0)])
