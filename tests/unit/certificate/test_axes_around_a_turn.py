@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from flint import arb
 
 import soter
 from generators.turning_systems import Drawn
@@ -23,7 +22,6 @@ from soter.certificate.cells.cell_sets import SEAM, Cells, Grid
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.turned_states import read_turning, refuse_turns_read
-from soter.certificate.terms.arb_balls import line_wrap_angle
 from soter.certificate.terms.terms import NotRecheckedError
 from unit.certificate import small_proofs
 
@@ -72,20 +70,6 @@ def test_a_set_holds_a_box_that_goes_on_at_the_other_end() -> None:
     assert not cells.contains((3.0, 3.8, 0.0, 1.0))
     assert not cells.contains((3.0, 9.5, 0.0, 1.0))
     assert not Cells(Grid(grid.edges), members).contains((3.0, 3.3, 0.0, 1.0))
-
-
-def test_lines_over_a_wrapped_angle_hold_at_every_point() -> None:
-    chance = np.random.default_rng(5)
-    for _ in range(300):
-        low = float(chance.uniform(-20.0, 20.0))
-        high = low + float(chance.choice([1e-9, 0.1, 2.0, 7.0]))
-        slope, offset, spread, least, most = line_wrap_angle(arb(low), arb(high))
-        for x in np.linspace(low, high, 9):
-            turns = (arb(float(x)) / (2 * arb.pi()) + arb(0.5)).floor()
-            exact = arb(float(x)) - 2 * arb.pi() * turns
-            assert abs(exact - slope * arb(float(x)) - offset) <= spread + arb(2) ** -90
-            assert least - arb(2) ** -90 <= exact
-            assert exact <= most + arb(2) ** -90
 
 
 def facts_of(folder: Path, text: str) -> Facts:
