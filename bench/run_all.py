@@ -412,6 +412,14 @@ BENCHMARKS = (
         "quick tests that name its module, or of its room, six files at most.",
     ),
     Benchmark(
+        "Axes that wrap around",
+        ("bench/verify/wrapping.py", "--systems", "60", "--wide", "6"),
+        "Drawn plants with a heading that turns for ever. From states of K up to 2,000 turns away "
+        "SC is flown in doubles against an adversary, and has to keep safe; every sixth program is "
+        "proved on an axis of five turns as well, which does not wrap; and wherever somebody "
+        "counts turns the axis may not wrap.",
+    ),
+    Benchmark(
         "The model of time against every schedule",
         ("bench/verify/time_model.py",),
         "5,000 random systems of small whole times: each quantity beside the largest value over "

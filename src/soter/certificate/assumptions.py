@@ -59,6 +59,7 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         verification_system.judged(facts) if links else (),
         _open(facts),
         _left_out(facts),
+        _turning(facts),
         module_above.assumed(facts.above) if facts.above is not None else (),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
@@ -105,6 +106,12 @@ def _left_out(facts: Facts) -> Said:
             "left out, as nothing that is asked reads it, below 1e+308, and where the functions in"
         )
         yield f"left out {s.name}", f"{text} its rate are defined: {s.name}"
+
+
+def _turning(facts: Facts) -> Said:
+    for name in (facts.states[i].name for i in sorted(facts.turning)):
+        text = "read modulo a full turn, so that its axis wraps around, and within 16,384 rad of 0"
+        yield f"turns {name}", f"{text}: {name}"
 
 
 def _range(x: Input) -> str:

@@ -111,5 +111,5 @@ def law_of(facts: Facts) -> Facts:
         (s.name, s.low, s.high) for s in facts.states
     ]:
         raise DiffersError("the fail-safe law is not about the states of the module")
-    law_facts.times = dict(facts.times)
+    law_facts.times, law_facts.turning = dict(facts.times), set(facts.turning)
     return law_facts

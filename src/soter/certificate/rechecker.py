@@ -56,6 +56,7 @@ from soter.certificate.reading.left_out_states import leave_out, refuse_read
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.turned_states import read_turning, refuse_turns_read
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
@@ -182,7 +183,7 @@ def _entry(
         with _understood("a module"):
             facts, report = whole[0].check(_system(checked, overrides, entry), entry)
     else:
-        only_keys(entry, MODULE_KEYS, "a module", "levels tables view law")
+        only_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
         with _understood("a module"):
             facts = facts_of(_system(checked, overrides, entry), entry)
     if any(_key(f) == _key(facts) for f in covered):
@@ -344,6 +345,8 @@ def _cases(
         )
         if facts.left_out:
             refuse_read(model)
+        if facts.turning:
+            refuse_turns_read(model)
         share = partial(_share, progress, k, len(cases))
         case = CaseCheck(model, own, claimed.claims, entry, share, workers)
         if claimed.law is not None:
@@ -392,6 +395,8 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
     facts.extents = tuple(extents)
+    if "wraps" in entry:
+        read_turning(facts, entry["wraps"])
 
 
 def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
@@ -416,7 +421,11 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
             if (edges[-1][0], edges[-1][-1]) != facts.extents[states[-1]]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         unbounded = tuple(s in facts.unbounded for s in states)
-        grid = Grid(tuple(edges), unbounded if any(unbounded) else ())
+        wraps = tuple(s in facts.turning for s in states)
+        if any(wraps) and entry["kind"] != "grid":
+            raise RejectedError("an axis wraps around that is none of cells")
+        ends = unbounded if any(unbounded) else ()
+        grid = Grid(tuple(edges), ends, wraps if any(wraps) else ())
         groups.append(method.read(certificate, facts, entry, Axes(tuple(states), grid)))
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")

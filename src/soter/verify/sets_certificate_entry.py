@@ -57,6 +57,8 @@ def entry_over_sets(
     }
     if problem.view:
         entry["view"] = problem.view
+    if around := sorted(problem.quantities.turning):
+        entry["wraps"] = [q.states[s].name for s in around]
     if result.laws:
         ruled = enumerate(result.laws)
         entry["law"] = [_case(problem, case, f"{stem}_law{k}", files, {"P2a"}) for k, case in ruled]

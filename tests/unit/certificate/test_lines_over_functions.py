@@ -139,6 +139,7 @@ EXACT: dict[str, Callable[[arb], arb]] = {
     "tanh": arb.tanh,
     "atan": arb.atan,
     "tan": arb.tan,
+    "wrap_angle": lambda x: x - 2 * arb.pi() * (x / (2 * arb.pi()) + exact(0.5)).floor(),
 }
 POSITIVE = ("inverse", "log", "sqrt")
 

@@ -253,7 +253,9 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
     monkeypatch.setattr(rechecker, "narrowed", lambda *_: None)
     monkeypatch.setattr(rechecker, "CaseCheck", case)
     monkeypatch.setattr(rechecker, "kept_by_law", lambda of, k, _: (of, k))
-    facts: Any = SimpleNamespace(cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[])
+    facts: Any = SimpleNamespace(
+        cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
+    )
     claims: Any = SimpleNamespace(groups=[[], []], law=law, claims=set())
     rechecker._cases(facts, claims, {}, lambda _: None, 1)
     assert [c.lawful for c in made] == ([None] * 2 if law is None else [(law, 0), (law, 1)])

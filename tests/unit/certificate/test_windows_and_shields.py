@@ -68,7 +68,9 @@ def test_into_which_windows_runs_are_told_apart(
 
 def model_with(errors: dict[int, float], leaves: Any = (0, 1)) -> Any:
     states = [SimpleNamespace(name=n) for n in "xy"]
-    facts = SimpleNamespace(states=states, leaves=dict.fromkeys(leaves), errors=errors)
+    facts = SimpleNamespace(
+        states=states, leaves=dict.fromkeys(leaves), errors=errors, turning=set()
+    )
     return SimpleNamespace(facts=facts, extents=((0.0, 4.0), (0.0, 4.0)))
 
 

@@ -16,11 +16,12 @@ one, which is above it, does so, too, while all else of the two is the same (`fo
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,6 +36,14 @@ if TYPE_CHECKING:
 
     Block = tuple[tuple[int, int], ...]
 
+TURN = 2 * math.pi
+SEAM = 2.0**-40
+"""By so much the cells at the ends of a full turn go on beyond them: the ends are a turn apart but
+for rounding, so that these two cells meet."""
+BACK = 2.0**-45
+"""More than what is lost where a number is brought back by whole turns."""
+FARTHEST_TURNED = 32.0
+"""Farther numbers are not brought back."""
 WIDER = 256
 """How much wider each box is than the one before, on the way there."""
 
@@ -46,6 +55,8 @@ class Grid:
     edges: tuple[tuple[float, ...], ...]
     unbounded: tuple[bool, ...] = ()
     """Of each axis whether it has no ends; none of them where this is empty."""
+    wraps: tuple[bool, ...] = ()
+    """Of each axis whether it is a full turn that wraps around; none of them where empty."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -58,12 +69,20 @@ class Grid:
         return tuple((0, n) for n in self.shape)
 
     def cells(self, box: Sequence[float], offset: int = 0) -> Block | None:
-        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid."""
+        """The cells that cover a box low, high, low, high, ...; None where it leaves the grid.
+
+        Of an axis that wraps around: begun within it, and counted on behind its last cell.
+        """
         ranges = []
         at = offset
         for k, edges in enumerate(self.edges):
             low, high = box[at], box[at + 1]
             at += 2
+            if self.wraps_around(k):
+                if not (-FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED):
+                    return None
+                ranges.append(_around(edges, low, high))
+                continue
             if self.has_no_ends(k):
                 width = edges[-1] - edges[0]
                 if not (edges[0] - width <= low <= high <= edges[-1] + width):
@@ -85,6 +104,15 @@ class Grid:
         edges = self.edges[axis]
         far = float(FARTHEST)
         return (-far, *edges[1:-1], far) if self.has_no_ends(axis) else edges
+    def wraps_around(self, axis: int) -> bool:
+        """Whether what leaves an axis at one end comes in at the other."""
+        return bool(self.wraps) and self.wraps[axis]
+
+    def counted_on(self, table: NDArray[Any]) -> NDArray[Any]:
+        """A table, of the grid's shape, once more behind itself along axes that wrap around."""
+        for k in (k for k in range(len(self.edges)) if self.wraps_around(k)):
+            table = np.concatenate([table, table], axis=k)
+        return table
 
     def followed_beyond(self, start: Sequence[tuple[arb, arb]], boxes: Sequence[float]) -> bool:
         """Whether what is enclosed from a box holds of all runs from the cells that it is part of.
@@ -125,11 +153,14 @@ class Grid:
         return [*below_it, *(_outwards(last, last - first) if high else ())]
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
-        """The box of a block of cells."""
-        return [
-            (exact(e[low]), exact(e[high]))
-            for e, (low, high) in zip(self.edges, block, strict=True)
-        ]
+        """The box of a block of cells; at the ends of an axis that wraps around a little more."""
+        ends = []
+        for k, (low, high) in enumerate(block):
+            edges = self.edges[k]
+            if self.wraps_around(k):
+                edges = (edges[0] - SEAM, *edges[1:-1], edges[-1] + SEAM)
+            ends.append((exact(edges[low]), exact(edges[high])))
+        return ends
 
     def text(self, block: Block) -> str:
         """For people."""
@@ -143,6 +174,25 @@ class Axes:
 
     states: tuple[int, ...]
     grid: Grid
+
+
+def _around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
+    """The cells of a full turn that cover an interval, from within the first turn on."""
+    count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
+    if turns[0] == -1 and low >= edges[0] - SEAM:
+        turns[0] = 0  # of the first cell still
+    if turns[1] == 1 and high <= edges[-1] + SEAM:
+        turns[1] = 0  # of the last one
+    low, high = (
+        x - TURN * k + apart * (k != 0)
+        for x, k, apart in zip((low, high), turns, (-BACK, BACK), strict=True)
+    )
+    first = min(max(bisect_right(edges, low) - 1, 0), count - 1) + turns[0] * count
+    last = max(min(bisect_left(edges, high), count), 1) + turns[1] * count
+    if last - first >= count:
+        return 0, count
+    last = max(last, first + 1)
+    return first % count, first % count + last - first
 
 
 def _width(edges: Sequence[float], cell: int) -> arb:
@@ -170,11 +220,11 @@ class Cells:
         self.grid = grid
         self.members = members
         self.size = int(np.count_nonzero(members))
-        sums = members.astype(np.int64)
+        sums = grid.counted_on(members).astype(np.int64)
         for axis in range(sums.ndim):
             sums = np.cumsum(sums, axis=axis)
-        padded = np.zeros([n + 1 for n in members.shape], dtype=np.int64)
-        padded[tuple(slice(1, None) for _ in members.shape)] = sums
+        padded = np.zeros([n + 1 for n in sums.shape], dtype=np.int64)
+        padded[tuple(slice(1, None) for _ in sums.shape)] = sums
         self.sums = padded
         """At each corner how many members lie below it on every axis."""
         self._sums = memoryview(padded.reshape(-1).data)

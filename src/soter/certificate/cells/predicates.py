@@ -172,7 +172,7 @@ def _certain_cells(
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
     decision = Decision(model, group.states, terms, atoms, truth)
-    key = decision.content, group.grid.edges, group.grid.unbounded
+    key = decision.content, group.grid.edges, group.grid.unbounded, group.grid.wraps
     members = _CERTAIN_CELLS.get(key)
     if members is None:
         members = _decided_cells(decision, group.grid)

@@ -15,6 +15,7 @@ import numpy as np
 from soter.certificate.cells.cell_sets import Cells, uncovered, volume
 from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS
 from soter.certificate.reading.problem import error_of
+from soter.certificate.reading.symbolic_operations import FAR_TURNS
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float
     if state not in model.facts.leaves:
         return model.extents[state]
     error = exact(error_of(model.facts, state))
+    if state in model.facts.turning:  # the DM brings it back to the grid
+        error += FAR_TURNS
     if not error.is_zero():
         error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
     return below(low - error), above(high + error)

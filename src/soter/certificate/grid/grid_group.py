@@ -392,7 +392,7 @@ def _finer(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
     )
     if not same:
         raise RejectedError("the cells of Q are no parts of those of its group")
-    finer = Grid(edges, grid.unbounded)
+    finer = Grid(edges, grid.unbounded, grid.wraps)
     certificate.count(finer.shape)
     return finer
 

@@ -275,13 +275,14 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
     order = group.rank.astype(np.int64)  # wider than a table: UNRANKED has no place in 16 bits
     order[order == 0] = UNRANKED
     order[home.members] = 0
+    around = grid.counted_on(order)
     everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
 
     def highest(box: Sequence[float]) -> int:
         cells = grid.cells(box)
         if cells is None:
             return UNRANKED
-        return int(order[block_index(cells)].max())
+        return int(around[block_index(cells)].max())
 
     todo = (group.rank > 0) & ~home.members
 

@@ -59,7 +59,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
-        if members[i] in model.facts.unbounded:
+        if members[i] in model.facts.unbounded | model.facts.turning:
             ends.append((False, False))
             continue
         low, high = model.extents[members[i]]

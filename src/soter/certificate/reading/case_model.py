@@ -70,6 +70,8 @@ class CaseModel:
             ends = a - (b - a), b + (b - a)
             if farthest is not None and i in self.facts.unbounded:
                 ends = -farthest, farthest
+            if i in self.facts.turning:
+                terms.turning.add(len(terms.atoms))
             states.append(terms.input("state", s.name, *ends))
         return terms, states
 

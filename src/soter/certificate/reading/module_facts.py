@@ -110,6 +110,8 @@ class Facts:
     """States of which nothing is claimed above that extent, and no run is taken to get there."""
     unbounded: set[int] = field(default_factory=set)
     """States whose axis has no ends: what lies beyond belongs to its outer cells."""
+    turning: set[int] = field(default_factory=set)
+    """States whose axis is a full turn that wraps around (`turned_states.py`)."""
     left_out: list[Input] = field(default_factory=list)
     """States of which a certificate has no sets, as nothing that is asked depends on them."""
     view: str = ""

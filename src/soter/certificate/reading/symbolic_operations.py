@@ -41,6 +41,11 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
+OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
+"""Functions of the prelude that are the same a turn further."""
+FAR_TURNS = exact(2.0**-33)
+"""By how much more a sum with an angle in it may be rounded where that is many turns further: what
+is shown of such sums in `turned_states.py`."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 
@@ -154,6 +159,9 @@ class Operations:
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
         low, high = (exact(v) for v in bound.domain[0])
+        if self.terms.turns(x):
+            far = FAR_TURNS
+            x = replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)
         if self.everywhere and name in EVERYWHERE:
             return self.terms.function(name, x)
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((ONE, x),), -low))))

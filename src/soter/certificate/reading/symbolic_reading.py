@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from soter.certificate.reading.symbolic_operations import Operations, in_range
+from soter.certificate.reading.symbolic_operations import OF_A_TURN, Operations, in_range
 from soter.certificate.reading.symbolic_values import (
     NOT_HERE,
     Rows,
@@ -368,8 +368,10 @@ class SymbolicReader(CodeReader):
 
     def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
         """Functions of the prelude by their tested bounds, where inputs are involved."""
-        if fun.prelude and fun.name in PRELUDE and isinstance(arguments[0], Linear):
-            return self.operations.prelude(fun.name, arguments[0])
+        if fun.prelude and isinstance(arguments[0], Linear):
+            turned = fun.name in OF_A_TURN and self.operations.terms.turns(arguments[0])
+            if fun.name in PRELUDE or turned:
+                return self.operations.prelude(fun.name, arguments[0])
         if fun.prelude and fun.name == "_round" and not self.operations.is_rounded:
             return self.operations.whole_beside(arguments[0])
         return super().called(fun, arguments)

@@ -268,6 +268,19 @@ def _slope_of_tan(x: arb) -> arb:
     return 1 + x.tan() ** 2
 
 
+def line_wrap_angle(low: arb, high: arb) -> Line:
+    """The angle in [-pi, pi] of the same direction; any where some x may be half a turn."""
+    half = arb.pi()
+    if low.is_finite() and high.is_finite():
+        turns = ((low + high) * HALF / (2 * half) + HALF).mid().floor()
+        back = 2 * half * turns
+        if low - back > -half and high - back < half:
+            ends = (low - back).lower(), (high - back).upper()
+            return ONE, -back.mid(), arb(back.rad()), arb(ends[0]), arb(ends[1])
+    half = arb(half.upper())
+    return ZERO, ZERO, half, -half, half
+
+
 def _nothing_known() -> Line:
     far = arb.pos_inf()
     return ZERO, ZERO, far, -far, far
@@ -288,6 +301,7 @@ UNIVARIATE: dict[str, Callable[[arb, arb], Line]] = {
     "tanh": partial(_smooth, arb.tanh, lambda v: 1 - v.tanh() ** 2, _curve_tanh),
     "atan": partial(_smooth, arb.atan, lambda v: 1 / (1 + v * v), lambda x: -x / (1 + x * x) ** 2),
     "tan": partial(_smooth, arb.tan, _slope_of_tan, lambda x: x.tan() * _slope_of_tan(x)),
+    "wrap_angle": line_wrap_angle,
 }
 """Exact functions of one variable; the prelude's errors are added by `symbolic_operations.py`."""
 PRELUDE = ("sin", "cos", "exp", "log", "tanh", "atan", "tan")

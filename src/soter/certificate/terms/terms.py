@@ -157,6 +157,8 @@ class Terms:
     limit: int = 20_000
     excluded: dict[int, int] = field(default_factory=dict)
     """Inputs that lie above their lower end (1), or below their upper one (-1)."""
+    turning: set[int] = field(default_factory=set)
+    """Inputs that stand for angles any number of turns further (`reading/turned_states.py`)."""
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""
@@ -186,6 +188,10 @@ class Terms:
         low = larger(x.low, ZERO) if x.nonnegative else x.low
         _, _, _, least, most = UNIVARIATE[name](low, x.high)
         return self._atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+
+    def turns(self, x: Linear) -> bool:
+        """Whether it may be any number of turns further."""
+        return not self.turning.isdisjoint(x.terms)
 
     # ------------------------------------------------------------ linear operations
 

@@ -37,6 +37,8 @@ def certified_sets(
     ]
     if len(entries) != 1 or problem.module.shield is not None or "levels" in entries[0]:
         return None  # what a shield permits for longer, and whether others would do, is not there
+    if not _wraps_alike(entries[0], problem):
+        return None
     given, every = entries[0].get("cases", []), list(cases(problem))
     if [tuple(c["parameter"]) for c in given] != every:
         return None
@@ -73,7 +75,17 @@ def same_tables(
     names = [s.name for s in q.states]
     own = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
     told = _read(own, {**files, **_numbered([*names, *(c.name for c in q.controls)])})
-    return all(not e.get("tables") or _told(certificate, e) == told for e in entries)
+    return all(
+        not e.get("tables") or (_told(certificate, e) == told and _wraps_alike(e, problem))
+        for e in entries
+    )
+
+
+def _wraps_alike(entry: Mapping[str, Any], problem: Problem) -> bool:
+    """Whether the same axes wrap around, by the places of their states."""
+    names = [i["name"] for i in entry["inputs"] if i["kind"] == "state"]
+    wraps = entry.get("wraps", ())
+    return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
 def _told(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - see `_read`

@@ -76,7 +76,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
-    if any(a.open or a.unbounded for a in group.axes) or group.representation != "grid":
+    if any(a.open or a.unbounded or a.wraps for a in group.axes) or group.representation != "grid":
         return None
     axes = tuple(_unbounded(a) if a.state == state else a for a in group.axes)
     states = list(problem.states)

@@ -50,17 +50,28 @@ def faces(
     width = float(model.high[axis] - model.low[axis])
     turn = next((t for t in TURNS if _periodic(model, axis, t)), None)
     if turn is not None or _wraps(model, axis):
-        yield _angle(run, end, width, turn, on=search.undisturbed_s is not None)
+        by = case.problem.turns_read.get(run.axis)
+        yield _angle(run, end, width, turn, by, on=search.undisturbed_s is not None)
         return
     yield _wall(case, model, failure, run, axis, end, budget)
 
 
-def _angle(run: LeavingRun, end: float, width: float, turn: float | None, *, on: bool) -> Cause:
-    """An angle that leaves the grid; `on`: SC turns it further, with nothing against it, too."""
+def _angle(
+    run: LeavingRun, end: float, width: float, turn: float | None, by: str | None, *, on: bool
+) -> Cause:
+    """An angle that leaves the grid; `on`: SC turns it further, with nothing against it, too.
+
+    `by`: who reads how many turns it has made, where its axis is one.
+    """
     name = run.axis.rpartition(".")[2]
     text = f"runs leave at {run.axis} = {end:.6g}, and {run.axis} is an angle: plant and `safe` "
-    text += "are the same one turn further. No clause makes an axis wrap around: beyond the grid "
-    text += "counts as unsafe"
+    text += "are the same one turn further. "
+    if by is not None:
+        text += f"Its axis does not wrap around, as {by} reads how far it has turned"
+    else:
+        text += "An axis of one turn, [-PI, PI], wraps around where all read the state in `sin`, "
+        text += "`cos`, `tan` or `wrap_angle`"
+    text += "; beyond the grid counts as unsafe"
     numbers = (("end", end), ("width", width if turn is None else turn))
     if not on:
         hint = f"a grid of more than one turn, or an SC that keeps {run.axis} off {end:.6g}"

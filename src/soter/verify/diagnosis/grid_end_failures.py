@@ -52,7 +52,7 @@ def grid_ends(
         low, high = axis.edges[0], axis.edges[-1]
         for side, end in ((0, low), (1, high)):
             layer = np.take(wrong, -side, axis=k)
-            if not layer.any() or axis.open or axis.unbounded:
+            if not layer.any() or axis.open or axis.unbounded or axis.wraps:
                 continue
             at = np.argwhere(layer)[len(np.argwhere(layer)) // 2].tolist()
             at.insert(k, wrong.shape[k] - 1 if side else 0)
@@ -158,7 +158,7 @@ def _sides(model: PointModel, grid: GridProof) -> Iterator[tuple[int, int]]:
     """Axis and side (0: low) of ends where K is lost, and beyond which `safe` holds somewhere."""
     lost = grid.found.allowed & ~(grid.found.core > 0)
     for k, axis in enumerate(grid.group.axes):
-        if axis.open or axis.unbounded:
+        if axis.open or axis.unbounded or axis.wraps:
             continue
         far = (axis.edges[-1] - axis.edges[0]) * BEYOND
         for side, end in ((0, axis.edges[0] - far), (1, axis.edges[-1] + far)):

@@ -55,6 +55,7 @@ class PointModel:
         self.problem, self.inputs = case.problem, of_problem(case.problem, case.parameter)
         self.forms, self.parameter = case.forms, case.parameter
         self.low, self.high = np.array([(i.low, i.high) for i in case.problem.states]).T
+        self.turning = [*case.problem.quantities.turning]
         sizes = [len(v) for v in (self.problem.states, self.problem.controls)]
         sizes += [len(v) for v in (self.problem.disturbances, self.problem.errors)]
         ends = np.cumsum(sizes)
@@ -271,6 +272,7 @@ def _left(model: PointModel, trace: ModelTrace) -> bool:
     """Whether the last state is outside C; enters by which end."""
     x = trace.states[-1]
     beyond = (x < model.low) | (x > model.high)
+    beyond[model.turning] = False  # at the other end it goes on
     false = model.safe(x) == FALSE
     if not false and not beyond.any():
         return False

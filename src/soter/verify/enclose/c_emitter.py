@@ -81,6 +81,8 @@ class Emitter:
     block: list[Step] = field(default_factory=list)
     """Where operations go at present."""
     operations: int = 0
+    reads_turns: bool = False
+    """Something hangs on how many full turns a state has made."""
     _next: int = 0
 
     def fresh(self, kind: str) -> str:

@@ -7,6 +7,7 @@ Non-goals: Core (`core_enclosure.py`), rounding at run time (`verify/engine/sote
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
@@ -69,6 +70,8 @@ INT_OPS: dict[str, Callable[..., int]] = {
     "abs": arithmetic.abs_int,
 }
 UNKNOWN = KnownTruth(None)
+TURNS_MAX, SUMS_MAX = 4, 8
+"""States that may be any turn off, and roundings, that `soter_n_any_turn` speaks of."""
 
 
 class EnclosureOperations:
@@ -82,6 +85,7 @@ class EnclosureOperations:
     def form(self, v: Item) -> c.CExpr:
         """A float as an operand of type `const soter_form *`."""
         if isinstance(v, Form):
+            self.emitter.reads_turns |= v.turns > 0
             return address(v.place)
         if isinstance(v, FloatRange):
             return address(self._static_form(v.low, v.high))
@@ -153,6 +157,8 @@ class EnclosureOperations:
 
     def unary(self, op: str, v: Item) -> Item:
         """neg, abs, floor, sqrt of a float."""
+        if op == "neg" and isinstance(v, Form) and v.turns:
+            return self._turned(self.unary(op, Form(v.place)), v.turns, v.sums)
         if isinstance(v, FloatRange):
             known = span_unary(op, v)
             if known is not None:
@@ -161,6 +167,12 @@ class EnclosureOperations:
 
     def binary(self, op: str, a: Item, b: Item) -> Item:
         """+ - * / of floats."""
+        turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
+        if turning and op in "+-":
+            turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
+            if turns <= TURNS_MAX and sums <= SUMS_MAX:
+                plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
+                return self._turned(self.binary(op, *plain), turns, sums)
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
             known = span_binary(op, a, b)
             if known is not None:
@@ -194,6 +206,15 @@ class EnclosureOperations:
                 name = "soter_n_at_most" if op == "min" else "soter_n_at_least"
                 return self._form(name, self.form(x), float_literal(k.low))
         return self._form(f"soter_n_{op}", self.form(a), self.form(b))
+
+    @staticmethod
+    def _turned(v: Item, turns: int, sums: int) -> Form:
+        assert isinstance(v, Form)
+        return replace(v, turns=turns, sums=sums)
+
+    def any_turn(self, v: Form) -> c.CExpr:
+        """An argument of a function of a full turn, which may be turns off, as one that is not."""
+        return address(self.emitter.emit("form", "soter_n_any_turn", address(v.place)))
 
     # ------------------------------------------------------------ truth
 

@@ -233,7 +233,8 @@ class Enclosed:
         """Of each driven leaf that has a set: whether it lies there, with every error.
 
         Last of those without a set: that they are finite. Only after `drive`. Of lists, of arrays
-        too long to be numbered, and of what is just a state that is left out, nothing is said.
+        too long to be numbered, and of what is just a state that is left out, or that is read
+        modulo a full turn, nothing is said.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -251,7 +252,8 @@ class Enclosed:
                     ends = KnownInt(math.ceil(bound.low)), KnownInt(math.floor(bound.high))
                 else:
                     continue
-                if bound is None and self.ops.is_anything(v):
+                turns = isinstance(v, Form) and v.turns > 0  # and is assumed to stay near
+                if bound is None and (self.ops.is_anything(v) or turns):
                     continue
                 inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
                 if bound is None:

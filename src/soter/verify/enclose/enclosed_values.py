@@ -36,6 +36,10 @@ class Form:
     """A float in a `soter_form` of the emitted C."""
 
     place: c.CExpr
+    turns: int = 0
+    """How often a state enters that is read modulo a full turn: it may be turns off as often."""
+    sums: int = 0
+    """Operations since: each rounds by as much as far turns are large."""
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,8 @@ class EnclosureUnit:
     """The float inputs that each of them reads, by its name without `soter_`."""
     boundless: frozenset[str]
     """Those that read a number of which nothing is known, as a state that is no input."""
+    of_turns: frozenset[str]
+    """Those that hang on how many turns a state has made that is read modulo a full turn."""
 
 
 def generate_enclosures(
@@ -86,7 +88,8 @@ def generate_enclosures(
     if apart:
         unit.derivatives()
     prelude, boundless = tuple(sorted(unit.prelude)), frozenset(unit.boundless)
-    return EnclosureUnit(unit.text(), prelude, tuple(unit.names), unit.reads, boundless)
+    of_turns = frozenset(unit.of_turns)
+    return EnclosureUnit(unit.text(), prelude, tuple(unit.names), unit.reads, boundless, of_turns)
 
 
 class _Unit:
@@ -103,6 +106,7 @@ class _Unit:
         self.names: list[str] = []
         self.reads: dict[str, frozenset[int]] = {}
         self.boundless: set[str] = set()
+        self.of_turns: set[str] = set()
 
     def run(
         self,
@@ -217,6 +221,8 @@ class _Unit:
         self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
         if EnclosureOperations(emitter).anything in mentioned:
             self.boundless.add(name)
+        if emitter.reads_turns:
+            self.of_turns.add(name)
         full = f"soter_{name}"
         self.names.append(full)
         self.definitions.append(

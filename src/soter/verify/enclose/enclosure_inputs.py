@@ -97,13 +97,14 @@ class EnclosureInputs:
             first += len(group)
         self.states, self.controls, self.disturbances, self.errors, self.others = groups
         self.parameter = {key(x): i for i, x in enumerate(q.parameters)}
+        self.turning = q.turning
 
     # ------------------------------------------------------------ leaves
 
     def leaf(self, number: int, t: Type) -> Item:
         """Input number `number` as a value of a scalar type."""
         if isinstance(t, FloatType):
-            return Form(self.ops.emitter.read(number))
+            return Form(self.ops.emitter.read(number), turns=int(number in self.turning))
         place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):

@@ -23,6 +23,9 @@ ENCLOSED = frozenset(
 )
 """What `soter_n_NAME` of verify/engine/soter_form_math.h encloses."""
 
+OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
+"""Functions of a full turn: a turn further they are the same."""
+
 
 def is_prelude(function: core.Function) -> bool:
     """Whether a function is the prelude's (a program may call its own function `sin`)."""
@@ -34,6 +37,10 @@ def enclosed_call(
 ) -> Item | None:
     """An enclosure of the function it stands for; None: enclose its body."""
     name = function.source_name
+    if is_prelude(function) and name in OF_A_TURN:
+        (angle,) = arguments
+        if isinstance(angle, Form) and angle.turns:
+            return _of_any_turn(ops, name, angle)
     if name not in ENCLOSED or not is_prelude(function):
         return None
     bound = BOUNDS[name]
@@ -41,3 +48,10 @@ def enclosed_call(
     assert not bound.absolute
     operands = tuple(ops.form(a) for a in arguments)
     return Form(ops.emitter.emit("form", f"soter_n_{name}", *operands, float_literal(bound.ulps)))
+
+
+def _of_any_turn(ops: EnclosureOperations, name: str, angle: Form) -> Item:
+    """The same of an angle that may be any number of turns further."""
+    bound, near = BOUNDS[name], ops.any_turn(angle)
+    off = bound.absolute if name == "wrap_angle" else bound.ulps
+    return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))

@@ -102,6 +102,40 @@ SOTER_OPERATION void soter_n_cos(int n, soter_form* out, const soter_form* a, do
   soter_n_wave(n, out, a, true, ulps);
 }
 
+/* ------------------------------------------------------------------ any number of turns */
+
+/* What a sum that holds angles may be off where each is any number of turns further: up to 2^16 all
+ * together, with a rest of up to 2^15, and 8 roundings of 2^-37 each. */
+#define SOTER_FAR_TURNS 0x1p-33
+
+/* The argument of a function of a full turn, which may be turns further, as one that is not. */
+SOTER_OPERATION void soter_n_any_turn(int n, soter_form* out, const soter_form* a) {
+  if (a->lo >= -0x1p15 && a->hi <= 0x1p15) {
+    soter_n_shift(n, out, a, -SOTER_FAR_TURNS, SOTER_FAR_TURNS);
+  } else {
+    soter_n_top(n, out); /* it may leave the functions' domain */
+  }
+}
+
+/* The angle within half a turn, modulo a turn within `off`; any where it may be half a turn. */
+SOTER_OPERATION void soter_n_wrap_angle(int n, soter_form* out, const soter_form* a, double off) {
+  const double turn = 2.0 * SOTER_MATH_PI;
+  soter_form near;
+  if (!(a->lo >= -0x1p16 && a->hi <= 0x1p16)) {
+    soter_n_top(n, out);
+    return;
+  }
+  const double back = -turn * floor(soter_middle(a) / turn + 0.5);
+  const double apart = off + fabs(back) * 0x1p-50;
+  soter_n_shift(n, &near, a, back - apart, back + apart);
+  SOTER_CHECK(off > 0.0);
+  if (near.lo > -SOTER_MATH_PI && near.hi < SOTER_MATH_PI) {
+    soter_n_copy(n, out, &near);
+  } else {
+    soter_n_range(n, out, -SOTER_MATH_PI, SOTER_MATH_PI);
+  }
+}
+
 /* Rises between its poles; tan' = 1 + tan^2. */
 SOTER_OPERATION void soter_n_tan(int n, soter_form* out, const soter_form* a, double ulps) {
   const double off = soter_off(ulps), m = soter_middle(a), half = 0.5 * SOTER_MATH_PI;

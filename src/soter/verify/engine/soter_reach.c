@@ -27,9 +27,10 @@ typedef struct {
 static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image) {
   uint16_t box[2 * AXES];
   for (int a = 0; a < g->axes; a++) {
-    box[2 * a] = (uint16_t)(image[2 * a] > 0 ? image[2 * a] - 1 : 0);
-    box[2 * a + 1] =
-        (uint16_t)(image[2 * a + 1] + 1 < g->cells[a] ? image[2 * a + 1] + 1 : g->cells[a] - 1);
+    const int n = g->cells[a], last = image[2 * a + 1];
+    const int around = g->kept_low[a] == SOTER_REACH_WRAPS && (image[2 * a] == 0 || last + 1 >= n);
+    box[2 * a] = (uint16_t)(around || image[2 * a] == 0 ? 0 : image[2 * a] - 1);
+    box[2 * a + 1] = (uint16_t)(around || last + 1 >= n ? n - 1 : last + 1);
   }
   return !soter_reach_inside(g, kept, box, 1);
 }

@@ -20,6 +20,7 @@ typedef unsigned (*soter_reach_test)(const soter_form*, const int64_t*, soter_tr
 #define SOTER_REACH_SEGMENTS 64
 #define SOTER_REACH_KEPT 1
 #define SOTER_REACH_UNBOUNDED 2
+#define SOTER_REACH_WRAPS 3
 
 /* x' is in a x + b u + c + [-w, w]. */
 typedef struct {
@@ -73,8 +74,8 @@ typedef struct {
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
   /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes; 2: what lies beyond belongs
-   * to the last cell (soter_reach_invariant_ends.c). Other values are free, for axes that wrap
-   * around: soter_reach_cover is where boxes meet ends. */
+   * to the last cell (soter_reach_invariant_ends.c); 3, both: the axis wraps around, where its
+   * state is read modulo a full turn (soter_reach_grid.c). */
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */

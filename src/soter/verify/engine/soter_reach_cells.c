@@ -20,12 +20,13 @@ typedef struct {
   lanes lo[AXES], hi[AXES];
 } boxes;
 
-/* Whether cells may be told of together: no axis goes on beyond an end. */
+/* Whether cells may be told of together: no axis goes on beyond an end, or around. */
 int soter_reach_cells_may_stay(const soter_reach_group* g) {
   int ends = 1;
   SOTER_CHECK(g->axes >= 1 && g->axes <= AXES);
   for (int a = 0; a < g->axes; a++) {
-    ends &= g->kept_low[a] != SOTER_REACH_UNBOUNDED && g->kept_high[a] != SOTER_REACH_UNBOUNDED;
+    ends &= g->kept_low[a] != SOTER_REACH_UNBOUNDED && g->kept_high[a] != SOTER_REACH_UNBOUNDED &&
+            g->kept_low[a] != SOTER_REACH_WRAPS;
   }
   return ends;
 }

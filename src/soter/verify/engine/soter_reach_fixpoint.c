@@ -85,9 +85,10 @@ void soter_reach_start_at(const soter_reach_group* g, const int* first, const in
 
 void soter_reach_depend(const soter_reach_group* g, uint16_t* reaches, const uint16_t* image) {
   for (int a = 0; a < g->axes; a++) {
-    SOTER_CHECK(image[2 * a] <= image[2 * a + 1] && image[2 * a + 1] < g->cells[a]);
-    const uint16_t lo = (uint16_t)(image[2 * a] / g->tile[a]);
-    const uint16_t hi = (uint16_t)(image[2 * a + 1] / g->tile[a]);
+    const int around = image[2 * a + 1] >= g->cells[a];
+    SOTER_CHECK(image[2 * a] <= image[2 * a + 1] && image[2 * a + 1] < 2 * g->cells[a]);
+    const uint16_t lo = (uint16_t)(around ? 0 : image[2 * a] / g->tile[a]);
+    const uint16_t hi = (uint16_t)(around ? g->tiles[a] - 1 : image[2 * a + 1] / g->tile[a]);
     reaches[2 * a] = lo < reaches[2 * a] ? lo : reaches[2 * a];
     reaches[2 * a + 1] = hi > reaches[2 * a + 1] ? hi : reaches[2 * a + 1];
   }

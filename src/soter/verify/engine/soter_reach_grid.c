@@ -64,11 +64,61 @@ static int brought_in(const soter_reach_group* g, int axis, double* lo, double* 
   return *lo >= e[0] && *hi <= e[n] && *lo <= *hi;
 }
 
+/* Axes that wrap around.
+ *
+ * Nothing reads how many turns a state has made, so that runs which differ by whole turns are one.
+ * A chain goes on beyond the ends, as far as the enclosures' domain, and is brought back here: a
+ * box is covered by cells `first` up to `last`, of which those from `cells` on are those from 0 on.
+ * The declared ends are a turn apart but for rounding. The outer cells go SEAM further, so that
+ * they meet, and what is brought back with rounding to the seam lies in one of them.
+ */
+#define FULL_TURN 6.283185307179586
+#define SEAM 0x1p-40        /* as `SEAM` of group_model.py */
+#define NEAR_A_TURN 0x1p-46 /* more than what less than 8 turns, and sums with them, are off */
+
+/* The cell of a point along an axis, counted on through turns; `up`: the last of two that meet. */
+static int cell_on_turns(const soter_reach_group* g, int axis, double x, int up) {
+  const double* e = g->edges[axis];
+  const int n = g->cells[axis];
+  int turns = (int)floor((x - (e[0] + SEAM)) / FULL_TURN);
+  if (up ? turns == 1 && x <= e[n] : turns == -1 && x >= e[0]) {
+    turns = 0; /* in an outer cell still */
+  }
+  const double apart = turns == 0 ? 0.0 : up ? NEAR_A_TURN : -NEAR_A_TURN;
+  const double y = x - turns * FULL_TURN + apart;
+  SOTER_CHECK(turns > -8 && turns < 8 && y >= e[0] && y <= e[n]);
+  return turns * n + (up ? last_of(g, axis, y) : first_of(g, axis, y));
+}
+
+static int cells_around(const soter_reach_group* g, int axis, double lo, double hi, int* first,
+                        int* last) {
+  const int n = g->cells[axis], state = g->axis[axis];
+  if (!(lo >= g->low[state] && hi <= g->high[state] && lo <= hi)) {
+    return 0;
+  }
+  *first = cell_on_turns(g, axis, lo, 0);
+  *last = cell_on_turns(g, axis, hi, 1);
+  SOTER_CHECK(g->high[state] - g->low[state] < 8 * FULL_TURN);
+  if (*last - *first >= n - 1 || hi - lo >= FULL_TURN) {
+    *first = 0;
+    *last = n - 1;
+    return 1;
+  }
+  *last = *last < *first ? *first : *last;
+  const int begin = (*first % n + n) % n;
+  *last += begin - *first;
+  *first = begin;
+  return 1;
+}
+
 /* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
 static inline int cells_along(const soter_reach_group* g, int axis, double lo, double hi,
                               int* first, int* last) {
   const double* e = g->edges[axis];
   const int n = g->cells[axis];
+  if (g->kept_low[axis] == SOTER_REACH_WRAPS) {
+    return cells_around(g, axis, lo, hi, first, last);
+  }
   if (!(lo >= e[0] && hi <= e[n] && lo <= hi) && !brought_in(g, axis, &lo, &hi)) {
     return 0;
   }
@@ -81,7 +131,8 @@ static inline int cells_along(const soter_reach_group* g, int axis, double lo, d
   return 1;
 }
 
-/* Cells that cover a box: [first, last] of every axis in turn. */
+/* Cells that cover a box: [first, last] of every axis in turn; of one that wraps around `last` may
+ * be up to twice the number of cells. */
 int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
                       uint16_t* image) {
   for (int a = 0; a < g->axes; a++) {
@@ -143,9 +194,8 @@ static inline int plane_tells(const uint64_t* row, int64_t words, int rows, int 
   return 0;
 }
 
-/* Whether every cell of the box is in the set; `any`: whether one is. By planes of the last two
- * axes. */
-int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
+/* `soter_reach_inside` of a box that is beyond no end. By planes of the last two axes. */
+static int inside_grid(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
                        int any) {
   int at[AXES] = {0, 0, 0, 0};
   const int n = g->axes, first = box[2 * (n - 1)], last = box[2 * (n - 1) + 1];
@@ -171,6 +221,36 @@ int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const u
     }
     at[a]++;
   }
+}
+
+/* Whether every cell of the box is in the set; `any`: whether one is. */
+int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
+                       int any) {
+  uint16_t parts[1 << AXES][2 * AXES]; /* what goes on beyond an end comes in at the other one */
+  int count = 1, around = 0;
+  for (int a = 0; a < g->axes; a++) {
+    around |= box[2 * a + 1] >= g->cells[a];
+  }
+  if (!around) {
+    return inside_grid(g, bits, box, any);
+  }
+  memcpy(parts[0], box, sizeof(uint16_t) * 2 * (size_t)g->axes);
+  for (int a = 0; a < g->axes; a++) {
+    const int n = g->cells[a], last = box[2 * a + 1];
+    SOTER_CHECK(last < 2 * n);
+    for (int k = count; last >= n && k-- > 0;) {
+      memcpy(parts[count], parts[k], sizeof parts[k]);
+      parts[k][2 * a + 1] = (uint16_t)(n - 1);
+      parts[count][2 * a] = 0;
+      parts[count++][2 * a + 1] = (uint16_t)(last - n);
+    }
+  }
+  for (int k = 0; k < count; k++) {
+    if (inside_grid(g, bits, parts[k], any) == any) {
+      return any;
+    }
+  }
+  return !any;
 }
 
 static int64_t rows_of(const soter_reach_group* g) {

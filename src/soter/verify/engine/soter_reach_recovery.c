@@ -60,7 +60,7 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
 
 static int64_t longest(const way_job* job, const uint16_t* image) {
   const soter_reach_group* g = job->g;
-  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES];
+  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES], in[AXES];
   int64_t most = 0;
   for (int a = 0; a < g->axes; a++) {
     first[a] = image[2 * a];
@@ -69,7 +69,10 @@ static int64_t longest(const way_job* job, const uint16_t* image) {
   memcpy(at, first, sizeof at);
   SOTER_CHECK(first[0] <= last[0]);
   do {
-    const int64_t t = job->w->time[soter_reach_cell(g, at)];
+    for (int a = 0; a < g->axes; a++) {
+      in[a] = at[a] < g->cells[a] ? at[a] : at[a] - g->cells[a];
+    }
+    const int64_t t = job->w->time[soter_reach_cell(g, in)];
     most = t > most ? t : most;
   } while (soter_reach_next_cell(g->axes, first, last, at));
   return most;

@@ -98,4 +98,4 @@ def _halved(group: Group, declared: Group, inner: Bools) -> Group:
 
 def _origin(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
     """Of each interval of an axis the declared one that it is part of."""
-    return np.searchsorted(np.array(declared), edges[:-1], side="right") - 1
+    return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)

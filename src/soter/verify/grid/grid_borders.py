@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-UNBOUNDED = 2
-"""As `SOTER_REACH_UNBOUNDED`: beyond such an end of an axis is its last cell."""
+UNBOUNDED, WRAPS = 2, 3
+"""As `SOTER_REACH_UNBOUNDED`, `SOTER_REACH_WRAPS`: beyond such an end of an axis is its last cell,
+or its first one."""
 BACK = 4.0
 """How much further than |x'| (d + 2 j) the strip goes: a-priori boxes are larger than runs."""
 DUST = 1e-10
@@ -43,6 +44,7 @@ class BorderedModel(Protocol):
     axes: tuple[int, ...]
     open_ends: frozenset[int]
     unbounded: frozenset[int]
+    wraps: frozenset[int]
     covers_scheme: bool
     crossed: list[str]
     low: Floats
@@ -79,6 +81,9 @@ def keep_borders(model: BorderedModel) -> None:
         g.dust[i] = DUST * largest + 8.0 * g.extra_w[i]
         if state in model.unbounded:
             g.kept_low[i] = g.kept_high[i] = UNBOUNDED
+            continue
+        if state in model.wraps:
+            g.kept_low[i] = g.kept_high[i] = WRAPS
             continue
         for upper in (False, True):
             _keep_end(model, i, back * largest, upper=upper)

@@ -34,6 +34,11 @@ OUTSET = 2.0**-20
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 DOMAIN = 2.0**20
 """How much larger that is along an axis without ends, where nothing reads its state."""
+FARTHEST = 2.0**1000
+"""As `FARTHEST` of the engine: such a state is taken to lie within."""
+SEAM = 2.0**-40
+"""By how much the outer cells of an axis that wraps around are longer than it is declared."""
+TURN = 2.0 * np.pi
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
 
@@ -56,6 +61,17 @@ def _guesses(edges: Floats) -> Ints:
     return np.asarray(np.clip(np.searchsorted(edges, at, side="right") - 1, 0, n - 1), np.int32)
 
 
+def _touched_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
+    """`touched` on a full turn: first in [0, n), last as much behind as cells there are."""
+    n, low, high = len(edges) - 1, edges[:-1], edges[1:]
+    turns = np.concatenate([low - TURN, low, low + TURN])
+    low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
+    first = np.searchsorted(turns, low, side="right") - 1
+    count = np.searchsorted(turns, high, side="left") - first
+    begin = np.where(count >= n, 0, first % n)
+    return begin.astype(np.int32), (begin + np.minimum(count, n) - 1).astype(np.int32)
+
+
 class GridModel:
     """The engine for one group: its grid and its dynamics."""
 
@@ -69,6 +85,7 @@ class GridModel:
         linear: bool | None = None,
         open_ends: Collection[int] = (),
         unbounded: Collection[int] = (),
+        wraps: Collection[int] = (),
         progress: Callable[[str, float], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -78,6 +95,7 @@ class GridModel:
         is linear but for remainders below a thousandth of its rates. `open_ends`: states whose last
         breakpoint no run is taken to pass. `unbounded`: states whose first and last cell have no
         outer end, and that neither a rate nor the law reads; of a flow, and in no other group.
+        `wraps`: states whose axis is a full turn, that everything reads modulo a turn; of a flow.
         `progress(what, share)` is told now and then;
         CancelledError is raised soon after `stop()` turns true.
         UnboundedError where the dynamics have no finite enclosure over the domain.
@@ -85,11 +103,13 @@ class GridModel:
         self.library, self.inputs, self.threads = library, inputs, threads
         self.progress, self.stop = progress, stop
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
+        self.wraps = frozenset(wraps)
         self.axes = tuple(int(i) for i, _ in axes)
-        self.edges = tuple(np.ascontiguousarray(e, dtype=np.float64) for _, e in axes)
+        self.edges = tuple(self._whole(i, np.array(e, dtype=np.float64)) for i, e in axes)
         self.shape = tuple(len(e) - 1 for e in self.edges)
         assert 1 <= len(self.axes) <= 4, "a group has one to four axes"
-        assert max(self.shape) < AXIS_MAX, "an axis has fewer than 65535 cells"
+        longest = [n * (1 + (i in self.wraps)) for i, n in zip(self.axes, self.shape, strict=True)]
+        assert max(longest) < AXIS_MAX, "an axis has fewer than 65535 cells"
         assert all(np.all(np.diff(e) > 0) for e in self.edges), "breakpoints increase"
         assert library.inputs == max(1, len(inputs.ranges)), "the unit has other inputs"
         assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
@@ -104,6 +124,12 @@ class GridModel:
         """Ends of axes that the differential equation keeps, and its scheme is not shown to."""
         self._linearize(linear)
         self._narrow_law()
+
+    def _whole(self, state: int, edges: Floats) -> Floats:
+        """Breakpoints, the outer ones of a full turn so that it closes."""
+        if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
+            edges[[0, -1]] += -SEAM, SEAM
+        return edges
 
     # ------------------------------------------------------------ the description in C
 
@@ -121,6 +147,7 @@ class GridModel:
             low[axis], high[axis] = min(low[axis], edges[0]), max(high[axis], edges[-1])
         endless = [i in self.unbounded for i in range(n)]
         margin = (high[:n] - low[:n]) * np.where(endless, DOMAIN, OUTSET)
+        margin[list(self.wraps)] = TURN / 2
         low[:n] -= margin
         high[:n] += margin
         self.low, self.high = low, high
@@ -331,6 +358,9 @@ class GridModel:
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
+            if state in self.wraps:
+                cell_ranges.append(_touched_around(edges, e + SEAM))
+                continue
             low, high = edges[:-1], edges[1:]
             if e:
                 low, high = np.nextafter(low - e, -np.inf), np.nextafter(high + e, np.inf)

@@ -91,8 +91,10 @@ class GridGroup(GridModel):
         axes = [(a.state, a.edges) for a in group.axes]
         ends = {a.state for a in group.axes if a.open}
         endless = {a.state for a in group.axes if a.unbounded}
+        around = {a.state for a in group.axes if a.wraps}
         told = of_problem(problem, parameters)
-        return cls(library, told, axes, open_ends=ends, unbounded=endless, **options)
+        options |= {"open_ends": ends, "unbounded": endless, "wraps": around}
+        return cls(library, told, axes, **options)
 
     # ------------------------------------------------------------ predicates
 
@@ -323,10 +325,13 @@ class GridGroup(GridModel):
 
     def _moved(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
         now = np.ascontiguousarray(cells).view(np.uint8)
-        for a, (first, last) in enumerate(self.touched(errors)):
+        for a, cells_by_cell in enumerate(self.touched(errors)):
             if not errors.get(self.axes[a], 0.0):
                 continue
-            n, after = self.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
+            turns = 1 + (self.axes[a] in self.wraps)  # behind the last cell is the first one
+            now = np.concatenate([now] * turns, axis=a)
+            first, last = (np.concatenate([x] * turns) for x in cells_by_cell)
+            n, after = now.shape[a], int(np.prod(self.shape[a + 1 :], dtype=np.int64))
             out, scratch = np.empty_like(now), np.empty((n + 1) * after, dtype=np.int32)
             self.library.lib.soter_reach_shrink(
                 now.size // (n * after),
@@ -339,7 +344,7 @@ class GridGroup(GridModel):
                 self.pointer(out, "uint8_t *"),
                 self.pointer(scratch, "int32_t *"),
             )
-            now = out
+            now = np.ascontiguousarray(out[(slice(None),) * a + (slice(self.shape[a]),)])
         return now.view(np.bool_)
 
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:

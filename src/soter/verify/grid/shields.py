@@ -122,6 +122,7 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
         threads=engine.threads,
         open_ends=engine.open_ends,
         unbounded=engine.unbounded,
+        wraps=engine.wraps,
         progress=engine.progress,
         stop=engine.stop,
     )

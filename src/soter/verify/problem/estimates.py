@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.model.types import leaves
+from soter.verify.enclose.periodic_states import FAR_TURNS
 
 if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 def errors_of(problem: Problem) -> dict[int, float]:
     """State -> largest |estimate - state| of the topic leaf that is that state.
 
-    An estimate is the sum of state and error, rounded once; that is included.
+    An estimate is the sum of state and error, rounded once; that is included. On an axis that wraps
+    around it is brought back by whole turns, which rounds once more.
     """
     error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
@@ -31,6 +33,8 @@ def errors_of(problem: Problem) -> dict[int, float]:
                 error_by_state[state] = max(
                     error_by_state.get(state, 0.0), error + (error + largest) * 2.0**-50
                 )
+        if state in problem.quantities.turning:
+            error_by_state[state] = error_by_state.get(state, 0.0) + FAR_TURNS
     return error_by_state
 
 

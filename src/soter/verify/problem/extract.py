@@ -7,6 +7,7 @@ Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -18,6 +19,7 @@ from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
+from soter.verify.enclose.periodic_states import far_turns, turned, turning_as, wrapping
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.module_above import Above
     from soter.verify.problem.problem import Group, ProblemKind
+    from soter.verify.problem.quantities import Quantities
     from soter.verify.time.downstream_paths import DownstreamPath
 
 CASES_MAX = 4096
@@ -66,7 +69,8 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
                 _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
             )
             if not problem.law_unread:
-                problem.law = _extract(*under_law(flat, module))
+                law = _extract(*under_law(flat, module))
+                problem.law = turning_as(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
@@ -108,7 +112,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
     inputs, groups = _axes(at, core, inputs, kind, diagnostics)
-    axis_groups = groups.groups() if rest is None else ()
+    quantities, axis_groups, turns_read = _turned(at, core, groups, kind, synthesize=synthesize)
     _unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -122,7 +126,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         system=at.system,
         core=core,
         module=at.module,
-        quantities=inputs.quantities(),
+        quantities=quantities,
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
         states=_extents(axis_groups, groups),
@@ -154,9 +158,10 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         influences=at.influences,
         commands=commands,
         parameter_starts=tuple(inputs.parameter_starts),
-        schemes=_schemes(at, inputs) if kind == "flow" else (),
+        schemes=_schemes(at, inputs, quantities.turning) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=bool(symbol.stays),
+        turns_read=turns_read,
         above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
@@ -187,6 +192,18 @@ def _axes(
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
+def _turned(
+    at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
+) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
+    """The quantities and groups with the axes that wrap around, and of others who reads turns."""
+    quantities = axes.inputs.quantities()
+    groups = axes.groups() if at.module.symbol.rest is None else ()
+    if kind != "flow" or synthesize:
+        return quantities, groups, {}
+    states, readers = wrapping(at, core, quantities, groups)
+    return replace(quantities, turning=states), turned(groups, states), readers
+
+
 def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     refuse_views(module)
     _in_tower(flat, module, diagnostics)
@@ -198,7 +215,8 @@ def _beside(
 ) -> list[Assumption]:
     """What is assumed beside what every problem assumes."""
     of_above = [] if above is None else above.assumptions
-    return [*_forced(at.flat, at.home), *_open(groups), *modes.assumptions, *of_above]
+    beside = [*_open(groups), *far_turns(groups)]
+    return [*_forced(at.flat, at.home), *beside, *modes.assumptions, *of_above]
 
 
 def _forced(flat: System, module: Module) -> list[Assumption]:
@@ -396,20 +414,23 @@ def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     yield from product(*(p.values for p in problem.parameters))
 
 
-def _schemes(at: VerificationSystem, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
+def _schemes(
+    at: VerificationSystem, inputs: Inputs, turning: frozenset[int]
+) -> tuple[tuple[float, int, int], ...]:
     """Of each state step, order and plant: `Problem.schemes`.
 
     The step is 0 where a release of SC does not fall on a step of the plant: a command that is
     published between two steps acts on all of its step in the simulator. So it is where the plant's
-    scheme is none whose error is known (`enclose/scheme_error.py`).
+    scheme is none whose error is known (`enclose/scheme_error.py`), or where a state may be many
+    turns further than what is enclosed, so that its sums round by more.
     """
     schemes = []
-    for leaf in inputs.states:
+    for state, leaf in enumerate(inputs.states):
         c = at.system.components[leaf.owner]
         assert c.plant is not None
         scheme = SCHEMES[c.plant.method]
         fits = at.sc.period_ns % c.period_ns == 0 == at.sc.phase_ns % c.period_ns
-        covered = fits and scheme.order == scheme.stages <= ORDER
+        covered = fits and scheme.order == scheme.stages <= ORDER and state not in turning
         schemes.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
     return tuple(schemes)
 

@@ -54,8 +54,7 @@ def left_out(
     while wanted := [s for s in found if any(rates.get(r) not in found for r in readers[s])]:
         for s in wanted:
             those = (r for r in readers[s] if rates.get(r) not in found)
-            by = min(those, key=lambda r: (r.startswith("constraint"), r))
-            read[states[s].name] = _said(by, quantities)
+            read[states[s].name] = in_words([*those], quantities)
         found -= {*wanted}
     leaves = [states[s] for s in found]
     ends = [leaf.name for leaf in leaves if not _goes_on(at, leaf, leaves)]
@@ -64,8 +63,9 @@ def left_out(
     return frozenset(found), read
 
 
-def _said(reader: str, quantities: Quantities) -> str:
-    """A function of a proof, in words."""
+def in_words(readers: Collection[str], quantities: Quantities) -> str:
+    """One of some functions of a proof."""
+    reader = min(readers, key=lambda r: (r.startswith("constraint"), r))
     name, _, number = reader.rpartition("_")
     if name == MOVING:
         return f"the rate of `{quantities.states[int(number)].name}`"

@@ -167,6 +167,8 @@ class Axis:
     """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
     unbounded: bool = False
     """The first and the last cell have no outer end: what lies beyond belongs to them."""
+    wraps: bool = False
+    """It is a full turn, and nothing reads how many of them its state has made."""
     unit: str = ""
     """As the program declares it for the state, for people."""
 
@@ -262,6 +264,8 @@ class Problem:
     """Whose modes the module reads; None: nobody else's."""
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
+    turns_read: Mapping[str, str] = field(default_factory=dict)
+    """Of axes that are a full turn and do not wrap around: their state -> who reads its turns."""
     above: str = ""
     """The module in whose place of AC this one stands: what is claimed is claimed while it is in
     AC; "" where there is none."""

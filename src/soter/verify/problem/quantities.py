@@ -36,6 +36,8 @@ class Quantities:
     others: tuple[Leaf, ...]
     parameters: tuple[Leaf, ...]
     """Discrete plant states without dynamics: `param[]`, not forms."""
+    turning: frozenset[int] = frozenset()
+    """States of axes that wrap: they are read modulo a full turn (`enclose/periodic_states.py`)."""
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:

@@ -22,6 +22,7 @@ import numpy as np
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, leaves
 from soter.verify.claims.cell_boxes import drawn_edges, share
+from soter.verify.enclose.periodic_states import FARTHEST, TURN
 from soter.verify.problem.estimates import seen
 from soter.verify.tables.level_table import EstimateSamples, LevelTable
 from soter.verify.tables.typed_tree_builder import Writer
@@ -74,6 +75,8 @@ class GroupTable(LevelTable):
     entries: NDArray[np.uint8]
     """0, 1, 2 a cell."""
     commands: CommandTable | None = None
+    wraps: tuple[bool, ...] = ()
+    """Of each axis whether estimates are brought back to it by whole turns; none where empty."""
 
     @property
     def packed(self) -> bytes:
@@ -157,6 +160,7 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
         tuple(a.reach for a in axes),
         np.asarray(entries.min(axis=unseen)) if unseen else entries,
         _commands(problem, pairs, unseen),
+        tuple(a.wraps for a in axes) if any(a.wraps for a in axes) else (),
     )
 
 
@@ -213,11 +217,17 @@ def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr
 # ---------------------------------------------------------------- functions
 
 
-def place_function(w: Writer, name: str, edges: Sequence[float]) -> t.FunSymbol:
-    """`fun place(x: float): int`: a cell that contains x, or -1 where there is none."""
+def place_function(
+    w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
+) -> t.FunSymbol:
+    """`fun place(x: float): int`: a cell that contains x, or -1 where there is none.
+
+    `wraps`: or x brought back by whole turns, where it is not too many turns away.
+    """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
-    x = w.variable("x", "parameter", FLOAT)
+    given = w.variable("x", "parameter", FLOAT)
+    x = w.variable("near", "let", FLOAT) if wraps else given
     low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
     mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
     middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
@@ -228,13 +238,36 @@ def place_function(w: Writer, name: str, edges: Sequence[float]) -> t.FunSymbol:
     first = w.at(table, w.read(low))
     last = w.at(table, w.op("+", w.read(low), w.number(1)))
     inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
-    answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
     begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
-    return w.function(name, (x,), [*begin, *([search] if rounds else []), w.give(answer)])
+    if wraps:
+        begin.append(w.declare(x, _brought_back(w, given, edges[0], edges[-1])))
+        size = t.Builtin(FLOAT, w.span, "abs", (w.read(given),))
+        inside = w.op("&&", w.op("<=", size, w.decimal(FARTHEST)), inside)
+    answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
+    return w.function(name, (given,), [*begin, *([search] if rounds else []), w.give(answer)])
+
+
+def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
+    """An estimate less whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
+
+    Up to `FARTHEST` it is off by less than `FAR_TURNS`: the turn by 2^-51 and so by 2^-40 as often,
+    a product and two sums by 2^-39 each; the quotient may say a turn less or more next to an end,
+    which is then where x is but for that.
+    """
+    turn = w.decimal(TURN)
+    since = w.real("-", w.read(x), w.decimal(low))
+    turns = t.Builtin(FLOAT, w.span, "floor", (w.real("/", since, turn),))
+    near = w.real("-", w.read(x), w.real("*", turn, turns))
+    least = t.Builtin(FLOAT, w.span, "max", (near, w.decimal(low)))
+    return t.Builtin(FLOAT, w.span, "min", (least, w.decimal(high)))
 
 
 def cell_of(
-    w: Writer, name: str, inputs: Sequence[t.Variable], edges_by_axis: Sequence[Sequence[float]]
+    w: Writer,
+    name: str,
+    inputs: Sequence[t.Variable],
+    edges_by_axis: Sequence[Sequence[float]],
+    wraps: Sequence[bool] = (),
 ) -> tuple[list[t.TypedStmt], t.TypedExpr]:
     """(statements, the number of the cell that holds the inputs); outside they return 0."""
     body: list[t.TypedStmt] = []
@@ -242,7 +275,8 @@ def cell_of(
     outside = []
     for k, (x, edges) in enumerate(zip(inputs, edges_by_axis, strict=True)):
         index = w.variable(f"i{k}", "let", INT)
-        place = place_function(w, f"{name}_place{k}", edges)
+        around = bool(wraps) and wraps[k]
+        place = place_function(w, f"{name}_place{k}", edges, wraps=around)
         body.append(w.declare(index, w.call(place, w.read(x))))
         cell = w.op("+", w.op("*", cell, w.number(len(edges) - 1)), w.read(index))
         outside.append(w.op("<", w.read(index), w.number(0)))
@@ -254,7 +288,7 @@ def cell_of(
 def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
     """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
     inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
-    body, cell = cell_of(w, name, inputs, table.edges)
+    body, cell = cell_of(w, name, inputs, table.edges, table.wraps)
     at = w.variable("cell", "let", INT)
     body.append(w.declare(at, cell))
     packed = w.table_of_bytes(f"{name}_TABLE", table.packed)

@@ -12,7 +12,7 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.data_table import Table, is_table
-from soter.language.model.types import BOOL, INT, ArrayType, IntType, RecordType
+from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +30,14 @@ class Writer:
     def number(self, value: int) -> t.TypedExpr:
         """An int."""
         return t.Literal(INT, self.span, value)
+
+    def decimal(self, value: float) -> t.TypedExpr:
+        """A float."""
+        return t.Literal(FLOAT, self.span, value)
+
+    def real(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
+        """Arithmetic on floats."""
+        return t.TypedBinary(FLOAT, self.span, op, left, right)
 
     def variable(self, name: str, kind: str, type_: Type) -> t.Variable:
         """A variable."""
