@@ -43,15 +43,50 @@ def check_times(
     _kept(place, times, chains, diagnostics)
     if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
         return
-    if not times.schedule.ordered:
+    _late_commands(place, times, diagnostics)
+
+
+def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+    """R015 where SC is not done before its next step, or acts later than the proof is made for."""
+    schedule, sc = times.schedule, place.sc
+    span = place.module.symbol.verify.span or place.module.symbol.span
+    if schedule.published > schedule.sc.period:
+        diagnostics.error(
+            "R015",
+            f"SC may take {show_ns(schedule.published)} from its release, longer than its period",
+            span,
+            also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
+            notes=(_summed(times), "no release is skipped, and outputs come in order"),
+            helps=(f"a period of SC of {show_ns(schedule.published)} or more, or shorter times",),
+        )
+        return
+    why = "" if schedule.ordered else late_commands_need(place, schedule)
+    if why:
         diagnostics.error(
             "R015",
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
-            place.module.symbol.verify.span or place.module.symbol.span,
-            also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(_summed(times), "outputs act in order"),
-            helps=(_enough(times),),
+            span,
+            also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
+            notes=(_summed(times), f"so late commands are not proved {why}"),
+            helps=(_least(times), _enough(times)),
         )
+
+
+def late_commands_need(place: VerificationSystem, schedule: Schedule) -> str:
+    """Where a proof does not cover commands that act later than half a period; "": it does."""
+    symbol, groups = place.module.symbol, place.module.symbol.verify.groups
+    wrong = {
+        "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
+        "of an abstraction": place.abstract,
+        "by tubes (`rest`)": symbol.rest is not None,
+        "with `polytope`": any(g.kind == "polytope" for g in groups),
+        "with a `failsafe`": bool(symbol.failsafe),
+        "with a `shield`": symbol.shield is not None,
+        "with a `view`": bool(symbol.verify.views),
+        "of modules that stand one over the other": symbol.over is not None
+        or any(symbol in m.symbol.below for m in place.flat.modules),
+    }
+    return next((why for why, is_so in wrong.items() if is_so), "")
 
 
 def _summed(times: Times) -> str:
@@ -67,6 +102,15 @@ def _summed(times: Times) -> str:
     elif rest < 0:
         said.append(f"less the {show_ns(-rest)} that a command takes in any case")
     return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
+
+
+def _least(times: Times) -> str:
+    """The remedy for a dead time, of which only what varies is lateness."""
+    least = show_ns(times.acts).replace(" ", "")
+    return (
+        f"`acts within A to {least}` where each command takes at least A until it acts: "
+        "only what is more than A is late"
+    )
 
 
 def _enough(times: Times) -> str:
