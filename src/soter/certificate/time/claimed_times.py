@@ -42,3 +42,5 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value > BEYOND * own + together + BEYOND_NS:
             raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
+    if facts.late_commands and 2 * facts.own.jitter <= facts.times["delta_ns"]:
+        raise NotRecheckedError("a j in the manifest of more than half a period, and less is there")
