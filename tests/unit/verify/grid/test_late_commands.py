@@ -40,6 +40,12 @@ SPIRALS = LateRuns(
     lambda x, u, w: np.stack([-0.5 * x[0] + x[1], -x[0] - 0.5 * x[1] + u]),
     lambda y: clipped(y, 1.0, 1.5, 2.0), (-2.0, 2.0), (0.0, 0.0), period=10,
 )  # fmt: skip
+TURNING = np.array([[0.0, 314.0], [-314.0, 0.0]])
+STRONG = np.array([[0.0], [50.0]])
+TURNS = LateRuns(
+    lambda x, u, w: np.stack([314.0 * x[1], -314.0 * x[0] + 50.0 * u]),
+    lambda y: clipped(y, 1.0, 1.5, 2.0), (-2.0, 2.0), (0.0, 0.0), period=20, waits=20, acts=30,
+)  # fmt: skip
 PENDULUMS = LateRuns(
     lambda x, u, w: np.stack([x[1], -np.sin(x[0]) - 0.2 * x[1] * np.abs(x[1]) + u + w]),
     lambda y: clipped(y, 3.0, 2.0, 1.0), (-1.0, 1.0), (-0.1, 0.1), period=10,
@@ -53,8 +59,9 @@ def engine_of(runs: LateRuns, less: int = 0) -> GridGroup:
     disturbed: tuple[tuple[float, float], ...] = (runs.winds,)
     if runs.rate is CARS.rate:
         unit, parameters = car(), (2000, 3000, 4000)
-    elif runs.rate is SPIRALS.rate:
-        unit, parameters = linear(linear_source(DRIFT, PUSH, np.array([[1.0, 1.5]]), 2.0)), ()
+    elif runs.rate in (SPIRALS.rate, TURNS.rate):
+        flow = (TURNING, STRONG) if runs.rate is TURNS.rate else (DRIFT, PUSH)
+        unit, parameters = linear(linear_source(*flow, np.array([[1.0, 1.5]]), 2.0)), ()
         errors, disturbed = (), ((0.0, 0.0),) * 2
     else:
         unit, parameters, errors = pendulum(3.0, 2.0, 1.0), (), ()
@@ -72,11 +79,14 @@ def engine_of(runs: LateRuns, less: int = 0) -> GridGroup:
     return GridGroup(unit, inputs, [(i, np.linspace(*e, 41)) for i, e in enumerate(ends)])
 
 
-def outside(runs: LateRuns, engine: GridGroup, rng: np.random.Generator) -> float:
+def outside(
+    runs: LateRuns, engine: GridGroup, rng: np.random.Generator, holds: int = HOLDS
+) -> float:
     """How far the worst run from a random box gets out of images or tubes."""
     low = rng.uniform((-0.8, -1.0), (0.6, 0.8))
     high = low + rng.uniform(0, 0.2, 2) * rng.choice([0.0, 0.01, 1.0])
-    images, tubes = engine.enclosures(low, high, HOLDS)
+    images, tubes = engine.enclosures(low, high, holds)
+    assert len(images)
     start = np.stack([corner(rng, low[i], high[i], (RUNS,)) for i in range(2)])
     worst = -np.inf
     for t, x in runs.states(start, len(images), rng):
@@ -109,7 +119,27 @@ def test_runs_of_late_commands_stay_in_images_and_tubes(system: LateRuns, late: 
 
 @pytest.mark.parametrize("system", [CARS, SPIRALS, PENDULUMS], ids=["car", "spiral", "pendulum"])
 def test_the_runs_would_show_reads_that_may_be_older(system: LateRuns) -> None:
+    """By a period less nothing is seen: what is as old as D acts at the end of a hold."""
     runs = replace(system, acts=40, age=12)
     rng = np.random.default_rng(1)
-    engine = engine_of(runs, less=runs.acts)
+    engine = engine_of(runs, less=2 * runs.period)
     assert max(outside(runs, engine, rng) for _ in range(2 * BOXES)) > SLACK
+
+
+def test_two_commands_in_one_hold_move_what_one_would_bring_back() -> None:
+    """A turn takes one period: of a command that is held for all of it nothing is left."""
+    engine = engine_of(TURNS)
+    rng = np.random.default_rng(3)
+    assert max(outside(TURNS, engine, rng, 1) for _ in range(BOXES)) <= 0.02
+
+
+@pytest.mark.parametrize("ahead", [True, False])
+def test_what_is_read_during_a_hold_may_act_in_it(*, ahead: bool) -> None:
+    """With a wind that no command is stronger than, what is read later is always faster."""
+    runs = replace(CARS, acts=6, winds=(4.0, 4.0), errors=0.0)
+    engine = engine_of(runs)
+    if not ahead:
+        engine.c.swept = 1e-12
+    rng = np.random.default_rng(1)
+    worst = max(outside(runs, engine, rng) for _ in range(20))
+    assert (worst <= SLACK) == ahead
