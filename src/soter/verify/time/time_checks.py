@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
+    from soter.language.model.typed import ModuleSymbol
     from soter.verify.problem.problem import ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
@@ -56,45 +57,49 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
             f"SC may take {show_ns(schedule.published)} from its release, longer than its period",
             span,
             also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
-            notes=(_summed(times), "no release is skipped, and outputs come in order"),
+            notes=(
+                " + ".join(f"{show_ns(ns)} {name}" for ns, name in _before_it_publishes(times)),
+                "no release is skipped, and outputs come in order",
+            ),
             helps=(f"a period of SC of {show_ns(schedule.published)} or more, or shorter times",),
         )
         return
-    why = "" if schedule.ordered else late_commands_need(place, schedule)
-    if why:
+    symbol = place.module.symbol
+    below = {b.name for m in place.flat.modules for b in m.symbol.below}
+    stacked = symbol.over is not None or symbol.name in below
+    why = late_commands_need(symbol, schedule, stacked=stacked)
+    if why and not schedule.ordered:
         diagnostics.error(
             "R015",
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
             span,
             also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(_summed(times), f"so late commands are not proved {why}"),
-            helps=(_least(times), _enough(times)),
+            notes=(_summed(times), f"commands that act so late are not proved {why}"),
+            helps=(*_least(times), _enough(times)),
         )
 
 
-def late_commands_need(place: VerificationSystem, schedule: Schedule) -> str:
-    """Where a proof does not cover commands that act later than half a period; "": it does."""
-    symbol, groups = place.module.symbol, place.module.symbol.verify.groups
+def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
+    """Where no proof is known of commands that act later than half a period; "": here it is.
+
+    `stacked`: another module stands in the place of the AC of one of the two.
+    """
+    verify = symbol.verify
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
-        "of an abstraction": place.abstract,
+        "of an abstraction": bool(verify.abstracts or verify.views),
         "by tubes (`rest`)": symbol.rest is not None,
-        "with `polytope`": any(g.kind == "polytope" for g in groups),
+        "with `polytope`": any(g.kind == "polytope" for g in verify.groups),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
-        "with a `view`": bool(symbol.verify.views),
-        "of modules that stand one over the other": symbol.over is not None
-        or any(symbol in m.symbol.below for m in place.flat.modules),
+        "of modules that stand one over the other": stacked,
     }
     return next((why for why, is_so in wrong.items() if is_so), "")
 
 
 def _summed(times: Times) -> str:
     """The parts of j: they sum up to what the message says (docs/proof.md, The model of time)."""
-    schedule, sc = times.schedule, times.schedule.sc
-    waits = schedule.start_of_sc
-    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
-    parts = [(waits, late), (sc.response, "`response sc`"), (times.acts, "`acts within`")]
+    parts = [*_before_it_publishes(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
     if rest > 0:
@@ -104,12 +109,22 @@ def _summed(times: Times) -> str:
     return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
 
 
-def _least(times: Times) -> str:
-    """The remedy for a dead time, of which only what varies is lateness."""
-    least = show_ns(times.acts).replace(" ", "")
+def _before_it_publishes(times: Times) -> list[tuple[int, str]]:
+    """From a release of SC to its publication."""
+    sc, waits = times.schedule.sc, times.schedule.start_of_sc
+    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
+    return [(waits, late), (sc.response, "`response sc`")]
+
+
+def _least(times: Times) -> tuple[str, ...]:
+    """The remedy for a dead time, where it is one: only what varies of it is lateness."""
+    without = times.jitter_sc - (times.acts - times.acts_least)
+    if 2 * without > times.delta_sc:
+        return ()
+    most = show_ns(times.acts).replace(" ", "")
     return (
-        f"`acts within A to {least}` where each command takes at least A until it acts: "
-        "only what is more than A is late"
+        f"`acts within A to {most}` where each command takes at least A until it acts: "
+        "only what is more than A is late",
     )
 
 
