@@ -325,7 +325,9 @@ def _uncovered(problem: Problem) -> str:
     if schedule.published > sc.period:
         return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
     stacked = bool(problem.above or problem.below)
-    if not schedule.ordered and late_commands_need(problem.module.symbol, schedule, stacked=stacked):
+    if not schedule.ordered and late_commands_need(
+        problem.module.symbol, schedule, stacked=stacked
+    ):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
     for path in schedule.read_by_sc:
         oldest = schedule.stamp_age_sc(path)

@@ -195,7 +195,9 @@ class GridModel:
         if self.inputs.kind == "flow":
             keep_borders(self)
         if self.inputs.kind == "flow" and not g.commands:
-            g.delay = g.jitter = g.swept = 0.0  # no command moves this group: when one acts is all the same
+            g.delay = g.jitter = g.swept = (
+                0.0  # no command moves this group: when one acts is all the same
+            )
             g.past = 1
         if not lib.soter_reach_prepare(g):
             raise UnboundedError("the flow is too stiff for one period of SC")

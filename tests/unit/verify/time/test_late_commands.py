@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.pending_commands import PendingCommands, late_system
+from unit.verify.time.pending_commands import PendingCommands, late_system
 from soter.certificate.time.derived_times import (
     Clock,
     DerivedTimes,

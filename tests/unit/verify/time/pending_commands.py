@@ -29,9 +29,7 @@ def late_system(draw: random.Random) -> Schedule:
         sc = Releases(period, draw.randrange(period), draw.randrange(3), draw.randrange(3))
         least = draw.choice((0, 0, draw.randrange(20)))
         most = least + draw.choice((period // 2 + 1, draw.randrange(4 * period + 1)))
-        outputs = tuple(
-            ActuationPath(least, most) for _ in range(draw.choice((1, 2)))
-        )
+        outputs = tuple(ActuationPath(least, most) for _ in range(draw.choice((1, 2))))
         system = Schedule(dm, sc, (SensorPath(sensor),), (SensorPath(sensor),), outputs)
         if dm.latest <= dm.period and system.published <= sc.period and not system.ordered:
             return system

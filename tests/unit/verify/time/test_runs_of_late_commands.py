@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.verify.grid.sets import GridGroup, GridInputs
-from unit.verify.grid.late_sc_runs import LateRuns
+from unit.verify.time.late_sc_runs import LateRuns
 from unit.verify.grid.small_enclosure_units import car, corner, linear, linear_source, pendulum
 
 if TYPE_CHECKING:
