@@ -122,10 +122,8 @@ def _least(times: Times) -> tuple[str, ...]:
     if 2 * without > times.delta_sc:
         return ()
     most = show_ns(times.acts).replace(" ", "")
-    return (
-        f"`acts within A to {most}` where each command takes at least A until it acts: "
-        "only what is more than A is late",
-    )
+    enough = f"`acts within A to {most}` where each command takes at least A until it acts"
+    return (f"{enough}: only what is more than A is late",)
 
 
 def _enough(times: Times) -> str:

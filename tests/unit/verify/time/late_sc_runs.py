@@ -66,10 +66,10 @@ class LateRuns(Sampled):
             reads[k] = self._read(seen, back + np.minimum(starts[k], 0), rng)
         for t in range(end + 1):
             seen[back + t] = x
-            for k in np.flatnonzero((starts == t).any(axis=1)):
+            for k in np.flatnonzero((starts == t).any(axis=1)).tolist():
                 read = self._read(seen, np.full(n, back + t), rng)
                 reads[k] = np.where(starts[k] == t, read, reads[k])
-            for k in np.flatnonzero((acts == t).any(axis=1)):
+            for k in np.flatnonzero((acts == t).any(axis=1)).tolist():
                 u = np.where(acts[k] == t, self.law(reads[k]), u)
             yield t, x
             w = np.where(rng.random(n) < 0.1, self.habits(rng, self.winds, n), w)

@@ -10,11 +10,14 @@ Non-goals: the worst run (extremes are drawn often), nodes on the way, sets of s
 
 from __future__ import annotations
 
-import random
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+
+if TYPE_CHECKING:
+    import random
 
 LONGEST = 160
 
@@ -109,10 +112,8 @@ class PendingCommands:
             if not self._ac_from <= published < self._sc_from:
                 of_run = published >= self._sc_from
                 passed.append((of_run, self._seen(start), published))
-        for at in range(self._ac_from, self._sc_from):  # AC whenever it likes
-            if self.draw.random() < 0.5:
-                passed.append((False, at, at))
-        return passed
+        by_ac = [at for at in range(self._ac_from, self._sc_from) if self.draw.random() < 0.5]
+        return [*passed, *((False, at, at) for at in by_ac)]
 
     def _act(self, queue: deque[Command]) -> None:
         """At each instant the last command acts that has begun to; it does until the next one."""

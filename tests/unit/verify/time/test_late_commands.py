@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from unit.verify.time.pending_commands import PendingCommands, late_system
 from soter.certificate.time.derived_times import (
     Clock,
     DerivedTimes,
@@ -17,6 +16,7 @@ from soter.certificate.time.derived_times import (
     TopicReading,
     derive,
 )
+from unit.verify.time.pending_commands import PendingCommands, late_system
 
 if TYPE_CHECKING:
     from soter.verify.time.schedule import Releases, Schedule

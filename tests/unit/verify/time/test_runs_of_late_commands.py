@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from soter.verify.grid.sets import GridGroup, GridInputs
-from unit.verify.time.late_sc_runs import LateRuns
 from unit.verify.grid.small_enclosure_units import car, corner, linear, linear_source, pendulum
+from unit.verify.time.late_sc_runs import LateRuns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,13 +37,13 @@ CARS = LateRuns(
     (-4.0, 4.0), (-0.3, 0.3), period=10, errors=0.02,
 )  # fmt: skip
 SPIRALS = LateRuns(
-    lambda x, u, w: np.stack([-0.5 * x[0] + x[1], -x[0] - 0.5 * x[1] + u]),
+    lambda x, u, _: np.stack([-0.5 * x[0] + x[1], -x[0] - 0.5 * x[1] + u]),
     lambda y: clipped(y, 1.0, 1.5, 2.0), (-2.0, 2.0), (0.0, 0.0), period=10,
 )  # fmt: skip
 TURNING = np.array([[0.0, 314.0], [-314.0, 0.0]])
 STRONG = np.array([[0.0], [50.0]])
 TURNS = LateRuns(
-    lambda x, u, w: np.stack([314.0 * x[1], -314.0 * x[0] + 50.0 * u]),
+    lambda x, u, _: np.stack([314.0 * x[1], -314.0 * x[0] + 50.0 * u]),
     lambda y: clipped(y, 1.0, 1.5, 2.0), (-2.0, 2.0), (0.0, 0.0), period=20, waits=20, acts=30,
 )  # fmt: skip
 PENDULUMS = LateRuns(
@@ -54,17 +54,18 @@ PENDULUMS = LateRuns(
 
 def engine_of(runs: LateRuns, less: int = 0) -> GridGroup:
     """The engine for a system, told of reads that are less old than they may be."""
-    errors = ((-runs.errors, runs.errors),) * 2
+    errors: tuple[tuple[float, float], ...] = ((-runs.errors, runs.errors),) * 2
     ends = ((-2.0, 2.0), (-3.0, 3.0))
     disturbed: tuple[tuple[float, float], ...] = (runs.winds,)
+    parameters: tuple[int, ...] = ()
     if runs.rate is CARS.rate:
         unit, parameters = car(), (2000, 3000, 4000)
     elif runs.rate in (SPIRALS.rate, TURNS.rate):
         flow = (TURNING, STRONG) if runs.rate is TURNS.rate else (DRIFT, PUSH)
-        unit, parameters = linear(linear_source(*flow, np.array([[1.0, 1.5]]), 2.0)), ()
+        unit = linear(linear_source(*flow, np.array([[1.0, 1.5]]), 2.0))
         errors, disturbed = (), ((0.0, 0.0),) * 2
     else:
-        unit, parameters, errors = pendulum(3.0, 2.0, 1.0), (), ()
+        unit, errors = pendulum(3.0, 2.0, 1.0), ()
     inputs = GridInputs(
         ends,
         (runs.controls,),
