@@ -116,7 +116,7 @@ def _setting(
 def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
     """NotRecheckedError where no argument is known of an SC whose jitter exceeds half its period.
 
-    Chains of grids have one (`flow_chains.py`), polytopes have none (`polytope_check.py`).
+    Chains of grids have one (`flow_chains.py`).
     """
     symbol = facts.symbol
     beside = {
@@ -125,6 +125,7 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`rest`": symbol.rest is not None,
         "`failsafe`": bool(symbol.failsafe),
         "`shield`": symbol.shield is not None,
+        "half-spaces": any(g.kind == "polytope" for g in symbol.verify.groups),
         "views": bool(facts.view or symbol.verify.views),
         "modules above or below": len(facts.tower) > 1,
     }
