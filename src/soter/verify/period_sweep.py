@@ -34,6 +34,7 @@ from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import cases, require_sets
 from soter.verify.proof_methods import method_of
+from soter.verify.time.time_checks import late_commands_need
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -321,7 +322,12 @@ def _uncovered(problem: Problem) -> str:
         return f"R015: the DM may take {show_ns(dm.latest)}, longer than its period"
     if problem.kind == "map":
         return ""
-    if not schedule.ordered:
+    if schedule.published > sc.period:
+        return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
+    stacked = bool(problem.above or problem.below)
+    if not schedule.ordered and late_commands_need(
+        problem.module.symbol, schedule, stacked=stacked
+    ):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
     for path in schedule.read_by_sc:
         oldest = schedule.stamp_age_sc(path)

@@ -24,6 +24,7 @@ from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.operations import NotCertainError
 from soter.certificate.terms.rows import product
 from unit.certificate import small_proofs
+from unit.verify.time.late_sc_runs import LateRuns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -317,6 +318,46 @@ def test_chains_enclose_runs(
             state = tuple(s[run : run + 1] for s in states[tick])
             assert inside(last, state).all()
     assert min(shares) > 0.15, "what encloses everything says nothing"
+
+
+@pytest.mark.parametrize("forgotten_ms", [0, 60])
+@pytest.mark.parametrize("name", sorted(THINGS))
+def test_chains_of_late_commands_enclose_runs(tmp_path: Path, name: str, forgotten_ms: int) -> None:
+    """Commands act up to 100 ms late, every 20 ms; runs leave chains of reads that are younger."""
+    thing = THINGS[name]
+    model_of(tmp_path, thing, 5, 20, 3)  # writes the program
+    path = tmp_path / "thing.soter"
+    path.write_text(path.read_text().replace("dm 1ms;", "dm 1ms; acts within 100ms;"))
+    facts = small_proofs.facts_of(path, "S", "Module")
+    model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
+    assert facts.late_commands
+    age = facts.own.age_sc // 10**6
+    runs = LateRuns(
+        lambda x, u, w: np.stack(np.broadcast_arrays(*thing.rates(x[0], x[1], u, w))),
+        lambda y: np.clip(-2.0 * y[0] - 1.5 * y[1], -thing.force, thing.force),
+        (-thing.force, thing.force), (-thing.wind, thing.wind), period=20, errors=0.01,
+        waits=3, acts=100, age=age,
+    )  # fmt: skip
+    assert facts.own.in_force <= runs.read_age * 10**6 <= facts.own.in_force + 4 * 10**6
+    facts.own = replace(facts.own, in_force=facts.own.in_force - forgotten_ms * 10**6)
+    chain, escaped = ChainCheck(model, group_of(model)).chain(2), 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        low = rng.uniform(-0.9, 0.8, 2)
+        high = low + 0.05
+        box = [(exact(float(a)), exact(float(b))) for a, b in zip(low, high, strict=True)]
+        form, met = form_of_box([(a.union(a), b.union(b)) for a, b in box], symbols=True), []
+        for k in range(5):
+            found = (chain.later if k else chain.first)(form)
+            assert found is not None
+            form = found[0]
+            met.append((found[1], [float(x) for x in form[:4]]))
+        start = np.stack([rng.choice([a, b], 200) for a, b in zip(low, high, strict=True)])
+        for tick, x in runs.states(start, 5, rng):
+            k, rest = divmod(tick, runs.period)
+            escaped += (~inside(met[min(k, 4)][0], x)).sum()
+            escaped += (~inside(met[k - 1][1], x)).sum() if k and not rest else 0
+    assert (escaped == 0) == (forgotten_ms == 0)
 
 
 @pytest.mark.parametrize("times", [(5, 20, 8), (15, 20, 4), (50, 20, 4)])

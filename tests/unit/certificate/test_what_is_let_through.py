@@ -155,6 +155,20 @@ def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None)
             compare_times(facts, dict.fromkeys(keys, 10))
 
 
+def test_no_window_is_claimed_that_takes_another_argument() -> None:
+    """Up to half a period, as the program's own, and beyond where that is beyond."""
+    for own_jitter, claimed_jitter, fine in ((5, 10, True), (5, 11, False), (11, 15, True)):
+        facts, _ = timed()
+        facts.times["j_ns"] = own_jitter
+        given = {**facts.times, "j_ns": claimed_jitter}
+        assert facts.times["delta_ns"] == 20
+        if fine:
+            compare_times(facts, given)
+        else:
+            with pytest.raises(NotRecheckedError, match="more than half a period"):
+                compare_times(facts, given)
+
+
 # ---------------------------------------------------------------- ways
 
 

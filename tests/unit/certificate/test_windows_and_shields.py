@@ -50,7 +50,11 @@ def test_into_which_windows_runs_are_told_apart(
     monkeypatch.setattr(sc_chains, "is_linear", lambda *_: linear)
     reads = [SimpleNamespace(paths=["way"] * n) for n in paths]
     facts = SimpleNamespace(
-        kind="flow", jitter_ns=jitter, delay_ns=delay, setting=SimpleNamespace(by_sc=reads)
+        kind="flow",
+        jitter_ns=jitter,
+        delay_ns=delay,
+        late_commands=False,
+        setting=SimpleNamespace(by_sc=reads),
     )
     model: Any = SimpleNamespace(facts=facts)
     parts = 4 if jitter else 1

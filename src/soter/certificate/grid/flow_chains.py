@@ -81,6 +81,8 @@ class Times:
     late: Fraction = NOW
     taken: tuple[Fraction, Fraction] = (NOW, NOW)
     """When the first sample was taken, relative to a_0."""
+    anew: bool = False
+    """Whether each instant of a hold may answer a sample of its own, taken since d before it."""
 
 
 class FlowChain:
@@ -100,7 +102,7 @@ class FlowChain:
         self.times, self.delta = times, times.delta
         self.span = times.early + times.late
         """For how long it is not certain which command acts."""
-        reach = times.d + self.span
+        reach = NOW if self.times.anew else times.d + self.span
         self.depth = int(-(-reach // self.delta))
         """How many commands may have acted since a sample was taken, or may still act."""
         if self.depth > DEPTH_MAX:
@@ -109,6 +111,11 @@ class FlowChain:
         self.behind = [exact(max(NOW, reach - k * self.delta)) for k in range(1, self.depth + 1)]
         """How far the sample reaches back beyond the certain rule of the k latest commands."""
         self.least_pieces = flow.steps(self.delta)
+
+    @property
+    def sampled_apart(self) -> bool:
+        """Whether a sample may be another state than that at the beginning of a hold."""
+        return self.depth > 0 or self.times.anew
 
     @cached_property
     def law(self) -> tuple[Function, list[Interval]]:
@@ -122,7 +129,7 @@ class FlowChain:
         commands = model.commands(terms, states)
         own = [atom_of(states[i]) for i in members]
         outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
-        must, noisy = terms.obligations, self.depth > 0
+        must, noisy = terms.obligations, self.sampled_apart
         rows = compile_lines(terms, own, self.n, outputs, must, boxes, noisy=noisy)
         return rows, domain_of(terms, own)
 
@@ -180,7 +187,11 @@ class FlowChain:
     # ------------------------------------------------------------ what SC reads
 
     def _answered(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
-        """The commands that answer the sample; their unknowns are entered into `start.z`."""
+        """The commands that answer the sample; their unknowns are entered into `start.z`.
+
+        Where each instant answers its own, there are none: what a command is off its row is another
+        number at each instant.
+        """
         n, q = self.n, self.q
         sample = self._sampled(start, fresh=fresh)
         values = product(sample.rows, start.z)
@@ -188,23 +199,26 @@ class FlowChain:
         form += [row[0] for row in values]
         form += [x for row in values for x in row[1 : 1 + n]]
         form += [spread_of(row[1 + n :]) for row in values]
-        form += sample.rest if self.depth else []  # else nothing is off the rows
+        form += sample.rest if self.sampled_apart else []  # else nothing is off the rows
         law, domain = self.law
         for interval, most in zip(sample.box, domain, strict=True):
             applied(DEMAND, applied("inside", *interval, *most))
         lines = law(tuple(form))
         if lines is None:
             raise NotCertainError
-        width, rows, ranges = n + TAIL, [], []
+        width, rows, ranges, radii = n + TAIL, [], [], []
         for k in range(q):
             *gain, constant, spread, low, high = lines[k * width : (k + 1) * width]
             (row,) = product([gain], sample.rows)
             row[-1] += constant
-            row[k - 1 - q] = ONE
             rows.append(row)
-            start.z[k - 1 - q][k - q] = applied("magnitude", spread)
             ranges.append((low, high))
-        return CommandRows(rows, ranges)
+            if self.times.anew:
+                radii.append(applied("magnitude", spread))
+            else:
+                row[k - 1 - q] = ONE
+                start.z[k - 1 - q][k - q] = applied("magnitude", spread)
+        return CommandRows(rows, ranges, radii)
 
     def _sampled(self, start: OpenedForm, *, fresh: bool) -> StateRows:
         """The states when the sample was taken; the first one was before a_0.
@@ -213,6 +227,9 @@ class FlowChain:
         latest old command acts from k delta - e on until a_k.
         """
         way = self.layout.begun(start)
+        if self.times.anew:
+            span = -self.times.d, self.delta
+            return self._moved(start, span, self._any(start), self.flow.ranges, [])
         if not self.depth:
             return way
         begin, end = self.times.taken if fresh else (-self.times.d, self.span)

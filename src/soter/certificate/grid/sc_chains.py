@@ -10,6 +10,10 @@ Every run has one p in [0, j]: how long after the beginning of its window a_0 wa
 part of [0, j] these windows lie in [k delta - e, k delta + l] (`Window`); for all p e = l = j. Time
 is cut at k delta - e and k delta + l: between the cuts one command acts, within them first the old
 and then the new one. What precedes a_k is a matter of old commands alone: nothing is circular.
+
+Where commands act later than half a period (2 j > delta) several may follow each other between two
+cuts. Then of an instant only this is used: what acts answers, in each component, some sample that
+was taken since `in_force` before it (docs/proof.md, "Late commands"). Time is cut at a_0 + k delta.
 """
 
 from __future__ import annotations
@@ -86,7 +90,7 @@ def windows(
     `by_age`: each of these in `count` parts, where a linear flow led from the first sample and all
     that SC reads of it comes one way: what comes several ways may show several instants.
     """
-    if model.facts.kind == "map":
+    if model.facts.kind == "map" or model.facts.late_commands:
         return (EVERY,)
     counts = count if model.facts.jitter_ns else 1
     paths = [path for read in model.facts.setting.by_sc for path in read.paths]
@@ -106,6 +110,8 @@ def sc_chain(
     given = facts.times["delta_ns"], facts.delay_ns, facts.jitter_ns
     delta, d, j = (t * NANOSECOND for t in given)
     times = Times(delta, d, *window.ends(j), window.taken(d))
+    if facts.late_commands:
+        times = Times(delta, facts.own.in_force * NANOSECOND, anew=True)
     chain = FlowChain(model, members, _flow(model, members), times)
     cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
     first = _step(chain, partial(chain.first, pieces), cell)

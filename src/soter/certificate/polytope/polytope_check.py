@@ -153,6 +153,8 @@ class PolytopeCheck(GroupCheck):
         if rate is None or rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
         facts = self.model.facts
+        if facts.late_commands:
+            raise NotRecheckedError("half-spaces of an SC whose jitter exceeds half its period")
         instants = self._instants("hold", facts.times["delta_ns"])
         late = facts.delay_ns, facts.jitter_ns
         return HoldImage(self.flow, self.law, rate.tolist(), instants, late)

@@ -143,6 +143,11 @@ class Facts:
         return self.times["j_ns"]
 
     @property
+    def late_commands(self) -> bool:
+        """Whether commands may act so late that several outputs are on their way at a time."""
+        return 2 * self.jitter_ns > self.times["delta_ns"]
+
+    @property
     def start_ns(self) -> int:
         """Until then anything may act: the first output of SC on a state may take so long."""
         return max(self.times["h0_ns"], self.own.start)

@@ -31,6 +31,7 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
     """
     only_keys(given, " ".join(TIME_KEYS), "`times`")
     ages = [r.max_age for r in (*facts.setting.by_dm, *facts.setting.by_sc)]
+    own_jitter = facts.times["j_ns"]
     together = sum(facts.times[k] for k in TIME_KEYS) + sum(ages)
     for key in TIME_KEYS:
         value, own = given[key], facts.times[key]
@@ -42,3 +43,5 @@ def compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value > BEYOND * own + together + BEYOND_NS:
             raise NotRecheckedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
+    if 2 * own_jitter <= facts.times["delta_ns"] < 2 * facts.times["j_ns"]:
+        raise NotRecheckedError("a j in the manifest of more than half a period, and less is there")

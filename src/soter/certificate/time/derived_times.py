@@ -200,7 +200,8 @@ class DerivedTimes:
     """In ns, each the greatest over all schedules: A, A_sc, d, j, H*, h_0.
 
     `start`: h_0 with drop-outs, and with every "AC" that is said on no state at all; `stamps`: the
-    greatest stamp age of what SC reads, by topic.
+    greatest stamp age of what SC reads, by topic; `in_force`: how old the state that SC read may be
+    at any instant at which the command for it still acts.
     """
 
     age: int
@@ -211,6 +212,7 @@ class DerivedTimes:
     h_0: int
     start: int
     stamps: dict[str, int]
+    in_force: int
 
 
 def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]:
@@ -243,6 +245,7 @@ def derive(setting: TimingSetting) -> DerivedTimes:
         h_0=h_0,
         start=max(h_0, _without_state(setting)),
         stamps=stamps,
+        in_force=0 if setting.instants else _in_force(setting),
     )
 
 
@@ -282,6 +285,22 @@ def _answered(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
                 age, delay = max(age, s - state), max(delay, setting.last_effect(t, s) - state)
                 stamps[name] = max(stamps[name], s - path.stamp(s))
     return age, delay, stamps
+
+
+def _in_force(setting: TimingSetting) -> int:
+    """Greatest age of the state that is answered by a command of SC when the next one replaces it.
+
+    Effects come in order: what was published for one release is gone for good when what was
+    published for the next one acts in every component.
+    """
+    worst = 0
+    for t in setting.steady():
+        replaced = setting.acts_by(t + setting.sc.period)
+        worst = max(worst, replaced - t)  # an SC that reads no state
+        for path in (path for read in setting.by_sc for path in read.paths):
+            for s in path.turns(t, setting.starts_by(t)):
+                worst = max(worst, replaced - path.state(s) + setting.silent)
+    return worst
 
 
 def _jitter(setting: TimingSetting) -> int:

@@ -62,11 +62,11 @@ def read_times(facts: Facts) -> None:
     if facts.kind == "map":
         _check_map(facts, setting)
     own = derive(setting)
-    # R015; and so no node on the way skips an output (R018): let one step before it sees output k,
-    # and next when k + 1 is there. Then k may not act before k + 1 may, by the same step and the
-    # same nodes behind it, so that j would be delta or more.
+    # With nodes R015 holds; and so none of them skips an output (R018): let one step before it sees
+    # output k, and next when k + 1 is there. Then k may not act before k + 1 may, by the same step
+    # and the same nodes behind it, so that j would be delta or more.
     if 2 * own.jitter > setting.sc.period:
-        raise NotRecheckedError("an SC whose jitter exceeds half its period")
+        _check_late_commands(facts, setting)
     for read in setting.by_sc:
         oldest = own.stamps.get(read.name, 0)
         if oldest > read.max_age:
@@ -111,6 +111,27 @@ def _setting(
         number_of(facts, facts.symbol.verify.dropout),
         facts.kind == "map",
     )
+
+
+def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
+    """NotRecheckedError where no argument is known of an SC whose jitter exceeds half its period.
+
+    Chains of grids have one (`flow_chains.py`).
+    """
+    symbol = facts.symbol
+    beside = {
+        "nodes behind it": any(e.clocks for e in setting.effects),
+        "an abstraction": bool(symbol.verify.abstracts),
+        "`rest`": symbol.rest is not None,
+        "`failsafe`": bool(symbol.failsafe),
+        "`shield`": symbol.shield is not None,
+        "half-spaces": any(g.kind == "polytope" for g in symbol.verify.groups),
+        "views": bool(facts.view or symbol.verify.views),
+        "modules above or below": len(facts.tower) > 1,
+    }
+    for what, is_there in beside.items():
+        if is_there:
+            raise NotRecheckedError(f"an SC whose jitter exceeds half its period, with {what}")
 
 
 def _check_map(facts: Facts, setting: TimingSetting) -> None:

@@ -69,6 +69,9 @@ typedef struct {
   int32_t guesses[SOTER_REACH_AXES];
   double per_unit[SOTER_REACH_AXES]; /* buckets in a unit of the axis */
   double period, delay, jitter;      /* seconds: delta, d, j */
+  /* Above 0: at each instant of a hold another command may act, that was read since `delay` before
+   * the hold or up to `swept`, a hold or more, after its beginning; then j is 0. */
+  double swept;
   int32_t past;                      /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
@@ -79,7 +82,7 @@ typedef struct {
   int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */
-  double reach_fwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over 2 j */
+  double reach_fwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over 2 j, or `swept` */
   double reach_bwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over d, backwards */
 } soter_reach_group;
 

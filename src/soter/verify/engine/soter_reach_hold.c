@@ -30,12 +30,15 @@ void soter_reach_start(const soter_reach_group* g, const double* lo, const doubl
 
 /* What stands while a command is held: how far the state may be off when it is read, the commands,
  * all that may act [lo, hi], and the commands as c + g eps + [-r, r] in the symbols of the chain.
+ * Where each instant may answer another read, what is off c + gain (x - from) is in `anew`, not in
+ * the r of `u`.
  */
 typedef struct {
   double dlo[AXES], dhi[AXES];
   line u[COMMANDS];
   double lo[COMMANDS], hi[COMMANDS];
   double c[COMMANDS], g[COMMANDS][AXES], r[COMMANDS];
+  double anew[COMMANDS];
 } acting;
 
 /* The commands that a read may lie under: those of the last holds, or any. */
@@ -59,7 +62,8 @@ static void earlier_commands(const soter_reach_group* g, const soter_reach_chain
 static int drift(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
                  double* low, double* high) {
   double ulo[COMMANDS], uhi[COMMANDS], flo[AXES], fhi[AXES];
-  const double back = g->delay, ahead = x->holds == 0 ? 0.0 : 2 * g->jitter;
+  const double later = x->holds == 0 ? 0.0 : 2 * g->jitter;
+  const double back = g->delay, ahead = soter_most(later, g->swept);
   earlier_commands(g, x, ulo, uhi);
   if (g->is_local) {
     if (!soter_reach_picard(g, s, x->lo, x->hi, ulo, uhi, -back, ahead, flo, fhi)) {
@@ -158,6 +162,8 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
       t->lo[a] = soter_least(t->lo[a], x->past_lo[0][a]);
       t->hi[a] = soter_most(t->hi[a], x->past_hi[0][a]);
     }
+    t->anew[a] = g->swept > 0 ? t->u[a].r : 0;
+    t->u[a].r = g->swept > 0 ? 0 : t->u[a].r;
   }
   return 1;
 }
@@ -276,6 +282,26 @@ static void handover(const soter_reach_group* g, const soter_reach_step* step,
   }
 }
 
+/* Where each instant may answer another read: |e^(As)| |b| `anew` is integrated. For the rest, c +
+ * gain (x - from) as of the beginning of the hold, the radius of gamma was taken with [lo, hi], which
+ * it may be outside of by `anew`. */
+static void answers_anew(const soter_reach_group* g, const soter_reach_model* m,
+                         const soter_reach_step* step, const acting* t, motion* to) {
+  for (int i = 0; i < g->axes && g->swept > 0; i++) {
+    for (int j = 0; j < g->axes; j++) {
+      double off = 0;
+      for (int a = 0; a < g->commands; a++) {
+        off = soter_up(off + soter_up(fabs(m->b[j][a]) * t->anew[a]));
+      }
+      to->noise[i] = soter_up(to->noise[i] + soter_up(step->dev[i][j] * off));
+    }
+    for (int a = 0; a < g->commands; a++) {
+      to->noise[i] = soter_up(to->noise[i] + soter_up(step->gamma_r[i][a] * t->anew[a]));
+    }
+    SOTER_CHECK(!(to->noise[i] < 0));
+  }
+}
+
 /* Tube between two hulls, with x' in [flo, fhi] all the way. */
 ALWAYS void between(int n, double h, const soter_reach_chain* x, const double* lo, const double* hi,
                     const double* flo, const double* fhi, soter_hold* out) {
@@ -375,9 +401,11 @@ ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
 
 /* Where x is at the end of the step: y. */
 ALWAYS int moved(int n, int m, const soter_reach_group* g, const soter_reach_step* step,
-                 const soter_reach_chain* x, const acting* t, motion* to, soter_reach_chain* y) {
+                 const soter_reach_model* model, const soter_reach_chain* x, const acting* t,
+                 motion* to, soter_reach_chain* y) {
   motion_of(n, m, x, step, t->u, to);
   handover(g, step, x, t, to);
+  answers_anew(g, model, step, t, to);
   soter_copy_state(y, x);
   for (int i = 0; i < n; i++) {
     y->lo[i] = -HUGE_VAL;
@@ -403,7 +431,7 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   soter_reach_chain y;
   if (!read_commands(n, m, g, s, x, &t, to.from) ||
       (g->is_local && !local_step(g, s, x, &t, &local, &fresh, &may)) ||
-      !moved(n, m, g, step, x, &t, &to, &y) ||
+      !moved(n, m, g, step, model, x, &t, &to, &y) ||
       !rates_around(n, m, model, &step->dev[0][0], x->lo, x->hi, t.lo, t.hi, flo, fhi)) {
     return 0;
   }

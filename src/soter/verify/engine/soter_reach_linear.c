@@ -508,7 +508,8 @@ int soter_reach_prepare(soter_reach_group* g) {
   }
   return soter_reach_make_step(g, &g->model, g->period - g->jitter, 0, &g->first) &&
          soter_reach_make_step(g, &g->model, g->period, 2 * g->jitter, &g->later) &&
-         soter_reach_dev(g, &g->model, soter_up(2 * g->jitter), 0, g->reach_fwd) &&
+         soter_reach_dev(g, &g->model, soter_up(soter_most(2 * g->jitter, g->swept)), 0,
+                         g->reach_fwd) &&
          soter_reach_dev(g, &g->model, soter_up(g->delay), 1, g->reach_bwd);
 }
 

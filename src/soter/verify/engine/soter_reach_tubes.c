@@ -137,7 +137,7 @@ static int walk_inside(const cell_job* job, int who, const double* lo, const dou
   uint16_t box[2 * AXES];
   held.held_low = g->low + g->states; /* any command of U, and any other one at the next step */
   held.held_high = g->high + g->states;
-  held.delay = held.jitter = 0;
+  held.delay = held.jitter = held.swept = 0;
   SOTER_CHECK(job->steps >= 1 && job->tube == 0);
   held.hold_steps = 1;
   soter_reach_start(g, lo, hi, &x);

@@ -75,7 +75,7 @@ def keep_borders(model: BorderedModel) -> None:
     steps = [step for step, _, _ in model.inputs.steps]
     step = max(steps, default=0.0) if model.covers_scheme else 0.0
     g.scheme = LOOK_AHEAD * step
-    back = BACK * (g.delay + 2 * g.jitter) if g.is_local else 0.0
+    back = BACK * (g.delay + max(2 * g.jitter, g.swept)) if g.is_local else 0.0
     for i, state in enumerate(model.axes):
         largest = float(np.abs(whole[state]).max())
         g.dust[i] = DUST * largest + 8.0 * g.extra_w[i]

@@ -39,6 +39,9 @@ class GridInputs:
     """d: how old the state is that a command answers."""
     jitter_ns: int = 0
     """j."""
+    read_age_ns: int = 0
+    """D: how old the read may be behind whatever acts, at any instant, where commands may act later
+    than half a period (`Schedule.read_age`); 0: they do not, and d and j say it."""
     parameters: tuple[int, ...] = ()
     plant_period_ns: int = 0
     """Of the simulator's RK4 step, whose error becomes disturbance; 0: not covered."""
@@ -82,6 +85,7 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         period_ns=times.delta_sc,
         delay_ns=0 if is_map else times.delay_sc,
         jitter_ns=0 if is_map else times.jitter_sc,
+        read_age_ns=0 if is_map or times.schedule.ordered else times.schedule.read_age,
         parameters=tuple(parameters),
         schemes=problem.schemes,
         names=tuple(s.name for s in problem.quantities.states),

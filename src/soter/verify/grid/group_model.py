@@ -39,6 +39,10 @@ FARTHEST = 2.0**1000
 SEAM = 2.0**-40
 """By how much the outer cells of an axis that wraps around are longer than it is declared."""
 TURN = 2.0 * np.pi
+NO_COMMAND_IS_KNOWN = 2**31 - 1
+"""So many commands back a read may lie: as if any command of U had acted since."""
+LONGER = 1e-9
+"""How much longer than a hold, relative to it, the engine takes the time over which it reads."""
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
 
@@ -112,7 +116,8 @@ class GridModel:
         assert max(longest) < AXIS_MAX, "an axis has fewer than 65535 cells"
         assert all(np.all(np.diff(e) > 0) for e in self.edges), "breakpoints increase"
         assert library.inputs == max(1, len(inputs.ranges)), "the unit has other inputs"
-        assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
+        if not inputs.read_age_ns:
+            assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
         assert inputs.period_ns % (inputs.map_step_ns or 1) == 0, "SC steps with the map"
         self._kept: list[Any] = []
         self.c = self._described()
@@ -173,6 +178,10 @@ class GridModel:
             float(np.nextafter(v * NS, np.inf)) if v else 0.0 for v in (x.delay_ns, x.jitter_ns)
         )
         g.past = 1 + (2 * x.jitter_ns + x.delay_ns) // max(1, x.period_ns)
+        if x.read_age_ns:
+            g.delay, g.jitter = float(np.nextafter(x.read_age_ns * NS, np.inf)), 0.0
+            g.swept = g.period * (1 + LONGER)
+            g.past = NO_COMMAND_IS_KNOWN
         return g
 
     @property
@@ -212,7 +221,9 @@ class GridModel:
         if self.inputs.kind == "flow":
             keep_borders(self)
         if self.inputs.kind == "flow" and not g.commands:
-            g.delay = g.jitter = 0.0  # no command moves this group: when one acts is all the same
+            g.delay = g.jitter = g.swept = (
+                0.0  # no command moves this group: when one acts is all the same
+            )
             g.past = 1
         if not lib.soter_reach_prepare(g):
             raise UnboundedError("the flow is too stiff for one period of SC")

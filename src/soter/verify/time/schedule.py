@@ -331,8 +331,18 @@ class Schedule:
 
     @cached_property
     def ordered(self) -> bool:
-        """R015: the windows of two outputs of SC do not touch each other's middle."""
+        """Whether the windows of two outputs of SC do not touch each other's middle."""
         return 2 * self.jitter <= self.sc.period
+
+    @cached_property
+    def read_age(self) -> int:
+        """D: how old the read may be that is answered by what acts, at any instant.
+
+        Output k was read at its release - A_sc or later. It acts until k + 1 does, as outputs act
+        in order: at most delta and the latest effect after that release.
+        """
+        latest = max(o.acts(self.sc, self.published) for o in self.outputs)
+        return self.age_sc + self.sc.period + latest
 
     # ------------------------------------------------------------ leases
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.language.model.system import Component
+    from soter.language.model.typed import ModuleSymbol
     from soter.verify.problem.problem import ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
@@ -43,23 +44,62 @@ def check_times(
     _kept(place, times, chains, diagnostics)
     if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
         return
-    if not times.schedule.ordered:
+    _late_commands(place, times, diagnostics)
+
+
+def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+    """R015 where SC is not done before its next step, or acts later than the proof is made for."""
+    schedule, sc = times.schedule, place.sc
+    span = place.module.symbol.verify.span or place.module.symbol.span
+    if schedule.published > schedule.sc.period:
+        diagnostics.error(
+            "R015",
+            f"SC may take {show_ns(schedule.published)} from its release, longer than its period",
+            span,
+            also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
+            notes=(
+                " + ".join(f"{show_ns(ns)} {name}" for ns, name in _before_it_publishes(times)),
+                "no release is skipped, and outputs come in order",
+            ),
+            helps=(f"a period of SC of {show_ns(schedule.published)} or more, or shorter times",),
+        )
+        return
+    symbol = place.module.symbol
+    below = {b.name for m in place.flat.modules for b in m.symbol.below}
+    stacked = symbol.over is not None or symbol.name in below
+    why = late_commands_need(symbol, schedule, stacked=stacked)
+    if why and not schedule.ordered:
         diagnostics.error(
             "R015",
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
-            place.module.symbol.verify.span or place.module.symbol.span,
-            also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(_summed(times), "outputs act in order"),
-            helps=(_enough(times),),
+            span,
+            also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
+            notes=(_summed(times), f"commands that act so late are not proved {why}"),
+            helps=(*_least(times), _enough(times)),
         )
+
+
+def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
+    """Where no proof is known of commands that act later than half a period; "": here it is.
+
+    `stacked`: another module stands in the place of the AC of one of the two.
+    """
+    verify = symbol.verify
+    wrong = {
+        "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
+        "of an abstraction": bool(verify.abstracts or verify.views),
+        "by tubes (`rest`)": symbol.rest is not None,
+        "with `polytope`": any(g.kind == "polytope" for g in verify.groups),
+        "with a `failsafe`": bool(symbol.failsafe),
+        "with a `shield`": symbol.shield is not None,
+        "of modules that stand one over the other": stacked,
+    }
+    return next((why for why, is_so in wrong.items() if is_so), "")
 
 
 def _summed(times: Times) -> str:
     """The parts of j: they sum up to what the message says (docs/proof.md, The model of time)."""
-    schedule, sc = times.schedule, times.schedule.sc
-    waits = schedule.start_of_sc
-    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
-    parts = [(waits, late), (sc.response, "`response sc`"), (times.acts, "`acts within`")]
+    parts = [*_before_it_publishes(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
     if rest > 0:
@@ -67,6 +107,23 @@ def _summed(times: Times) -> str:
     elif rest < 0:
         said.append(f"less the {show_ns(-rest)} that a command takes in any case")
     return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
+
+
+def _before_it_publishes(times: Times) -> list[tuple[int, str]]:
+    """From a release of SC to its publication."""
+    sc, waits = times.schedule.sc, times.schedule.start_of_sc
+    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
+    return [(waits, late), (sc.response, "`response sc`")]
+
+
+def _least(times: Times) -> tuple[str, ...]:
+    """The remedy for a dead time, where it is one: only what varies of it is lateness."""
+    without = times.jitter_sc - (times.acts - times.acts_least)
+    if 2 * without > times.delta_sc:
+        return ()
+    most = show_ns(times.acts).replace(" ", "")
+    enough = f"`acts within A to {most}` where each command takes at least A until it acts"
+    return (f"{enough}: only what is more than A is late",)
 
 
 def _enough(times: Times) -> str:

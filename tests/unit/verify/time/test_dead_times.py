@@ -1,0 +1,100 @@
+"""Modules whose commands act many periods late: proved and accepted where they are right."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file
+from soter.verify.command import verify
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+OVEN = """soter 1;
+topic temp: float max_age 2s;
+topic power: float in [0.0, 1.0] = 0.0;
+plant Oven period 500ms {
+  reads power;
+  drives temp = x;
+  state x: float = 100.0;
+  disturbance door: float in [-0.05, 0.02];
+  der x = (200.0 * power - x) / 120.0 + door;
+  measured temp within 0.5;
+}
+node Policy period 1s { publishes power; step { publish power = 1.0; } }
+node Hold period 1s {
+  subscribes temp;
+  publishes power;
+  step { publish power = clamp(0.5 + 0.02 * (100.0 - temp), 0.0, 1.0); }
+}
+rta Oven1 {
+  ac Policy;
+  sc Hold;
+  period 1s;
+  safe temp < 140.0 && temp > 60.0;
+  verify { grid temp in [60.0, 140.0] / 320; acts within 8s; }
+}
+system S default { o: Oven; module Oven1; until 1200s; always o.truth.x < 140.0; }
+"""
+"""First order and a dead time of up to eight periods."""
+
+WRONG = {
+    "a gain that swings": [("0.02 *", "0.5 *"), ("< 140.0", "< 110.0"), ("> 60.0", "> 90.0")],
+    "the wrong sign": [("100.0 - temp", "temp - 100.0")],
+    "a dead time of minutes": [("within 8s", "within 200s")],
+    "a faster oven": [("/ 120.0", "/ 4.0")],
+    "a wide error": [("within 0.5;", "within 39.0;")],
+    "a strong door": [("[-0.05, 0.02]", "[-0.9, 0.9]")],
+}
+
+
+def written(text: str, changes: list[tuple[str, str]]) -> str:
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_an_oven_with_a_dead_time_of_eight_periods_is_proved_and_accepted(tmp_path: Path) -> None:
+    path = tmp_path / "oven.soter"
+    path.write_text(OVEN, encoding="utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert")
+    (module,) = report.modules
+    assert not module.problem.times.schedule.ordered
+    assert {c: f.verdict for c, f in module.findings.items() if c in ("P2a", "P2b", "P3")} == {
+        "P2a": "proved", "P2b": "proved", "P3": "proved"
+    }  # fmt: skip
+    assert report.verdict == "proved"
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_oven_is_not_proved(name: str) -> None:
+    report = verify(check_file("oven.soter", written(OVEN, WRONG[name])), refute=False)
+    assert report.verdict != "proved"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [("  verify {", "  failsafe power = 0.5;\n  verify {")],
+        [("  verify {", "  shield 8;\n  verify {")],
+        [("grid temp", "polytope temp"), ("] / 320", "]")],
+    ],
+)
+def test_where_no_proof_is_known_it_is_refused(changes: list[tuple[str, str]]) -> None:
+    with pytest.raises(SoterError) as raised:
+        verify(check_file("oven.soter", written(OVEN, changes)), refute=False)
+    (said,) = raised.value.diagnostics
+    assert said.code == "R015"
+    assert any("`acts within A to 8s`" in h for h in said.helps)
+
+
+def test_a_least_time_is_no_lateness() -> None:
+    text = written(OVEN, [("within 8s", "within 8s to 8500ms")])
+    (module,) = verify(check_file("oven.soter", text), refute=False).modules
+    assert module.problem.times.schedule.ordered
