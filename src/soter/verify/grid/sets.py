@@ -172,7 +172,13 @@ class GridGroup(GridModel):
     # ------------------------------------------------------------ K
 
     def core(
-        self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4, vain: float = 0.0
+        self,
+        allowed: Bools,
+        *,
+        longest: int = LONGEST,
+        patience: int = 4,
+        vain: float = 0.0,
+        members: Bools | None = None,
     ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
@@ -182,13 +188,15 @@ class GridGroup(GridModel):
         times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
         the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
+        `members`: the cells of `allowed` that K may have, where that is not all of them.
         """
+        members = allowed if members is None else members & allowed
         if self.still:
-            return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
-        if allowed.all() and self.stays:
+            return Core(np.asarray(members).astype(np.uint8), 0, 0)
+        if members.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
-        return self._core(allowed, longest, patience, most)
+        return self._core(allowed, members, longest, patience, most)
 
     @property
     def still(self) -> bool:
@@ -211,17 +219,20 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core(self, allowed: Bools, longest: int, patience: int, vain_max: int) -> Core:
+    def _core(
+        self, allowed: Bools, members: Bools, longest: int, patience: int, vain_max: int
+    ) -> Core:
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        bits = self.bits(allowed)
+        bits, of_members = self.bits(allowed), self.bits(members)
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
         rounds = self.rounds(w.r)
         w.allowed = self.pointer(bits, "uint64_t *")
+        w.members = self.pointer(of_members, "uint64_t *")
         w.witness = self.pointer(witness, "uint8_t *")
         if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
             self._scratch = (
