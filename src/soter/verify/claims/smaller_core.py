@@ -102,8 +102,8 @@ def returned(done: list[Case]) -> list[Case]:
             if all(_starts(case) for case, well in zip(done, started, strict=True) if well):
                 return done
             break
-    for case in before:
-        case.restore()
+    for kept in before:
+        kept.restore()
     return done
 
 

@@ -23,6 +23,7 @@ from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import recovery
 from soter.verify.problem.extract import extract
+from soter.verify.tables.grid_tables import Estimates
 from soter.verify.verify_module import verify_module
 from unit.certificate import small_proofs
 
@@ -69,8 +70,7 @@ def _problem(source: str) -> Problem:
     checked = check_file("slot.soter", source)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None)
-    problem = extract(flat, flat.modules[0])
-    return problem
+    return extract(flat, flat.modules[0])
 
 
 def _verified(source: str) -> ModuleResult:
@@ -162,5 +162,7 @@ def test_a_flight_has_the_tables_of_the_smaller_k(monkeypatch: pytest.MonkeyPatc
             flown, pairs = missing_predicates.sets_of(problem)
         assert pairs is not None
         assert flown.levels == proved.problem.levels
-        assert np.array_equal(pairs[0][0].outer, proved.cases[0].groups[0].levels[0])
-        assert pairs[0][0].outer.sum() < whole.sum()
+        flown_pair = pairs[0][0]
+        assert isinstance(flown_pair, Estimates)
+        assert np.array_equal(flown_pair.outer, proved.cases[0].groups[0].levels[0])
+        assert flown_pair.outer.sum() < whole.sum()
