@@ -134,11 +134,15 @@ def test_a_cell_that_was_given_up_is_no_part_of_an_accepted_k(
         assert recheck(forged).verdict == REJECTED
 
 
-def test_where_too_much_would_be_given_up_all_is_as_it_was(
-    monkeypatch: pytest.MonkeyPatch,
+@pytest.mark.parametrize("length", [4, 8])
+def test_where_too_much_would_be_lost_all_is_as_it_was(
+    length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _only(monkeypatch, 4)
-    asked = _verified(DECLARED)
+    """Of length 4 more than a tenth of K; of length 8, as is made up here, the start."""
+    _only(monkeypatch, length)
+    with monkeypatch.context() as patch:
+        patch.setattr(smaller_core, "_starts", lambda case: "given_up" not in case.counts)
+        asked = _verified(DECLARED)
     monkeypatch.setattr(smaller_core, "ROUNDS", 0)
     never = _verified(DECLARED)
     assert asked.findings["P2b"].verdict == UNDECIDED
