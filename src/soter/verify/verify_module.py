@@ -17,7 +17,7 @@ from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
-from soter.verify.claims.levels import levels, returned, with_levels
+from soter.verify.claims.levels import with_levels
 from soter.verify.claims.published_value_ranges import say_narrowed
 from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
@@ -31,6 +31,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
+from soter.verify.claims.smaller_core import after_core, given_up, returned, shrunk
 from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -55,8 +56,6 @@ if TYPE_CHECKING:
     Tell = Callable[[str, float], None]
 
 REFINEMENTS_MAX = 2
-SHRINK_MAX = 0.1
-"""Share of K that may be given up because there is no way back from it."""
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
 """What the engine says it does, in the order in which that takes place."""
 HOW = {
@@ -105,7 +104,14 @@ def verify_module(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages, *chosen.notes),
+        notes=(
+            *refinement_note(done),
+            *given_up(done),
+            *small_cores(done),
+            *entered.values(),
+            *ages,
+            *chosen.notes,
+        ),
         levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=shown_scheme(problem, done) | set(entered),
@@ -236,7 +242,7 @@ def _claims(case: Case) -> None:
         for claim in CLAIMS[1:]:
             case.fail(claim, NO_CORE)
         return
-    _after_core(case)
+    after_core(case)
     waits_for_all = case.problem.computed  # P2b, for the sets of all cases
     if not (waits_for_all or case.problem.stays or put_off(case)):
         _recover(case, recover)
@@ -246,44 +252,9 @@ def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
     """P2b, and again what rests on K where some of it is given up."""
     with ClaimTimer(case, "P2b"):
         way_back(case)
-    if _shrunk(case):
-        _after_core(case)
+    if shrunk(case):
+        after_core(case)
         in_time(case)
-
-
-def _after_core(case: Case) -> None:
-    """Everything that rests on K."""
-    with ClaimTimer(case, "P3"):
-        claims.free_phase(case)
-    if case.problem.computed:
-        with ClaimTimer(case, "ttf"):
-            levels(case)
-    else:
-        for predicate in ("ttf", "safer"):
-            with ClaimTimer(case, predicate):
-                claims.inclusion(case, predicate)
-    with ClaimTimer(case, "start"):
-        claims.start(case)
-
-
-def _shrunk(case: Case) -> bool:
-    """Give up the few cells of K from which no way back was found: W in place of K.
-
-    At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
-    as good: its cells have chains in C whose images lie in W, and Q is kept.
-    """
-    failures = case.failed("P2b")
-    if case.problem.computed or not failures or not all(f.stuck for f in failures):
-        return False
-    stuck = [f.proof for f in failures if f.proof is not None]
-    if any(proof.stuck > SHRINK_MAX for proof in stuck):
-        return False
-    for proof in case.proofs:
-        proof.fresh = proof in stuck
-    for proof in stuck:
-        proof.give_up()
-    case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
-    return True
 
 
 # ---------------------------------------------------------------- verdicts

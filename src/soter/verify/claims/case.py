@@ -105,7 +105,12 @@ class GroupProof(GroupResult):
         """Share of K from which no way back was found."""
         return 0.0
 
-    def give_up(self) -> None:
+    @property
+    def kept(self) -> int:
+        """Cells of K, where it has cells."""
+        return 0
+
+    def give_up(self, case: Case) -> None:
         """Leave those states out of K."""
 
     def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:

@@ -13,9 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
-from soter.verify.claims.case import ClaimTimer
-from soter.verify.claims.recovery import recover
-from soter.verify.grid.sets import UnboundedError
 from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
@@ -71,20 +68,6 @@ def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
     """Claim -> what fails first of it: those of levels, and P2a."""
     failures = [f for case in done or () for f in case.failures]
     return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}
-
-
-def returned(done: list[Case]) -> list[Case]:
-    """With P2b: the DM has one table for all cases, and SC returns to what it holds."""
-    deploy(done)
-    for case in done:
-        if case.failed("P2b") or case.problem.stays:
-            continue  # there is no K, or no enclosure; or it is not asked
-        try:
-            with ClaimTimer(case, "P2b"):
-                recover(case)
-        except UnboundedError as error:
-            case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
-    return done
 
 
 def levels(case: Case) -> None:

@@ -27,7 +27,8 @@ from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
-from soter.verify.claims.levels import levels, returned, with_levels, withheld
+from soter.verify.claims.levels import levels, with_levels, withheld
+from soter.verify.claims.smaller_core import returned
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
@@ -324,7 +325,7 @@ def _computed(
 def _cases(
     library: ReachLibrary, progress: Progress | None, tell: Tell | None, problem: Problem
 ) -> list[Case] | None:
-    """Every case up to its levels, and with P2b where their number is open; None without a K."""
+    """Every case up to its levels, and with P2b, for which K may lose cells; None without a K."""
     every = list(cases(problem))
     done = []
     for i, parameter in enumerate(every):
@@ -342,7 +343,7 @@ def _cases(
         except UnboundedError:
             return None
         done.append(case)
-    return returned(done) if problem.levels_open else done
+    return returned(done)
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:

@@ -386,13 +386,13 @@ static void look(soter_crew* crew, int who, int64_t k) {
   by_cells(job, who, tile, first, last);
 }
 
-/* Everything begins in K = C and is looked at once. */
+/* Every cell that may be in K begins there and is looked at once. */
 void soter_reach_core_begin(const soter_reach_group* g, soter_reach_work* w) {
   int64_t cells = 1;
   for (int a = 0; a < g->axes; a++) {
     cells *= g->cells[a];
   }
-  memcpy(w->r.kept, w->allowed, sizeof(uint64_t) * (size_t)soter_reach_words(g));
+  memcpy(w->r.kept, w->members, sizeof(uint64_t) * (size_t)soter_reach_words(g));
   memset(w->witness, 0, (size_t)cells);
   memset(w->slot, 0xff, sizeof(int32_t) * (size_t)cells);
   memset(w->known, 0, (size_t)soter_reach_tiles(g));

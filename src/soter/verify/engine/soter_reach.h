@@ -121,6 +121,7 @@ typedef struct {
   soter_reach_rounds r;
   const uint64_t* allowed; /* C */
   const uint64_t* resting; /* cells that are kept without a chain */
+  const uint64_t* members; /* the cells that K may have; chains lie in C */
   uint8_t* witness;        /* per cell */
   uint16_t* image;         /* per cell: first and last cell of the witness's image, per axis */
   int32_t* slot;           /* per cell: where its chain is kept, -1: nowhere */

@@ -21,6 +21,7 @@ from soter.verify.claims.results import GroupSets
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import levels, recovery, set_volumes
 from soter.verify.grid.certificate_entry import entry
+from soter.verify.grid.finer_home import led_back
 from soter.verify.grid.region_figure import figure
 from soter.verify.grid.resting import resting
 from soter.verify.grid.sets import RESTS, GridGroup
@@ -176,16 +177,28 @@ class GridProof(GroupProof):
     def stuck(self) -> float:
         """Of K."""
         core, rank = self.found.core > 0, self.found.rank
-        return 0.0 if rank is None else float((core & (rank == 0)).sum() / max(1, core.sum()))
+        if rank is None:
+            return 0.0
+        return float((core & ~led_back(self.found)).sum() / max(1, core.sum()))
 
-    def give_up(self) -> None:
-        """W in place of K."""
+    @property
+    def kept(self) -> int:
+        """All of K."""
+        return int(np.count_nonzero(self.found.core))
+
+    def give_up(self, case: Case) -> None:
+        """W in place of K; where W is of smaller cells what SC keeps of the cells that it holds."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
         assert part.rank_holds is not None
-        part.core = np.where(part.rank == 1, part.home, part.rank_holds)
-        part.core[part.rank == 0] = 0
+        if part.finer is not None:
+            members = (part.core > 0) & led_back(part)
+            part.core = self.engine.core(part.allowed, members=members).witness
+        else:
+            part.core = np.where(part.rank == 1, part.home, part.rank_holds)
+            part.core[part.rank == 0] = 0
+        case.count("longest", int(part.core.max()))
 
     def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
         """Boxes that hold the cells, a set of the grid's shape."""

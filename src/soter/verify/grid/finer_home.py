@@ -30,12 +30,10 @@ if TYPE_CHECKING:
 
     Bools = NDArray[np.bool_]
 
-TARGET_MAX = 20_000
-"""More cells of the target are not looked at."""
-WAY_MAX = 40_000
-"""From more cells of K than that the way to it is not looked at: of 70,000 it took a minute."""
-SIZES = ("half", "a quarter of")
-"""Of a cell, along each axis."""
+SIZES = (("half", 80_000), ("a quarter of", 20_000))
+"""Of a cell, along each axis; and how many cells of the target are looked at, at most."""
+WAY_MAX = 80_000
+"""From more cells of K than that the way to it is not looked at: of 70,000 it takes a minute."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,28 +60,58 @@ def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHom
     assert part.deployed is not None
     inner = part.deployed[1]
     group, tried = part.group, []
-    for size in SIZES:
+    for size, most in SIZES:
         group = _halved(group, part.group, inner)
-        fine = GridGroup.of(
-            engine.library,
-            case.problem,
-            group,
-            case.parameter,
-            threads=engine.threads,
-            progress=engine.progress,
-            stop=engine.stop,
-        )
-        origin = np.ix_(*map(_origin, part.edges, fine.edges))
-        target = fine.erode(inner[origin], errors_of(case.problem)) & part.allowed[origin]
+        fine = engine_on(case, engine, group)
+        origin = parts_of(part, group)
+        target = target_on(case, fine, part, origin)
         if not target.any():
             continue
-        if np.count_nonzero(target) > TARGET_MAX:
+        if np.count_nonzero(target) > most:
             break
         tried.append(size)
         home = fine.core(target).witness
         if home.any():
             return FinerHome(fine, group, size, origin, home), ""
     return None, " or ".join(tried)
+
+
+def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
+    """The engine of the same group on other cells."""
+    return GridGroup.of(
+        engine.library,
+        case.problem,
+        group,
+        case.parameter,
+        threads=engine.threads,
+        progress=engine.progress,
+        stop=engine.stop,
+    )
+
+
+def target_on(
+    case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
+) -> Bools:
+    """The smaller cells of C every estimate of which the DM gives back."""
+    assert part.deployed is not None
+    return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
+
+
+def led_back(part: GroupSets) -> Bools:
+    """The declared cells all of which W holds."""
+    assert part.rank is not None
+    if part.finer is None:
+        return part.rank > 0
+    led = np.ones(part.core.shape, dtype=np.bool_)
+    np.logical_and.at(led, parts_of(part, part.finer[1]), part.rank > 0)
+    return led
+
+
+def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
+    """As an index of a set of declared cells: that set on the cells of `group`, parts of them."""
+    return np.ix_(
+        *(_origin(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
+    )
 
 
 def _halved(group: Group, declared: Group, inner: Bools) -> Group:

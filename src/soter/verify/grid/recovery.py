@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.grid.finer_home import WAY_MAX, finer_home
+from soter.verify.grid.finer_home import WAY_MAX, engine_on, finer_home, parts_of, target_on
 from soter.verify.grid.policies import HOLDS, RecoveryRanks, way
 from soter.verify.grid.sets import LONGEST
 
@@ -33,9 +33,11 @@ LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
 """The same where a hold costs much, the flow not being linear: a cell far from Q takes as many
 holds as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
-FINER = ((4, 8, 16, 32), HOLDS)
-"""The same on cells that are smaller than the declared ones: lengths that are tried together find
-more than one after the other, and these are found first."""
+FINER = (tuple(range(1, 41)), HOLDS)
+"""The same on cells that are smaller than the declared ones: each length costs little beside the
+longest, and with few of them a tenth of K and more was left."""
+HIGHEST = 2**16 - 2
+"""Ranks are kept in 16 bits."""
 LONG = 96
 """Where K needs chains so long, the shortest are not tried."""
 STRAGGLERS_MAX = 2000
@@ -51,6 +53,8 @@ def recover(
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
+    if case.problem.computed and _as_before(case, engine, part, inside):
+        return
     part.home, part.finer = engine.core(inside).witness, None
     if not part.home.any():
         found, tried = finer_home(case, engine, part) if case.problem.computed else (None, "")
@@ -86,6 +90,36 @@ def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerHome
     return_way = _way(found.engine, core | home, part.allowed[found.origin], home, FINER)
     _enter(part, return_way)
     _stuck(case, proof, found.declared(core & (return_way.rank == 0)))
+
+
+def _as_before(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
+    """Q and W once more, where K lost cells from which there was no way back, and little else did.
+
+    What is left of Q inside the target, as far as SC keeps it; the rest of Q is led there, and W to
+    the rest. False where there is no such way, or nothing was found before.
+    """
+    if part.home is None or part.rank is None or part.rank_holds is None or not part.home.any():
+        return False
+    allowed, covered, before = part.allowed, part.core > 0, part.home > 0
+    if part.finer is not None:
+        origin = parts_of(part, part.finer[1])
+        engine = engine_on(case, engine, part.finer[1])
+        inside = target_on(case, engine, part, origin)
+        allowed, covered = allowed[origin], covered[origin]
+    if (covered & (part.rank == 0)).any():
+        return False
+    home = engine.core(inside, members=before).witness
+    if not home.any():
+        return False
+    inner_way = way(engine, before, allowed, home > 0, holds=FINER[0])
+    later = part.rank.astype(np.int64) + (int(inner_way.rank.max()) - 1)
+    if (before & (inner_way.rank == 0)).any() or int(later.max()) > HIGHEST:
+        return False
+    part.home, part.return_ns = home, part.return_ns + inner_way.longest_ns
+    part.rank_holds = np.where(before, inner_way.holds, part.rank_holds)
+    part.rank = np.where(before, inner_way.rank, np.where(part.rank > 0, later, 0))
+    part.rank = part.rank.astype(np.uint16)
+    return True
 
 
 def _enter(part: GroupSets, return_way: RecoveryRanks) -> None:

@@ -183,6 +183,7 @@ class GridGroup(GridModel):
         patience: int = 4,
         vain: float = 0.0,
         resting: Bools | None = None,
+        members: Bools | None = None,
     ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
@@ -192,15 +193,18 @@ class GridGroup(GridModel):
         times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
         the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
-        `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N.
+        `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N; `members`:
+        the cells of `allowed` that K may have, where that is not all of them. One of the two.
         """
+        assert resting is None or members is None
+        members = allowed if members is None else members & allowed
         if self.still:
-            return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
-        if allowed.all() and self.stays:
+            return Core(np.asarray(members).astype(np.uint8), 0, 0)
+        if members.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
         kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
-        return self._core(allowed, kept, longest, patience, most)
+        return self._core(allowed, (members, kept), longest, patience, most)
 
     @property
     def still(self) -> bool:
@@ -224,18 +228,20 @@ class GridGroup(GridModel):
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
     def _core(
-        self, allowed: Bools, resting: Bools, longest: int, patience: int, vain_max: int
+        self, allowed: Bools, of_k: tuple[Bools, Bools], longest: int, patience: int, vain_max: int
     ) -> Core:
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        bits, without_chain = self.bits(allowed), self.bits(resting)
+        members, resting = of_k
+        bits, of_members, without_chain = map(self.bits, (allowed, members, resting))
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
         rounds = self.rounds(w.r)
         w.allowed = self.pointer(bits, "uint64_t *")
+        w.members = self.pointer(of_members, "uint64_t *")
         w.resting = self.pointer(without_chain, "uint64_t *")
         w.witness = self.pointer(witness, "uint8_t *")
         if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
