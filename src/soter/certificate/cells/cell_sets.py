@@ -104,6 +104,7 @@ class Grid:
         edges = self.edges[axis]
         far = float(FARTHEST)
         return (-far, *edges[1:-1], far) if self.has_no_ends(axis) else edges
+
     def wraps_around(self, axis: int) -> bool:
         """Whether what leaves an axis at one end comes in at the other."""
         return bool(self.wraps) and self.wraps[axis]

@@ -34,8 +34,6 @@ OUTSET = 2.0**-20
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 DOMAIN = 2.0**20
 """How much larger that is along an axis without ends, where nothing reads its state."""
-FARTHEST = 2.0**1000
-"""As `FARTHEST` of the engine: such a state is taken to lie within."""
 SEAM = 2.0**-40
 """By how much the outer cells of an axis that wraps around are longer than it is declared."""
 TURN = 2.0 * np.pi
