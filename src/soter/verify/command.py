@@ -148,16 +148,15 @@ def _proved(
             whole = not (problem.view or problem.influences)
             attack = refute and whole and not (problem.above or problem.below)
             why = (refute and whole) if explain is None else explain
-            results.append(
-                methods[i].verify(
-                    problem,
-                    refute=attack,
-                    explain=why,
-                    progress=share,
-                    search=search,
-                    compiled=None if job is None else job.result(),
-                )
+            result = methods[i].verify(
+                problem,
+                refute=attack,
+                explain=why,
+                progress=share,
+                search=search,
+                compiled=None if job is None else job.result(),
             )
+            results.append(result.mark_untried())
     except KeyboardInterrupt:
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
