@@ -60,6 +60,8 @@ TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "s
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN = 3
+LONG = 40
+"""Of a sentence: one that stands in a row already is not said again."""
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
 
@@ -362,10 +364,11 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
 def _table(module: ModuleResult, printed: Printout) -> None:
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
-    rows = [
-        (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
-        for name, f in module.findings.items()
-    ]
+    rows, said = [], dict[str, str]()
+    for name, f in module.findings.items():
+        first = said.setdefault(f.text, name) if len(f.text) >= LONG else name
+        text = f.text if first == name else f"as `{first}`"
+        rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), text))
     printed.table(("property", "verdict", "time", "how"), rows)
 
 
