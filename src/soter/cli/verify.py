@@ -54,7 +54,8 @@ EXAMPLES = f"""\
 
 {CERTIFICATE_FOLDER}
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
-            only a declared fail-safe law is), 1 diagnostics, 2 usage
+            only a declared fail-safe law is), 1 diagnostics, 2 usage, 130 ended by Ctrl-C, SIGTERM
+            or SIGHUP (which claims were settled until then is told)
 """
 TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
 HOLDING = ("proved", "assumed")
@@ -96,6 +97,7 @@ def parser() -> CommandParser:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Verify."""
+    console.listen()
     words = _words(args, console)
     told = _told_again(args, words, console)
     if told is not None:

@@ -157,7 +157,10 @@ def _proved(
                 compiled=None if job is None else job.result(),
             )
             results.append(result.mark_untried())
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
+        lines = [line for r in results for line in r.settled()]
+        later = [f"{p.name}: no claim settled" for p in problems[len(results) :]]
+        stopped.__notes__ = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
             end_compilers()

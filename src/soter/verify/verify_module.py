@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
 from soter.verify.claims import claims, handback_claim
-from soter.verify.claims.case import Case, ClaimTimer
+from soter.verify.claims.case import Case, ClaimTimer, settled_before
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
@@ -131,10 +131,13 @@ def verify_module(
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
-    if refute and problem.modes is None:  # in a run somebody has to decide what the others do
-        _refute(problem, result)
-    if refute if explain is None else explain:
-        _diagnose(done, result, cpu)
+    with settled_before(result.settled):
+        if refute and problem.modes is None:  # in a run somebody has to decide what the others do
+            from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles all of it
+
+            refuted(problem, result)
+        if refute if explain is None else explain:
+            _diagnose(done, result, cpu)
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -469,14 +472,7 @@ def _shares(done: list[Case]) -> dict[str, float]:
     return {name: min(values) for name, values in shares_by_name.items()}
 
 
-# ---------------------------------------------------------------- refutation
-
-
-def _refute(problem: Problem, result: ModuleResult) -> None:
-    """A run that leaves C refutes what was not proved; one that never returns refutes P2b."""
-    from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles the whole system
-
-    refuted(problem, result)
+# ---------------------------------------------------------------- diagnosis
 
 
 def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:

@@ -414,6 +414,11 @@ class ModuleResult:
         verdict += "" if self.vacuity is None else f", but {self.vacuity.text}"
         return f"{verdict}, not re-checked: {self.not_rechecked}" if self.not_rechecked else verdict
 
+    def settled(self) -> list[str]:
+        """A line for whoever ends the command before it is done."""
+        held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
+        return [f"{self.name}: {held}"]
+
     def mark_untried(self) -> ModuleResult:
         """Say behind each suggestion that was not tried that it was not."""
         for finding in self.findings.values():
