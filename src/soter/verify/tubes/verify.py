@@ -114,7 +114,10 @@ def verify_by_tubes(
         "ttf": flies,
         "safer": flies,
         "start": Finding(
-            UNDECIDED if claims.start else PROVED, 0.0, HOW, claims.start or _start(check)
+            UNDECIDED if claims.start or why else PROVED,
+            0.0,
+            HOW,
+            claims.start or why or _start(check),
         ),
         "failsafe": Finding(ASSUMED, text=NO_LAW),
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
