@@ -37,7 +37,7 @@ from soter.verify.tables.grid_tables import GroupTable, predicates
 from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import RestClaims, shown
+from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
@@ -147,20 +148,27 @@ def _follow(flat: System, module: Module, problem: TubeProblem, progress: Progre
     return f"{module.name}: AC may have control where {where}{missing}"
 
 
-def followed_costs(flat: System) -> dict[str, Cost]:
-    """What a decision of each module with `rest` takes at worst, where it can be followed."""
-    found = {}
+def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
+    """What a decision of each module with `rest` takes at worst; why others are not followed."""
+    found: dict[str, Cost] = {}
+    refused: list[Diagnostic] = []
     for module in flat.modules:
         if module.symbol.rest is None:
             continue
-        with contextlib.suppress(SoterError, TooLongError):
+        try:
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
             check = TubeCheck(problem)
-            found[module.symbol.name] = check.cost()  # stays where as many as below do not fit
+            try:
+                found[module.symbol.name] = check.cost()
+            except TooLongError:
+                raise too_long(check) from None
             check.cut = MOST if check.read_by_law else PLAIN
-            found[module.symbol.name] = check.cost()
-    return found
+            with contextlib.suppress(TooLongError):  # what fits stays
+                found[module.symbol.name] = check.cost()
+        except SoterError as error:
+            refused += error.diagnostics
+    return found, refused
 
 
 def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
