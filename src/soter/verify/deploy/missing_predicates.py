@@ -40,6 +40,7 @@ from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
+from soter.verify.work_estimate import announce_work
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -322,6 +323,7 @@ def keep(result: ModuleResult) -> None:
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
 ) -> Sets | None:
+    announce_work(problem, partial(_case, library, tell))
     chosen = with_levels(problem, partial(_cases, library, progress, tell))
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -339,18 +341,28 @@ def _cases(
         if progress is not None:
             progress(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = claims.open_case(problem, library, problem.groups, parameter, tell)
-            within = claims.constraint(case)
-            phase(f"{problem.name}: what SC keeps")
-            if not (within and claims.core(case)):
-                return None
-            phase(f"{problem.name}: where AC may have control")
-            claims.free_phase(case)
-            levels(case)
+            case = _case(library, tell, problem, parameter)
         except UnboundedError:
+            return None
+        if case is None:
             return None
         done.append(case)
     return returned(done) if problem.levels_open else done
+
+
+def _case(
+    library: ReachLibrary, tell: Tell | None, problem: Problem, parameter: tuple[int, ...]
+) -> Case | None:
+    """One case up to its levels; None without a K."""
+    case = claims.open_case(problem, library, problem.groups, parameter, tell)
+    within = claims.constraint(case)
+    phase(f"{problem.name}: what SC keeps")
+    if not (within and claims.core(case)):
+        return None
+    phase(f"{problem.name}: where AC may have control")
+    claims.free_phase(case)
+    levels(case)
+    return case
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
