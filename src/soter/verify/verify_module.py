@@ -30,7 +30,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
+from soter.verify.claims.scheme_assumption import IN_PROOF, scheme_diverges, shown_scheme
 from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -101,14 +101,16 @@ def verify_module(
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
+    scheme = shown_scheme(problem, done)
+    told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(*refinement_note(done), *small_cores(done), *entered.values(), *ages, *chosen.notes),
+        notes=(*refinement_note(done), *small_cores(done), *told),
         levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
-        shown=shown_scheme(problem, done) | set(entered),
+        shown=scheme | set(entered),
     )
     static_claims(problem, result)
     for claim in CLAIMS:
