@@ -19,9 +19,11 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
 from soter.native.compiler_process import end_compilers
+from soter.verify.claims.case import settled
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import keep
 from soter.verify.deploy.remedy_cost import enter_cost
+from soter.verify.diagnosis.tried_remedies import mark_untried
 from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
@@ -156,9 +158,9 @@ def _proved(
                 search=search,
                 compiled=None if job is None else job.result(),
             )
-            results.append(result.mark_untried())
+            results.append(mark_untried(result))
     except KeyboardInterrupt as stopped:
-        lines = [line for r in results for line in r.settled()]
+        lines = [line for r in results for line in settled(r)]
         later = [f"{p.name}: no claim settled" for p in problems[len(results) :]]
         stopped.__notes__ = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
         beside.shutdown(wait=False, cancel_futures=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
 from soter.verify.claims import claims, handback_claim
-from soter.verify.claims.case import Case, ClaimTimer, settled_before
+from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
@@ -133,7 +133,7 @@ def verify_module(
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
-    with settled_before(result.settled):
+    with settled_before(lambda: settled(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
             from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles all of it
 

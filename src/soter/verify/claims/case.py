@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from soter.certificate.format.folder import Certificate
     from soter.verify.claims.failsafe_claim import FailsafeClaim
     from soter.verify.claims.product_sets import SetFactor
-    from soter.verify.claims.results import Region
+    from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
@@ -339,6 +339,12 @@ class ClaimTimer:
         at = "".join(f" with {p.name} = {value}" for p, value in values)
         until = ", ".join(said) or "no claim settled"
         return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
+
+
+def settled(result: ModuleResult) -> list[str]:
+    """A line for whoever ends the command before it is done."""
+    held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
+    return [f"{result.name}: {held}"]
 
 
 @contextmanager

@@ -38,8 +38,6 @@ PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", 
 """In this order everywhere; `start` is that the declared initial states are among those proved,
 `failsafe` that the fail-safe law keeps C once the lease has ended (`failsafe_claim.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
-NOT_TRIED = "(not tried)"
-"""Behind what a diagnosis suggests, and nobody has proved the module with."""
 STAYS = "not asked: `{}`, SC may keep control for ever"
 """With the clause that says so."""
 UNCLAIMED = ("DM",)
@@ -413,18 +411,6 @@ class ModuleResult:
         verdict = self.verdict + self.whilst
         verdict += "" if self.vacuity is None else f", but {self.vacuity.text}"
         return f"{verdict}, not re-checked: {self.not_rechecked}" if self.not_rechecked else verdict
-
-    def settled(self) -> list[str]:
-        """A line for whoever ends the command before it is done."""
-        held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
-        return [f"{self.name}: {held}"]
-
-    def mark_untried(self) -> ModuleResult:
-        """Say behind each suggestion that was not tried that it was not."""
-        for finding in self.findings.values():
-            if finding.hint and not any(word in finding.hint for word in ("tried", "as for `")):
-                finding.hint += f" {NOT_TRIED}"
-        return self
 
     @property
     def cells(self) -> int:

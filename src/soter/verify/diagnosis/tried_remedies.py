@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.claims.results import NOT_TRIED, UNDECIDED
+from soter.verify.claims.results import UNDECIDED
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
 from soter.verify.diagnosis.grid_end_failures import LOST, longer_of
@@ -39,6 +39,8 @@ CHAIN_MAX = 3
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes that no other grid, age or predicate mends; another SC does."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
+NOT_TRIED = "(not tried)"
+"""Behind what is suggested, and nobody has proved the module with."""
 
 
 @dataclass(frozen=True)
@@ -196,3 +198,11 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
 def _advise(finding: Finding, tried: str) -> None:
     """What was tried, before what is suggested and was not."""
     finding.hint = f"{tried}; or {finding.hint} {NOT_TRIED}" if finding.hint else tried
+
+
+def mark_untried(result: ModuleResult) -> ModuleResult:
+    """Say behind each suggestion that was not tried that it was not."""
+    for finding in result.findings.values():
+        if finding.hint and not any(word in finding.hint for word in ("tried", "as for `")):
+            finding.hint += f" {NOT_TRIED}"
+    return result
