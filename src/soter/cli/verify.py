@@ -6,7 +6,7 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.api import load
 from soter.cli.ci.findings import CiFinding
@@ -56,7 +56,7 @@ EXAMPLES = f"""\
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
             only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
-TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
+TONES: Any = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN, LONG = 3, 40

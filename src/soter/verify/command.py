@@ -162,7 +162,7 @@ def _proved(
     except KeyboardInterrupt as stopped:
         lines = [line for r in results for line in settled(r)]
         later = [f"{p.name}: no claim settled" for p in problems[len(results) :]]
-        stopped.__notes__ = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
+        vars(stopped)["__notes__"] = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
             end_compilers()

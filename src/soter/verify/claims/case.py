@@ -328,7 +328,7 @@ class ClaimTimer:
 
     def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:
         if isinstance(error, KeyboardInterrupt):
-            error.__notes__ = self._so_far()
+            vars(error)["__notes__"] = self._so_far()
         spent = time.perf_counter() - self.began
         self.case.spent[self.claim] = self.case.spent.get(self.claim, 0.0) + spent
 
@@ -353,5 +353,5 @@ def settled_before(told: Callable[[], list[str]]) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt as stopped:
-        stopped.__notes__ = told()
+        vars(stopped)["__notes__"] = told()
         raise
