@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Axis, Problem
 
     Tell = Callable[[str, float], None]
@@ -184,20 +184,16 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
         first.remedied = None if left else problem
         then = f"{', '.join(left)} still not" if left else "every claim is proved"
         first.tried.append(f"with {told(helped)}: {then}")
-        _advise(first, f"{'; and '.join(helped)} (tried: {then})")
+        otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
+        first.hint = f"{'; and '.join(helped)} (tried: {then}){otherwise}"
         for claim in failing[1:] if not left else ():
-            _advise(result.findings[claim], f"as for `{failing[0]}`: with that it is proved, too")
+            result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
     if in_vain:
         first.tried.append(f"in vain: {told(dict.fromkeys(in_vain))}")
     if untried and left:
         first.tried.append(f"not, for want of time: {told(dict.fromkeys(untried))}")
     p3 = result.findings["P3"]
     p3.hint = next((f.hint for c in failing if (f := result.findings[c]).text == p3.text), p3.hint)
-
-
-def _advise(finding: Finding, tried: str) -> None:
-    """What was tried, before what is suggested and was not."""
-    finding.hint = f"{tried}; or {finding.hint} {NOT_TRIED}" if finding.hint else tried
 
 
 def mark_untried(result: ModuleResult) -> ModuleResult:
