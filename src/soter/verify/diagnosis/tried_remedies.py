@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import ModuleResult
+    from soter.verify.claims.results import Cause, ModuleResult
     from soter.verify.problem.problem import Axis, Problem
 
     Tell = Callable[[str, float], None]
@@ -105,12 +105,18 @@ def remedies(problem: Problem, failing: Sequence[str], result: ModuleResult) -> 
     None of its problems is what was asked of `result`.
     """
     causes = [cause for claim in ORDER for cause in result.findings[claim].causes]
-    if failing[0] == "P2a":
+    if not (failing[0] == "P2a" and any(c.kind in HOPELESS for c in causes)):
+        yield from _of_the_problem(problem, failing, result, causes)
+    if failing[0] == "P2a" and not any(c.kind == "one_sided" for c in causes):
         names = problem.module.symbol.sc.name, problem.module.symbol.ac.name
         said = "`ac {}; sc {};`, if that is what was meant".format(*names)
         yield Remedy(said, changed_problems.exchanged(problem))
-        if any(c.kind in HOPELESS for c in causes):
-            return
+
+
+def _of_the_problem(
+    problem: Problem, failing: Sequence[str], result: ModuleResult, causes: Sequence[Cause]
+) -> Iterator[Remedy]:
+    """With the controllers as they are."""
     for lost in (c for c in causes if c.kind == LOST):
         longer = changed_problems.longer_axes(problem, longer_of(lost, len(problem.states)))
         if longer.groups != problem.groups:
