@@ -6,10 +6,11 @@ Non-goals: checking (`soter.language`), printing (`cli/`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.api.timing import TimingReport, timing_reports, with_times
+from soter.diagnostics.diagnostic import Severity
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -112,24 +113,33 @@ def check_report(
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
     assumed = {} if times is None else with_times(flat, times, program.sha256)
+    steps, refused = step_reports(program, flat)
+    warnings += tuple(dict.fromkeys(refused))
     timings, untimely = timing_reports(list(flat.values()), assumed)
-    return CheckReport(
-        path, program.sha256, systems, warnings, step_reports(program, flat), timings, untimely
-    )
+    return CheckReport(path, program.sha256, systems, warnings, steps, timings, untimely)
 
 
-def step_reports(program: TypedProgram, flat: Mapping[str, System]) -> tuple[StepReport, ...]:
-    """What all steps take, nodes first, in the order they were declared; then what follows SC."""
+def step_reports(
+    program: TypedProgram, flat: Mapping[str, System]
+) -> tuple[tuple[StepReport, ...], list[Diagnostic]]:
+    """What all steps take, nodes first, in the order they were declared; then what follows SC.
+
+    And of what `verify` and all that flies will refuse to follow, a warning each.
+    """
     costs = {s.name: cost for s, cost in program.costs.items()}
+    warned: list[Diagnostic] = []
     for system in flat.values():
         if any(m.symbol.rest is not None for m in system.modules):
             from soter.verify.deploy.missing_predicates import followed_costs  # noqa: PLC0415 - needs NumPy
 
-            costs |= followed_costs(system)
-    return tuple(
+            followed, refused = followed_costs(system)
+            costs |= followed
+            warned += [replace(d, severity=Severity.WARNING) for d in refused]
+    steps = tuple(
         StepReport(name, "node" if name in program.nodes else "module", *cost)
         for name, cost in costs.items()
     )
+    return steps, warned
 
 
 def system_report(system: System, *, default: bool) -> SystemReport:

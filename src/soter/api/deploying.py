@@ -90,7 +90,7 @@ def deployed(
     if there is None:
         if cert is not None:
             what = f"system `{here.name}` deploys no other: there is nothing to inherit"
-            helps = ("write `system NAME deploys PROVED { ... }`",)
+            helps = ("leave `--cert` out", "or write `system NAME deploys PROVED { ... }`")
             raise SoterError((Diagnostic("U001", what, helps=helps),))
         return DeploymentReport()
     from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy

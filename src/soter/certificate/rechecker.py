@@ -285,6 +285,8 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
 
     def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[Group]:
         only_keys(case, "parameter groups", "a case")
+        if not (case["groups"] or claims & OF_SETS):
+            raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
         with _understood("a group"):
             refuse_unclaimed(case["groups"], claims, computed=computed)
             return groups_of(certificate, facts, case["groups"])

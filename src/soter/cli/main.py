@@ -131,8 +131,9 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
         return CommandOutcome(USAGE, (problem,))
     except SoterError as error:
         return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
-    except KeyboardInterrupt:
-        console.note("interrupted")
+    except KeyboardInterrupt as stopped:
+        for line in ("interrupted", *getattr(stopped, "__notes__", ())):
+            console.note(line)
         return CommandOutcome(INTERRUPTED)
     except OSError as error:
         return CommandOutcome(DIAGNOSTICS, (_os_problem(error),))

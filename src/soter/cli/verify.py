@@ -6,7 +6,7 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.api import load
 from soter.cli.ci.findings import CiFinding
@@ -56,10 +56,11 @@ EXAMPLES = f"""\
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
             only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
-TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
+TONES: Any = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
-REGIONS_SHOWN = 3
+REGIONS_SHOWN, LONG = 3, 40
+"""`LONG`, of a sentence: one that stands in a row already is not said again."""
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
 
@@ -94,6 +95,7 @@ def parser() -> CommandParser:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Verify."""
+    console.listen()
     words = _words(args, console)
     told = _told_again(args, words, console)
     if told is not None:
@@ -124,8 +126,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return CommandOutcome(exit_of(items), items, {"file": args.file})
-    printed, fields = Printout(), DOCUMENT.of(report)
-    _say(report, printed)
+    printed, fields = _said(report), DOCUMENT.of(report)
     printed.show(console)
     _say_files(report, args, console)
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
@@ -138,8 +139,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    findings = tuple(_found(report)) if args.format else ()
-    return CommandOutcome(exit_, warnings, fields, findings)
+    return CommandOutcome(exit_, warnings, fields, tuple(_found(report)) if args.format else ())
 
 
 def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
@@ -186,14 +186,13 @@ def _found(report: VerifyReport) -> Iterator[CiFinding]:
         span = module.problem.module.symbol.span
         for name, f in module.findings.items():
             hint = (f"help: {f.hint}",) if f.hint else ()
-            where = tuple(f"where: {r}" for r in f.regions[:REGIONS_SHOWN])
             yield CiFinding(
                 KINDS[f.verdict],
                 name,
                 f"{module.name}: {name}",
                 f"{module.name}: {name} {f.verdict}: {f.text}".removesuffix(": "),
                 span,
-                (*where, *hint),
+                (*(f"where: {r}" for r in f.regions[:REGIONS_SHOWN]), *hint),
                 f.seconds,
             )
 
@@ -201,8 +200,8 @@ def _found(report: VerifyReport) -> Iterator[CiFinding]:
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: VerifyReport, printed: Printout) -> None:
-    hash_ = report.program_sha256[:12]
+def _said(report: VerifyReport) -> Printout:
+    printed, hash_ = Printout(), report.program_sha256[:12]
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for module in report.modules:
         printed.say()
@@ -219,6 +218,7 @@ def _say(report: VerifyReport, printed: Printout) -> None:
         printed.say(line)
     if report.composed:
         _together(report, printed)
+    return printed
 
 
 def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
@@ -362,10 +362,11 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
 def _table(module: ModuleResult, printed: Printout) -> None:
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
 
-    rows = [
-        (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
-        for name, f in module.findings.items()
-    ]
+    rows, said = [], dict[str, str]()
+    for name, f in module.findings.items():
+        again = len(f.text) >= LONG and said.setdefault(f.text, name) != name
+        text = f"as `{said[f.text]}`" if again else f.text
+        rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), text))
     printed.table(("property", "verdict", "time", "how"), rows)
 
 

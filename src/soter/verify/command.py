@@ -19,9 +19,11 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
 from soter.native.compiler_process import end_compilers
+from soter.verify.claims.case import settled
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import keep
 from soter.verify.deploy.remedy_cost import enter_cost
+from soter.verify.diagnosis.tried_remedies import mark_untried
 from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
@@ -148,17 +150,19 @@ def _proved(
             whole = not (problem.view or problem.influences)
             attack = refute and whole and not (problem.above or problem.below)
             why = (refute and whole) if explain is None else explain
-            results.append(
-                methods[i].verify(
-                    problem,
-                    refute=attack,
-                    explain=why,
-                    progress=share,
-                    search=search,
-                    compiled=None if job is None else job.result(),
-                )
+            result = methods[i].verify(
+                problem,
+                refute=attack,
+                explain=why,
+                progress=share,
+                search=search,
+                compiled=None if job is None else job.result(),
             )
-    except KeyboardInterrupt:
+            results.append(mark_untried(result))
+    except KeyboardInterrupt as stopped:
+        lines = [line for r in results for line in settled(r)]
+        later = [f"{p.name}: no claim settled" for p in problems[len(results) :]]
+        vars(stopped)["__notes__"] = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
             end_compilers()

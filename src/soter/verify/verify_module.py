@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
 from soter.verify.claims import claims, handback_claim
-from soter.verify.claims.case import Case, ClaimTimer
+from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
@@ -30,7 +30,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.scheme_assumption import scheme_diverges, shown_scheme
+from soter.verify.claims.scheme_assumption import IN_PROOF, scheme_diverges, shown_scheme
 from soter.verify.claims.smaller_core import after_core, given_up, returned, shrunk
 from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
@@ -100,21 +100,16 @@ def verify_module(
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
+    scheme = shown_scheme(problem, done)
+    told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
         problem,
         {},
         [c.sets for c in done],
-        notes=(
-            *refinement_note(done),
-            *given_up(done),
-            *small_cores(done),
-            *entered.values(),
-            *ages,
-            *chosen.notes,
-        ),
+        notes=(*refinement_note(done), *given_up(done), *small_cores(done), *told),
         levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
-        shown=shown_scheme(problem, done) | set(entered),
+        shown=scheme | set(entered),
     )
     static_claims(problem, result)
     for claim in CLAIMS:
@@ -137,10 +132,13 @@ def verify_module(
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
-    if refute and problem.modes is None:  # in a run somebody has to decide what the others do
-        _refute(problem, result)
-    if refute if explain is None else explain:
-        _diagnose(done, result, cpu)
+    with settled_before(lambda: settled(result)):
+        if refute and problem.modes is None:  # in a run somebody has to decide what the others do
+            from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles all of it
+
+            refuted(problem, result)
+        if refute if explain is None else explain:
+            _diagnose(done, result, cpu)
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -440,14 +438,7 @@ def _shares(done: list[Case]) -> dict[str, float]:
     return {name: min(values) for name, values in shares_by_name.items()}
 
 
-# ---------------------------------------------------------------- refutation
-
-
-def _refute(problem: Problem, result: ModuleResult) -> None:
-    """A run that leaves C refutes what was not proved; one that never returns refutes P2b."""
-    from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles the whole system
-
-    refuted(problem, result)
+# ---------------------------------------------------------------- diagnosis
 
 
 def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:

@@ -3,7 +3,7 @@
 Purpose: the first case on merged cells, twice; how its time grows with the cells says how long the
 declared grid takes. Said only where somebody waits for it, and where it is long.
 Non-goals: a bound; verdicts; finer grids where only borders fail; what comes after the sets
-(counterexamples, what may help).
+(counterexamples, what may help). Asked by proofs, and by what computes tables before it flies.
 """
 
 from __future__ import annotations

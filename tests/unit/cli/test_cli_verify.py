@@ -76,6 +76,28 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
     assert 1.0 < module["recover_s"] < 10.0
 
 
+@pytest.mark.parametrize(
+    ("at", "told"),
+    [
+        ("soter.verify.claims.claims.start", "P2a shown, P3 shown, ttf shown, safer shown; ended"),
+        ("soter.verify.attack.refutations.refuted", "P2a proved, P2b proved, P3 proved"),
+        ("soter.verify.verify_module.announce_work", "no claim settled"),
+    ],
+)
+def test_who_ends_it_is_told_what_is_settled(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch, at: str, told: str
+) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(at, pressed)
+    done = soter("verify", write(here))
+    assert done.exit == 130
+    assert "interrupted" in done.err
+    assert "SafeCart: " in done.err
+    assert told in done.err
+
+
 @pytest.mark.long
 def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
     ttf = "ttf Room(motion, 0.12) < 0.0 || abs(motion.v) > FAST;"

@@ -12,9 +12,11 @@ from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
+from soter.verify.deploy import missing_predicates
 from soter.verify.diagnosis.changed_problems import cells_of
 from soter.verify.work_estimate import announce_work
 from unit.verify.diagnosis.tank_modules import TANK, changed
+from unit.verify.diagnosis.test_tried_remedies import PREDICATES
 
 if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
@@ -57,6 +59,27 @@ def test_what_grows_with_the_cells_is_estimated_so(problem: Problem, clock: list
 
 def test_what_is_short_is_not_said(problem: Problem, clock: list[float]) -> None:
     assert announced(problem, clock, SECONDS_A_CELL / 10) == []
+
+
+def test_what_computes_tables_before_it_flies_says_how_long(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a proof does: the same two tries, on the problem whose sets are computed."""
+    checked = check_file("tank.soter", changed(*PREDICATES, ("/ 320", "/ 60_000"), text=TANK))
+    (open_problem,) = problems_of(modules_of(checked, None, None, {}))
+    began = []
+
+    def case(_library: object, _tell: object, small: Problem, _: object) -> None:
+        began.append(cells_of(small))
+        clock[0] += SECONDS_A_CELL * cells_of(small)
+
+    monkeypatch.setattr(missing_predicates, "_case", case)
+    monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
+    lines: list[str] = []
+    with listening_to_phases(lambda *_: None, lines.append):
+        missing_predicates.sets_of(open_problem)
+    assert lines == ["SafeTank: 1 axis of 60000 cells: about 60 s"]
+    assert began == [1500, 6000, 60_000]
 
 
 def test_nothing_is_tried_where_nobody_waits(problem: Problem) -> None:

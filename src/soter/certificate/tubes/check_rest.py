@@ -100,7 +100,7 @@ def _show(
         drifts(problem, box, ways)
     if "start" in claims:
         if "P2a" not in claims:
-            raise RejectedError("start: it rests on P2a")
+            raise RejectedError("start: that SC keeps where it rests (P2a) is not claimed")
         for c in problem.facts.controls:
             default = problem.facts.system.topics[c.owner].default
             if not c.low <= flat_leaves(default)[c.leaf] <= c.high:

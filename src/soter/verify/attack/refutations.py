@@ -79,6 +79,5 @@ def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: Refutati
         finding = findings[name]
         if finding.verdict == UNDECIDED:
             finding.counts["runs"] = search.runs
-            if finding.text == NO_CORE:
-                continue  # that is P2a's to say
-            finding.hint = f"{finding.hint} ({note})" if finding.hint else note
+            if finding.text != NO_CORE:  # that is P2a's to say
+                finding.tried.append(note)

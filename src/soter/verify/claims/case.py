@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from soter.diagnostics.current_phase import phase
 from soter.verify.claims.results import CaseSets, GroupResult
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from soter.certificate.format.folder import Certificate
     from soter.verify.claims.failsafe_claim import FailsafeClaim
     from soter.verify.claims.product_sets import SetFactor
-    from soter.verify.claims.results import Region
+    from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
@@ -330,6 +331,32 @@ class ClaimTimer:
             self.case.tell(STAGE[self.claim], 0.0)
         self.began = time.perf_counter()
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:
+        if isinstance(error, KeyboardInterrupt):
+            vars(error)["__notes__"] = self._so_far()
         spent = time.perf_counter() - self.began
         self.case.spent[self.claim] = self.case.spent.get(self.claim, 0.0) + spent
+
+    def _so_far(self) -> list[str]:
+        failed = {f.claim for f in self.case.failures}
+        said = [f"{c} {'not shown' if c in failed else 'shown'}" for c in self.case.spent]
+        values = zip(self.case.problem.parameters, self.case.parameter, strict=True)
+        at = "".join(f" with {p.name} = {value}" for p, value in values)
+        until = ", ".join(said) or "no claim settled"
+        return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
+
+
+def settled(result: ModuleResult) -> list[str]:
+    """A line for whoever ends the command before it is done."""
+    held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
+    return [f"{result.name}: {held}"]
+
+
+@contextmanager
+def settled_before(told: Callable[[], list[str]]) -> Iterator[None]:
+    """Whoever ends the command in this block is told so: notes of the interruption."""
+    try:
+        yield
+    except KeyboardInterrupt as stopped:
+        vars(stopped)["__notes__"] = told()
+        raise

@@ -91,7 +91,7 @@ def halved(axis: Axis, near: Bools) -> Axis:
 
 
 def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
-    """One line where a grid is finer than the program says: which axes, how many cells."""
+    """A line where a grid is finer than the program says, or is one that it does not mention."""
     worst: dict[tuple[str, ...], tuple[int, str]] = {}
     for case in done:
         if case.first is None:
@@ -107,7 +107,16 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
             text += f"({was:,} -> {is_:,} cells)"
             names = tuple(n for n, _, _ in counts)
             worst[names] = max(worst.get(names, (0, "")), (is_, text))
-    return (*(text for _, text in worst.values()), *_finer_notes(done))
+    told = (*(text for _, text in worst.values()), *_finer_notes(done))
+    groups = done[0].problem.groups if done else ()
+    if all(g.span is None for g in groups):
+        return told
+    alone = (g.axes[0] for g in groups if g.span is None)
+    return told + tuple(
+        f"{a.name} stands on no axis: a group of its own, {len(a.edges) - 1:,} cells over "
+        f"[{a.edges[0]:.6g}, {a.edges[-1]:.6g}]; another `grid` line says otherwise"
+        for a in alone
+    )
 
 
 def _finer_notes(done: Sequence[Case]) -> dict[str, None]:

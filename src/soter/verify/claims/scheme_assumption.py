@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.problem.problem import Problem
 
+IN_PROOF = (
+    "the simulator's scheme is in the proof, as all flows are linear; `soter recheck` assumes it"
+)
+
 
 def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
     """For linear flows the simulator's scheme is part of the proof: one assumption is shown."""

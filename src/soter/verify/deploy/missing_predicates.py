@@ -38,9 +38,10 @@ from soter.verify.tables.grid_tables import GroupTable, predicates
 from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import RestClaims, shown
+from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
+from soter.verify.work_estimate import announce_work
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.language.model.system import Module, Shield, System
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
@@ -148,20 +150,27 @@ def _follow(flat: System, module: Module, problem: TubeProblem, progress: Progre
     return f"{module.name}: AC may have control where {where}{missing}"
 
 
-def followed_costs(flat: System) -> dict[str, Cost]:
-    """What a decision of each module with `rest` takes at worst, where it can be followed."""
-    found = {}
+def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
+    """What a decision of each module with `rest` takes at worst; why others are not followed."""
+    found: dict[str, Cost] = {}
+    refused: list[Diagnostic] = []
     for module in flat.modules:
         if module.symbol.rest is None:
             continue
-        with contextlib.suppress(SoterError, TooLongError):
+        try:
             problem = extract(faultless(flat), module)
             assert isinstance(problem, TubeProblem)
             check = TubeCheck(problem)
-            found[module.symbol.name] = check.cost()  # stays where as many as below do not fit
+            try:
+                found[module.symbol.name] = check.cost()
+            except TooLongError:
+                raise too_long(check) from None
             check.cut = MOST if check.read_by_law else PLAIN
-            found[module.symbol.name] = check.cost()
-    return found
+            with contextlib.suppress(TooLongError):  # what fits stays
+                found[module.symbol.name] = check.cost()
+        except SoterError as error:
+            refused += error.diagnostics
+    return found, refused
 
 
 def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
@@ -315,6 +324,7 @@ def keep(result: ModuleResult) -> None:
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
 ) -> Sets | None:
+    announce_work(problem, partial(_case, library, tell))
     chosen = with_levels(problem, partial(_cases, library, progress, tell))
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -332,18 +342,28 @@ def _cases(
         if progress is not None:
             progress(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = claims.open_case(problem, library, problem.groups, parameter, tell)
-            within = claims.constraint(case)
-            phase(f"{problem.name}: what SC keeps")
-            if not (within and claims.core(case)):
-                return None
-            phase(f"{problem.name}: where AC may have control")
-            claims.free_phase(case)
-            levels(case)
+            case = _case(library, tell, problem, parameter)
         except UnboundedError:
+            return None
+        if case is None:
             return None
         done.append(case)
     return returned(done)
+
+
+def _case(
+    library: ReachLibrary, tell: Tell | None, problem: Problem, parameter: tuple[int, ...]
+) -> Case | None:
+    """One case up to its levels; None without a K."""
+    case = claims.open_case(problem, library, problem.groups, parameter, tell)
+    within = claims.constraint(case)
+    phase(f"{problem.name}: what SC keeps")
+    if not (within and claims.core(case)):
+        return None
+    phase(f"{problem.name}: where AC may have control")
+    claims.free_phase(case)
+    levels(case)
+    return case
 
 
 def _part(progress: Progress | None, index: int, count: int) -> Progress | None:

@@ -63,6 +63,8 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
 
 def _cost(problem: Problem, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
     flat, ends = fresh(), time.process_time() + CPU_S
+    if remedied.module.sc != problem.module.sc:
+        return RemedyCost(flat.name, not_measured="it is a module with other controllers")
 
     def tell(what: str, share: float) -> None:
         del what, share

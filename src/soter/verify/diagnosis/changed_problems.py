@@ -17,6 +17,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
+from soter.language.model.durations import show_ns
 from soter.language.model.least_ages import least_age_ns
 from soter.verify.diagnosis.experiments import extended
 from soter.verify.problem.extract import extract
@@ -63,7 +64,7 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
             continue
         if topic.max_age_ns > least:
             changed.append(replace(topic, max_age_ns=least))
-            told.append(f"`max_age {least / 1e6:g}ms` of `{topic.name}`")
+            told.append(f"`max_age {show_ns(least).replace(' ', '')}` of `{topic.name}`")
     if not told:
         return None
     system = derived_systems.with_changed_topics(problem.system, changed)

@@ -126,7 +126,7 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
     model = PointModel(case)
     grid = failure.proof if isinstance(failure.proof, GridProof) else None
     if grid is not None and not grid.found.allowed.any():
-        finding.causes = list(_no_constraint(model, grid))
+        finding.causes = list(_no_constraint(model))
     else:
         search = _runs(case, model, budget.part(RUNS_S))
         finding.leaving = search.soonest
@@ -153,11 +153,9 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         told = [c for c in finding.causes if c is main or c.kind != "weak" or main.kind not in ENDS]
         hints = [c.hint for c in told if c.hint and c.kind in NAMES]
         finding.hint = "; ".join(dict.fromkeys(hints[:HELPS])) or finding.hint
-        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
-            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
 
 
-def _no_constraint(model: PointModel, grid: GridProof) -> Iterator[Cause]:
+def _no_constraint(model: PointModel) -> Iterator[Cause]:
     """C itself has no cell."""
     start = model.start
     held = model.safe(start)
@@ -168,7 +166,7 @@ def _no_constraint(model: PointModel, grid: GridProof) -> Iterator[Cause]:
         yield Cause("constraint", "`safe` is false at the declared start, and holds on no cell")
     elif where and held == TRUE:
         text = "`safe` holds at the declared start, but on no whole cell"
-        yield Cause("constraint", text, _more_cells(grid))
+        yield Cause("constraint", text)
     else:
         yield Cause("constraint", "`safe` holds on no whole cell of the grid")
 
@@ -221,7 +219,7 @@ def _simulated(search: LeavingSearch, *, gridded: bool) -> Iterator[Cause]:
                 f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
                 + (" (cut off)" if search.cut else "")
                 + ": perhaps SC keeps C, and the sets do not show it",
-                "a finer grid, or `core` that says where to look for K" if gridded else WEAK,
+                "`core` that says where to look for K" if gridded else WEAK,
                 (("runs", float(search.runs)), ("longest_s", search.longest_s)),
             )
     elif search.undisturbed_s is not None:
@@ -237,18 +235,13 @@ def _simulated(search: LeavingSearch, *, gridded: bool) -> Iterator[Cause]:
 # ---------------------------------------------------------------- cells and strength
 
 
-def _more_cells(grid: GridProof, times: int = 2) -> str:
-    axes = grid.group.axes
-    return "more cells: " + ", ".join(f"{a.name} / {times * (len(a.edges) - 1)}" for a in axes)
-
-
 def _cells_and_strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
     """Cells of half the size, then less against SC, then cells of a quarter of the size."""
     last: Cause | None = None
     for split, size in SIZES:
         outcome = kept(case, grid, ProblemChange(split=split), budget.part(FINER_S))
         if outcome is not None:
-            last = _finer(grid, split, size, outcome)
+            last = _finer(split, size, outcome)
         if last is not None and last.kind == "cells":
             yield last
             return
@@ -258,14 +251,14 @@ def _cells_and_strength(case: Case, grid: GridProof, budget: CpuBudget) -> Itera
         yield last
 
 
-def _finer(grid: GridProof, split: int, size: str, outcome: InvariantShare) -> Cause:
+def _finer(split: int, size: str, outcome: InvariantShare) -> Cause:
     """What smaller cells change."""
     numbers = (("share_of_C", outcome.share), ("split", float(2**split)))
     if not outcome.share:
         text = f"with cells of {size} the size K is empty as well ({outcome.cells})"
         return Cause("not_cells", text, "", numbers)
     text = f"with cells of {size} the size K is {outcome.share:.1%} of C ({outcome.cells})"
-    return Cause("cells", text, _more_cells(grid, 2**split), numbers)
+    return Cause("cells", text, "", numbers)
 
 
 def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
@@ -288,7 +281,7 @@ def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]
         return
     if not best.share:
         text = f"even without {listed} SC keeps nothing ({best.cells})"
-        yield Cause("weak", text, "another SC, or a finer grid")
+        yield Cause("weak", text, "another SC")
         return
     low, high = 0, PRECISION
     while high - low > 1:

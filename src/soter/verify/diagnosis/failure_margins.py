@@ -42,9 +42,6 @@ if TYPE_CHECKING:
 
 SLACK = 1e-6
 """Of an axis: numbers that people write down are rounded outward by so much."""
-OF_PREDICATES = ("sooner", "border", "outside_core")
-"""Causes whose remedy is another `ttf` or `safer`."""
-COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
 OPEN = (UNDECIDED, REFUTED)
 """A run says that something fails, and not by how much, or why SC does not come back."""
 ORDER = ("ttf", "safer", "start", "P2b")
@@ -70,23 +67,18 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: CpuBudget) -> No
             budget.leave_out()
         except (UnboundedError, StepFaultError):
             pass
-        _helped(finding, case)
+        _helped(finding)
     p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
     if p3.verdict == UNDECIDED:
         p3.causes = list(ttf.causes or safer.causes)
 
 
-def _helped(finding: Finding, case: Case) -> None:
+def _helped(finding: Finding) -> None:
     """What was measured says what helps, in the place of a general word."""
     unsure = [c for c in finding.causes if c.kind == "grid_end" and dict(c.numbers).get("cells")]
     sure = [c for c in finding.causes if c not in unsure]
     hints = [c.hint for c in (*sure, *unsure) if c.hint][:HINTS]
-    if any(c.kind in OF_PREDICATES for c in sure if c.hint) and not case.problem.computed:
-        hints.append(COMPUTED)
-    if hints:
-        finding.hint = "; ".join(dict.fromkeys(hints))
-        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
-            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
+    finding.hint = "; ".join(dict.fromkeys(hints)) or finding.hint
 
 
 def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure, GridProof] | None:
@@ -247,3 +239,28 @@ def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     most = longest(case, engine, core, needed, lambda r: bool(engine.erode(r, errors).any()))
     text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {show_ns(needed)}"
     yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))
+    yield from _moved(case, engine, part)
+
+
+def _moved(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    """A state that commands alone move through all of K within H: there no S_0 is."""
+    model, seconds = PointModel(case), case.problem.times.horizon_ns / 1e9
+    cells = np.argwhere(part.core > 0)
+    at = cells[len(cells) // 2]
+    box = case.forms.whole.copy()
+    box[model.disturbances] = box[model.disturbances].mean(axis=1, keepdims=True)
+    for state, edges, i in zip(engine.axes, engine.edges, at, strict=True):
+        box[state] = edges[i]
+    rates = None if model.is_map else case.forms.numbers("derivative", box, len(model.low))
+    for k, state in enumerate(engine.axes if rates is not None else ()):
+        assert rates is not None
+        kept = float(engine.edges[k][cells[:, k].max() + 1] - engine.edges[k][cells[:, k].min()])
+        moved = float(rates[state, 1] - rates[state, 0]) * seconds
+        if moved > kept:
+            text = f"what AC may command moves {model.names[state]} within H by {moved:.4g}, from "
+            text += f"one end to the other, and K is {kept:.4g} wide there"
+            if case.problem.module.shield is None:
+                text += ": `shield n;` would look at each command, but gives control back where "
+                text += "any may follow, so not here"
+            hint = "a smaller set for what is commanded, or a shorter H"
+            yield Cause("moved", text, hint, (("moved", moved), ("width", kept)))

@@ -145,7 +145,7 @@ def lost_at_ends(
     numbers = [("share_of_C", best), ("before", before)]
     for state, (low, high) in ends.items():
         numbers += [(f"low_{state}", low), (f"high_{state}", high)]
-    yield Cause(LOST, text, f"a longer axis: {longer}", tuple(numbers))
+    yield Cause(LOST, text, "", tuple(numbers))
 
 
 def longer_of(cause: Cause, states: int) -> Ends:

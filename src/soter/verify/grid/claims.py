@@ -91,7 +91,7 @@ class GridProof(GroupProof):
         case.count("longest", int(np.where(rests, 0, kept.witness).max()))
         if kept.witness.any():
             return True
-        hint = "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances"
+        hint = "a wider grid; a stronger SC; smaller errors, delays or disturbances"
         text = "K is empty: no set was found that SC keeps"
         if self.engine.crossed:
             text += CROSSED.format(ends=", ".join(self.engine.crossed))
@@ -119,7 +119,7 @@ class GridProof(GroupProof):
             says = "may be false" if predicate == "ttf" else "may be true"
             count = int(wrong.sum())
             text = f"`{predicate}` {says} on {count} cells from which AC could leave K within H"
-            hint = f"a finer grid, or a `{predicate}` that is more careful there"
+            hint = f"a `{predicate}` that is more careful there"
             case.fail(predicate, text, self, hint).cells = wrong
 
     def entered(self, case: Case) -> str:

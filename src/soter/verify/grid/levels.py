@@ -47,9 +47,10 @@ def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> N
     hint = problem.stronger
     if names:
         hint = f"let a plant drive a topic with {', '.join(names)}, or write `ttf` and `safer`"
+    empty = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
     for claim, j in (("ttf", 0), ("safer", len(part.levels) - 1)):
         if not part.levels[j].any():
-            text = f"S_{j} is empty: AC would never get control"
+            text = f"S_{empty} is empty: AC would never get control"
             case.fail(claim, text, proof, hint).cells = part.free
 
 

@@ -55,6 +55,9 @@ def recover(
     inside = target & part.allowed
     if case.problem.computed and _as_before(case, engine, part, inside):
         return
+    if not inside.any() and (empty := case.failed("safer")):
+        case.fail("P2b", empty[0].text, proof, empty[0].hint).cells = inside
+        return
     part.home, part.finer = engine.core(inside).witness, None
     if not part.home.any():
         found, tried = finer_home(case, engine, part) if case.problem.computed else (None, "")
@@ -131,7 +134,7 @@ def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
     """A failure where there is no way back from some cells."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
-        hint = "an SC that returns to where `safer` holds; a finer grid"
+        hint = "an SC that returns to where `safer` holds"
         failure = case.fail("P2b", text, proof, hint)
         failure.cells, failure.stuck = stuck, True
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants import Calculator
 from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
 from soter.language.model.types import ListType, RecordType, leaf_name, leaves
 from soter.verify.problem.problem import Axis, Group, Interval
 
@@ -30,6 +31,8 @@ AXIS_CELLS_MAX = 60_000
 WIDEST = 1e6
 """Of a cell up to an open end, in ranges of its axis."""
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
+BESIDE = 100
+"""Cells of a state that no line mentions, beside those that lines do."""
 Path = tuple[str, ...]
 
 
@@ -228,8 +231,20 @@ class Axes:
             self._unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
             return []
         if not alone and len(missing) <= AXES_MAX:
-            return [Group(tuple(self._natural_axis(s, len(missing), ranges[s]) for s in missing))]
-        return [Group((self._natural_axis(s, 1, ranges[s]),)) for s in missing]
+            cells = DEFAULT_CELLS[len(missing)]
+            return [Group(tuple(self._natural_axis(s, cells, ranges[s]) for s in missing))]
+        cells = BESIDE if alone else DEFAULT_CELLS[1]
+        return [
+            Group((self._natural_axis(s, 1 if self._unseen(s) else cells, ranges[s]),))
+            for s in missing
+        ]
+
+    def _unseen(self, state: int) -> bool:
+        """Whether it stays as it is and no topic tells of it: its cells would change nothing."""
+        plants = [c.plant for c in self.place.plants if c.plant is not None]
+        told = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
+        names = {n.variable.name for n in told if isinstance(n, typed.VarRead)}
+        return state in self.inputs.still and self.inputs.states[state].member not in names
 
     def _unbounded(self, names: list[str], span: Span, example: str) -> None:
         self.diagnostics.error(
@@ -252,9 +267,9 @@ class Axes:
         low, high = self.set_of(state)
         return Interval(low, high) if math.isfinite(low) and math.isfinite(high) else None
 
-    def _natural_axis(self, state: int, axes: int, extent: Interval | None) -> Axis:
+    def _natural_axis(self, state: int, cells: int, extent: Interval | None) -> Axis:
         assert extent is not None
-        edges = self._edges(extent.low, extent.high, DEFAULT_CELLS[axes])
+        edges = self._edges(extent.low, extent.high, cells)
         leaf = self.inputs.states[state]
         return Axis(state, leaf.name, edges, unit=leaf.unit)
 

@@ -77,7 +77,7 @@ def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     try:
         caller = Caller(check.offline({}))
     except TooLongError:
-        raise _too_long(check) from None
+        raise too_long(check) from None
     claims.answers = _answers(check, caller)
     claims.kept = claims.answers or _kept(check, caller, claims, progress)
     claims.cut = check.cut
@@ -92,7 +92,7 @@ def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     return claims
 
 
-def _too_long(check: TubeCheck) -> SoterError:
+def too_long(check: TubeCheck) -> SoterError:
     """R007 with what would fit: operations grow by as many with each step of SC that is followed.
 
     Of three, as there is more in a text of more than one.

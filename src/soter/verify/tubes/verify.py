@@ -30,7 +30,7 @@ from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.verify_module import static_claims
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from soter.verify.tubes.problem import TubeProblem
     from soter.verify.tubes.rest_claims import RestClaims
@@ -49,8 +49,10 @@ SOUND = Assumption(
 ANSWERS = "an SC that limits what it publishes (`clamp`), to a little less than the set"
 KEPT = (
     "what disturbances do at rest, and errors and ages of what SC reads, has to fit into `rest`: a "
-    "larger one, a lower gain of SC, or an SC that holds a place (`soter explain anchor`)"
+    "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
+CASCADE = 3
+"""So many states and more are mostly led by loops within loops."""
 MOVES = (
     "a larger bound; where something pushes for ever none is true, so name a place that SC holds "
     "in `rest`, and not in `moves` (`soter explain anchor`)"
@@ -103,7 +105,8 @@ def verify_by_tubes(
     if claims.answers:
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
-        rest.hint = MOVES if not claims.kept else KEPT if claims.box else ""
+        kept = KEPT.format("".join(f"{what}, " for what in _quicker(check)))
+        rest.hint = MOVES if not claims.kept else kept if claims.box else ""
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
@@ -114,7 +117,10 @@ def verify_by_tubes(
         "ttf": flies,
         "safer": flies,
         "start": Finding(
-            UNDECIDED if claims.start else PROVED, 0.0, HOW, claims.start or _start(check)
+            UNDECIDED if claims.start or why else PROVED,
+            0.0,
+            HOW,
+            claims.start or why or _start(check),
         ),
         "failsafe": Finding(ASSUMED, text=NO_LAW),
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
@@ -122,6 +128,17 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _quicker(check: TubeCheck) -> Iterator[str]:
+    """What else may lead back: less of what makes SC late, and loops that are not in its way."""
+    times = check.problem.times
+    if check.read_by_law and times.age_sc > times.delta_sc:
+        yield f"reads that are younger (`max_age`, now up to {show_ns(times.age_sc)})"
+    if times.acts:
+        yield f"less delay (`acts within`, now {show_ns(times.acts)})"
+    if len(check.read_by_law) >= CASCADE:
+        yield "inner loops that are several times as quick as the outer ones"
 
 
 def _sets_of(check: TubeCheck) -> str:

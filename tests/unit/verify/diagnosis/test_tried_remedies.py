@@ -141,6 +141,28 @@ def test_an_sc_that_strays_where_there_is_no_room_is_sent_to_where_there_is() ->
     assert explained(changed(*STRAYS, there, text=CART)).verdict == "proved"
 
 
+STRONG = (*PREDICATES, ("float in [-0.1, 0.1] = 0.0", "float in [-20.0, 20.0] = 0.0"))
+
+
+def test_commands_that_cross_k_within_h_are_told_and_a_shield_of_them_gives_back_nothing() -> None:
+    result = explained(changed(*STRONG))
+    why = cause(result, "ttf", "moved")
+    seconds = result.problem.times.horizon_ns / 1e9
+    assert dict(why.numbers)["moved"] == pytest.approx(40.0 * seconds)
+    assert "`shield n;`" in why.text
+    assert result.findings["P2b"].text == result.findings["ttf"].text  # said once
+    shielded = explained(changed(*STRONG, ("  safe level", "  shield 8;\n  safe level")))
+    assert [n for n, f in shielded.findings.items() if not f.holds] == ["P2b", "P3", "ttf", "safer"]
+    assert "shield" not in cause(shielded, "ttf", "moved").text
+
+
+def test_what_is_suggested_was_tried_or_says_that_it_was_not() -> None:
+    for result in (explained(changed(*STRONG)), explained(changed(OLD))):
+        for finding in result.findings.values():
+            hint = finding.hint
+            assert not hint or "(tried: " in hint or hint.startswith("as for `") or "(not" in hint
+
+
 def test_several_changes_are_tried_together_and_told_together() -> None:
     """Reads of four seconds leave no K; with young ones a bold `ttf` still has to go."""
     bold = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
@@ -158,14 +180,16 @@ def test_controllers_in_each_other_s_place_are_told_also_where_a_run_refutes_the
     (tmp_path / "tank.soter").write_text(changed(SWAPPED))
     (result,) = soter.load(tmp_path / "tank.soter").verify().modules
     assert result.findings["P2a"].verdict == "refuted"
-    why = cause(result, "P2a", "exchanged")
-    assert "`Hold`, which is AC, keeps C from 9" in why.text
-    assert first_help(result) == "`ac Learned; sc Hold;`, if that is what was meant"
+    said = "`ac Learned; sc Hold;`, if that is what was meant (tried: every claim is proved)"
+    assert first_help(result).startswith(said)
+    assert result.findings["P2a"].cost is not None
+    assert "other controllers" in result.findings["P2a"].cost.not_measured
 
 
 def test_an_sc_that_keeps_nothing_beside_an_ac_that_does_not_either_is_not_exchanged() -> None:
     neither = ("clamp(0.5 * (1.0 - level), -0.1, 0.1)", "-0.1")
-    assert "exchanged" not in kinds(explained(changed(neither)), "P2a")
+    (in_vain,) = explained(changed(neither)).findings["P2a"].tried
+    assert in_vain.endswith("`ac Hold; sc Learned;`, if that is what was meant")
 
 
 def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,7 +205,8 @@ def test_no_refute_keeps_the_diagnosis(tmp_path: Path, capsys: pytest.CaptureFix
     main(["verify", str(tmp_path / "tank.soter"), "--no-refute", "--json"])
     found = json.loads(capsys.readouterr().out)["modules"]["SafeTank"]["properties"]["P2a"]
     assert found["verdict"] == "undecided"
-    assert "exchanged" in [c["kind"] for c in found["causes"]]
+    assert found["causes"]
+    assert "(tried: every claim is proved)" in found["hint"]
 
 
 def test_what_is_proved_is_not_tried() -> None:

@@ -42,6 +42,15 @@ def test_a_rest_that_is_kept_is_proved_and_the_decisions_are_not(tmp_path: Path)
         assert m.not_rechecked == ""
 
 
+def test_a_start_is_not_claimed_where_rest_is_not_shown(tmp_path: Path) -> None:
+    """How far it drifts is not: SC leads to rest, and nobody knows what it does there."""
+    text = FOLLOW.read_text(encoding="utf-8").replace(*WRONG["it drifts farther"])
+    m = verified(tmp_path, text, tmp_path / "proof")
+    assert m.findings["start"].verdict == "undecided"
+    assert m.findings["start"].text == m.findings["P2a"].text
+    assert recheck(tmp_path / "proof").verdict != "rejected"
+
+
 WRONG = {
     "SC accelerates": ("gas: 0.0, brake: 1.0 }; }", "gas: 1.0, brake: 0.0 }; }"),
     "SC leaves a little gas": ("gas: 0.0, brake: 1.0 }; }", "gas: 0.1, brake: 1.0 }; }"),
@@ -101,6 +110,9 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
     finding = verified(tmp_path, HELD.replace(old, new)).findings["P2a"]
     assert finding.verdict == "undecided"
     assert "lead back" in finding.text
+    assert "`acts within`" not in finding.hint
+    late = HELD.replace(old, new).replace("within 2s;", "within 2s; verify { acts within 7ms; }")
+    assert "`acts within`, now 7 ms" in verified(tmp_path, late).findings["P2a"].hint
 
 
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
@@ -137,9 +149,12 @@ def test_an_sc_that_reads_answers_on_all_that_it_may_read(tmp_path: Path) -> Non
 
 
 def refused(folder: Path, text: str) -> str:
+    """As `verify` refuses it; `check` warns of the same."""
     with pytest.raises(SoterError) as caught:
         verified(folder, text)
     assert caught.value.diagnostics[0].code == "R007"
+    warned = Program(str(folder / "module.soter")).check().warnings
+    assert caught.value.diagnostics[0].message in [w.message for w in warned if w.code == "R007"]
     return caught.value.diagnostics[0].message
 
 
