@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 from soter.verify.claims.case import ClaimTimer
+from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
 from soter.verify.claims.recovery import recover
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.proof_methods import pairs_of, tables
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.verify.claims.case import Case
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Group, Problem
 
     Attempt = Callable[[Problem], list[Case] | None]
 
@@ -30,26 +31,68 @@ OF_LEVELS = ("ttf", "safer", "P2b")
 """Claims that the number of levels enters."""
 
 
-@dataclass(frozen=True)
-class ChosenLevels:
-    """A problem with its number of levels, and what was found with it.
+CELLS_MAX = 400_000
+"""More cells are not chosen, of all groups together."""
+SIZES = ("half", "a quarter of")
+"""Of the declared cells, along each axis, tried one after the other."""
 
-    `done`: every case; None where there is no K. `why`: what is not shown with `LEVELS_DEFAULT`
-    levels, where the program leaves the number open and fewer were chosen; else "".
+
+@dataclass(frozen=True)
+class Choice:
+    """A problem with its cells and its number of levels, and what was found with it.
+
+    `done`: every case; None where the dynamics have no enclosure. `why`: what is not shown with
+    `LEVELS_DEFAULT` levels, where the program leaves the number open and fewer were chosen; else
+    "". `size`: of the cells in words, where smaller ones than declared were chosen; else "".
+    `tried`: where none were, what was tried, a line each.
     """
 
     problem: Problem
     done: list[Case] | None
     why: str = ""
+    size: str = ""
+    tried: tuple[str, ...] = ()
 
     @property
     def notes(self) -> list[str]:
-        """A line, where fewer were chosen."""
-        said = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
-        return [said] if self.why else []
+        """A line where fewer levels were chosen, one a group whose cells are smaller."""
+        levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
+        pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
+        counts = filter(None, (counts_of(a, b) for a, b in pairs))
+        what = f"cells of {self.size} the size: on the declared ones K is empty"
+        return [*(f"{what}: {text}" for text in counts), *([levels] if self.why else [])]
 
 
-def with_levels(problem: Problem, attempt: Attempt) -> ChosenLevels:
+def choose(problem: Problem, attempt: Attempt) -> Choice:
+    """On the declared cells; where some group has no K on them, on smaller ones on which it has.
+
+    Counts of cells decide, and no CPU time. What `attempt` gives has all failures of P2a.
+    """
+    first = found = _with_levels(problem, attempt)
+    tried = []
+    for size in SIZES:
+        coarse = _without_core(found)
+        if not coarse:
+            break
+        finer = smaller_cells(found.problem, coarse)
+        if cells_of(finer) > CELLS_MAX:
+            more = f"as {cells_of(finer):,} are more than {CELLS_MAX:,}"
+            tried.append(f"not: cells of {size} the size, {more}")
+            break
+        found = _with_levels(finer, attempt)
+        if found.done is not None and "P2a" not in _unshown(found.done):
+            return replace(found, size=size)
+        tried.append(f"in vain: cells of {size} the size")
+    return replace(first, tried=tuple(tried))
+
+
+def _without_core(choice: Choice) -> list[Group]:
+    """The grids that have no K in some case."""
+    failures = (f for case in choice.done or () for f in case.failed("P2a"))
+    return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
+
+
+def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
     """As many levels as the program says; where it leaves that open, the default or the fewest.
 
     The fewest where what is shown with them is more, claim by claim: no CPU time decides. What
@@ -63,8 +106,8 @@ def with_levels(problem: Problem, attempt: Attempt) -> ChosenLevels:
         fewest = replace(problem, levels=LEVELS_LEAST)
         again = attempt(fewest)
         if again is not None and _unshown(again).keys() < lost.keys():
-            return ChosenLevels(fewest, again, next(lost[c] for c in OF_LEVELS if c in lost))
-    return ChosenLevels(problem, done)
+            return Choice(fewest, again, next(lost[c] for c in OF_LEVELS if c in lost))
+    return Choice(problem, done)
 
 
 def _unshown(done: Sequence[Case] | None) -> dict[str, str]:

@@ -9,11 +9,12 @@ Non-goals: verdicts: nothing of it is claimed of the program as it is; other law
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.grid_refinement import smaller_cells
 from soter.verify.claims.results import UNDECIDED, Cause
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
@@ -45,7 +46,6 @@ HOPELESS = ("wrap_around", "drift_of_all")
 """Causes that no other grid, age or predicate mends."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 EXCHANGED = "`ac {}; sc {};`, if that is what was meant"
-MORE_CELLS = "more cells: "
 LEFT_OUT = "neither `ttf` nor `safer`: left out, both are computed"
 
 
@@ -129,19 +129,15 @@ def remedies(
             yield Remedy(f"no ends where runs leave: `{_lines(problem, leaves)}`", opened)
         if younger is not None:
             yield Remedy(" and ".join(younger[1]), younger[0])
-        yield from _more_cells(problem)
         return
     if not problem.computed:
         yield Remedy(LEFT_OUT, changed_problems.predicates_left_out(problem))
     if younger is not None:
         yield Remedy(" and ".join(younger[1]), younger[0])
-    yield from _more_cells(problem)
-
-
-def _more_cells(problem: Problem) -> Iterator[Remedy]:
-    smaller = changed_problems.smaller_cells(problem)
-    if changed_problems.cells_of(problem):
-        yield Remedy(f"{MORE_CELLS}`{_lines(smaller)}`", smaller)
+    grids = [g for g in problem.groups if g.representation == "grid"]
+    if grids:
+        smaller = replace(smaller_cells(problem, grids), declared_groups=())
+        yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
 
 
 def _lines(problem: Problem, opened: int | None = None) -> str:
@@ -268,8 +264,6 @@ def _enter(
             otherwise = f"; or {other.hint}" if other.hint else ""
             other.hint = f"as for `{failing[0]}`: with that it is proved, too{otherwise}"
     elif finding.hint and not any(c.kind in MEASURED for c in finding.causes if c.hint):
-        if any(remedy.startswith(MORE_CELLS) for remedy in in_vain):
-            finding.hint = finding.hint.replace(", or a finer grid", "")
         finding.hint += " (not tried)"
     if in_vain:
         finding.tried.append(f"in vain: {'; '.join(dict.fromkeys(in_vain))}")

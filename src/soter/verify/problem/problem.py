@@ -226,6 +226,8 @@ class Problem:
     groups: tuple[Group, ...]
     """In chain order: a group depends on itself and earlier ones."""
     times: Times
+    declared_groups: tuple[Group, ...] = ()
+    """The groups as the program has them, where smaller cells were chosen for it."""
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
     """The program leaves that number open: it is chosen (`verify/claims/levels.py`)."""

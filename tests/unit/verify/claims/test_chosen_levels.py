@@ -182,7 +182,7 @@ def test_fewer_are_chosen_just_where_they_show_more(
     problem: Any = levels_problem(is_open)
     of_levels = frozenset(levels.OF_LEVELS)
     failing = {3: three, 2: two}
-    chosen = levels.with_levels(problem, lambda p: [cases_that_fail(failing[p.levels])])
+    chosen = levels.choose(problem, lambda p: [cases_that_fail(failing[p.levels])])
     more = two & of_levels < three & of_levels
     fewer = is_open and more and "P2a" not in three | two
     assert chosen.problem.levels == (2 if fewer else 3)
@@ -199,8 +199,10 @@ def levels_problem(is_open: bool) -> Any:
 
 
 def cases_that_fail(claims: frozenset[str]) -> Any:
-    failures = [SimpleNamespace(claim=c, text=f"{c} fails") for c in sorted(claims)]
-    return SimpleNamespace(failures=failures)
+    failures = [SimpleNamespace(claim=c, text=f"{c} fails", proof=None) for c in sorted(claims)]
+    return SimpleNamespace(
+        failures=failures, failed=lambda claim: [f for f in failures if f.claim == claim]
+    )
 
 
 # ---------------------------------------------------------------- certificates
