@@ -104,10 +104,33 @@ def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
     lost = _unshown(done)
     if problem.levels_open and lost and "P2a" not in lost:
         fewest = replace(problem, levels=LEVELS_LEAST)
-        again = attempt(fewest)
+        again = _with_other_levels(done or (), fewest) or attempt(fewest)
         if again is not None and _unshown(again).keys() < lost.keys():
             return Choice(fewest, again, next(lost[c] for c in OF_LEVELS if c in lost))
     return Choice(problem, done)
+
+
+def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | None:
+    """Cases of grids with another number of levels, of which neither K nor R(H) knows."""
+    again = []
+    for case in done:
+        renewed = [proof.without_levels() for proof in case.proofs]
+        proofs = [proof for proof in renewed if proof is not None]
+        if len(proofs) < len(case.proofs):
+            return None
+        by_old = dict(zip(map(id, case.proofs), proofs, strict=True))
+        failures = [
+            replace(f, proof=by_old.get(id(f.proof)))
+            for f in case.failures
+            if f.claim not in OF_LEVELS
+        ]
+        spent = {claim: s for claim, s in case.spent.items() if claim not in OF_LEVELS}
+        new = replace(case, problem=problem, proofs=proofs, failures=failures)
+        new.spent, new.counts = spent, dict(case.counts)
+        with ClaimTimer(new, "ttf"):
+            levels(new)
+        again.append(new)
+    return returned(again)
 
 
 def _unshown(done: Sequence[Case] | None) -> dict[str, str]:

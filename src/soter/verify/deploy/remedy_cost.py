@@ -21,7 +21,7 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.build import library
 from soter.native.library import Library
-from soter.verify.claims.results import FlownFigures, RemedyCost
+from soter.verify.claims.results import ASSUMED, PROVED, FlownFigures, RemedyCost
 from soter.verify.deploy.missing_predicates import complete, open_modules, put, sets_of
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError
@@ -48,13 +48,14 @@ CPU_S = 5.0
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
     """Enter what the changes cost that prove every claim, beside their advice.
 
-    And what was chosen: smaller cells, fewer levels. `fresh`: gives the system that the module was
-    proved in, as it flies.
+    And what was chosen for a module that is proved: smaller cells, fewer levels. `fresh`: gives the
+    system that it was proved in, as it flies.
     """
-    if result.problem.declared_groups and result.problem.computed:
+    held = result.verdict in (PROVED, ASSUMED)
+    if held and result.problem.declared_groups and result.problem.computed:
         phase(f"{result.problem.name}: measuring what smaller cells cost")
         result.notes += (f"smaller cells cost: {_cost(None, result.problem, fresh)}",)
-    if result.levels_why:
+    if held and result.levels_why:
         phase(f"{result.problem.name}: measuring what fewer levels cost")
         default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
         result.levels_cost = _cost(default, result.problem, fresh)
@@ -79,7 +80,7 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
         return RemedyCost(flat.name, not_measured=why)
     until_ns = min(flat.until_ns, UNTIL_NS)
     try:
-        before = problem and _flown(flat, problem, until_ns, tell)
+        before = None if problem is None else _flown(flat, problem, until_ns, tell)
         changed = _changed(fresh(), problem or remedied, remedied)
         after = _flown(changed, remedied, until_ns, tell)
     except CancelledError:

@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-BUDGET_S = 8.0
-RUNS_S = 3.5
+BUDGET_S = 5.0
+RUNS_S = 2.5
 PULL_S = 1.0
 PRECISION = 32
 """Parts in which the strength of what stands against SC is told."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     Tell = Callable[[str, float], None]
     Attempt = Callable[[Problem, Tell], list[Case]]
 
-LEAST_S, OF_PROOF = 10.0, 2.0
+LEAST_S, OF_PROOF = 8.0, 1.0
 """CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
 CHAIN_MAX = 3
 """So many changes are made together at most."""

@@ -82,7 +82,7 @@ class GridProof(GroupProof):
         """K: a greatest fixpoint."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
-        kept = self.engine.core(self.found.allowed, vain=case.vain)
+        kept = self.engine.core(self.found.allowed, vain=case.vain, holds=case.holds)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)
         case.count("longest", int(kept.witness.max()))
@@ -130,6 +130,12 @@ class GridProof(GroupProof):
     def levels(self, case: Case) -> None:
         """S_0, S_1, ... of estimates."""
         levels.find(case, self, self.engine, self.found)
+
+    def without_levels(self) -> GridProof:
+        """What is found later stays out."""
+        f = self.found
+        found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
+        return GridProof(self.group, self.engine, found)
 
     def admit(self, case: Case, table: LevelTable) -> None:
         """A table of the DM, and the states from which AC may have control by it."""

@@ -172,7 +172,13 @@ class GridGroup(GridModel):
     # ------------------------------------------------------------ K
 
     def core(
-        self, allowed: Bools, *, longest: int = LONGEST, patience: int = 4, vain: float = 0.0
+        self,
+        allowed: Bools,
+        *,
+        longest: int = LONGEST,
+        patience: int = 4,
+        vain: float = 0.0,
+        holds: int = 0,
     ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
@@ -182,13 +188,14 @@ class GridGroup(GridModel):
         times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
         the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
+        `holds`: so many a cell of `allowed` may be made on average; 0: any number.
         """
         if self.still:
             return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
         if allowed.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
-        return self._core(allowed, longest, patience, most)
+        return self._core(allowed, longest, patience, most, holds)
 
     @property
     def still(self) -> bool:
@@ -211,7 +218,7 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core(self, allowed: Bools, longest: int, patience: int, vain_max: int) -> Core:
+    def _core(self, allowed: Bools, longest: int, patience: int, vain_max: int, holds: int) -> Core:
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
@@ -236,7 +243,7 @@ class GridGroup(GridModel):
         commands = np.empty(self.tiles * max(1, int(self.c.commands)), dtype=np.float64)
         w.known, w.command = self.pointer(known, "uint8_t *"), self.pointer(commands, "double *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
-        w.r.vain_max = vain_max
+        w.r.vain_max, w.r.steps_max = vain_max, holds * np.count_nonzero(allowed)
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", 0.0)  # nobody knows how many rounds are left
@@ -244,7 +251,7 @@ class GridGroup(GridModel):
         if w.r.dirty_n:
             witness[...] = 0
         del rounds
-        return Core(witness, int(w.r.rounds), int(w.r.steps), sum(w.r.vain))
+        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain))
 
     # ------------------------------------------------------------ tubes under all of U
 
