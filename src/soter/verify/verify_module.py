@@ -14,10 +14,10 @@ from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
 from soter.verify.claims import claims, handback_claim
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
+from soter.verify.claims.choice import choose
 from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.grid_refinement import refined, refinement_note
 from soter.verify.claims.handover_claim import not_entered
-from soter.verify.claims.levels import with_levels
 from soter.verify.claims.published_value_ranges import say_narrowed
 from soter.verify.claims.recovery import in_time, recover, waits
 from soter.verify.claims.results import (
@@ -47,7 +47,7 @@ from soter.verify.work_estimate import announce_work
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.verify.claims.levels import ChosenLevels
+    from soter.verify.claims.choice import Choice
     from soter.verify.enclose.engine_library import ReachLibrary
     from soter.verify.induction.refute import Search
     from soter.verify.problem.problem import Group, Problem
@@ -112,8 +112,8 @@ def verify_module(
         shown=scheme | set(entered),
     )
     static_claims(problem, result)
-    for claim in CLAIMS:
-        result.findings[claim] = _finding(problem, done, claim)
+    result.findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
+    result.findings["P2a"].tried += chosen.tried
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
     if SCHEME in result.assumptions and (diverges := scheme_diverges(problem)):
         _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
@@ -162,8 +162,8 @@ def _reached(progress: Progress | None, share: float, name: str) -> None:
 
 def _chosen(
     problem: Problem, library: ReachLibrary, progress: Progress | None
-) -> tuple[ChosenLevels, float]:
-    """All cases, with as many levels as are chosen; and the CPU seconds of the first attempt."""
+) -> tuple[Choice, float]:
+    """All cases, on cells and levels that are chosen; and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
     def attempt(problem: Problem) -> list[Case]:
@@ -172,7 +172,7 @@ def _chosen(
         spent.append(time.process_time() - began)
         return done
 
-    return with_levels(problem, attempt), spent[0]
+    return choose(problem, attempt), spent[0]
 
 
 def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
@@ -459,4 +459,4 @@ def _attempt(problem: Problem, tell: Tell) -> list[Case]:
         done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
         return returned(done) if problem.computed else done
 
-    return with_levels(problem, settled).done or []
+    return choose(problem, settled).done or []

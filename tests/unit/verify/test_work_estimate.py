@@ -11,9 +11,9 @@ from soter.cli.terminal.console import Console
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
+from soter.verify.claims.grid_refinement import cells_of
 from soter.verify.command import modules_of, problems_of
 from soter.verify.deploy import missing_predicates
-from soter.verify.diagnosis.changed_problems import cells_of
 from soter.verify.work_estimate import announce_work
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.diagnosis.test_tried_remedies import PREDICATES

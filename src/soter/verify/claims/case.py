@@ -78,6 +78,10 @@ class GroupProof(GroupResult):
     def levels(self, case: Case) -> None:
         """S_0 ... S_(m-2) of estimates, where predicates are computed."""
 
+    def without_levels(self) -> GroupProof | None:
+        """Another one with its C, K and R(H) and nothing more; None where there is none."""
+        return None
+
     @abstractmethod
     def admit(self, case: Case, table: LevelTable) -> None:
         """What the DM holds of the levels of all cases; a failure where that is nothing."""
@@ -275,6 +279,8 @@ class Case:
     counts: dict[str, int] = field(default_factory=dict)
     vain: float = 0.0
     """`GridGroup.core`: the share of C that may be followed for nothing; 0: all of it."""
+    holds: int = 0
+    """`GridGroup.core`: how many holds a cell of C may take on average; 0: any number."""
     lawful: FailsafeClaim | None = None
     """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None

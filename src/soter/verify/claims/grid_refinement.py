@@ -1,8 +1,8 @@
-"""Finer grids where only borders fail.
+"""Finer grids: where only borders fail, and all cells halved.
 
-Purpose: split the breakpoints near the cells on which a claim failed, a bounded number of times;
-and say so.
-Non-goals: deciding anything: a finer grid is a new attempt, no more.
+Purpose: split the breakpoints near the cells on which a claim failed, a bounded number of times, or
+every one; and say so.
+Non-goals: deciding anything: a finer grid is a new attempt, no more (`levels.py`).
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from numpy.typing import NDArray
 
     from soter.verify.claims.case import Case
-    from soter.verify.problem.problem import Axis, Group
+    from soter.verify.problem.problem import Axis, Group, Problem
 
     Bools = NDArray[np.bool_]
 
@@ -90,6 +90,38 @@ def halved(axis: Axis, near: Bools) -> Axis:
     return replace(axis, edges=(*edges, axis.edges[-1]))
 
 
+def cells_of(problem: Problem) -> int:
+    """Of all groups together."""
+    grids = (g for g in problem.groups if g.representation == "grid")
+    return sum(prod(len(a.edges) - 1 for a in g.axes) for g in grids)
+
+
+def smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
+    """Every cell of these grids halved along each axis, but those that an open end makes."""
+    groups = tuple(_all_halved(g) if g in coarse else g for g in problem.groups)
+    return replace(
+        problem, groups=groups, declared_groups=problem.declared_groups or problem.groups
+    )
+
+
+def _all_halved(group: Group) -> Group:
+    axes = []
+    for axis in group.axes:
+        near = np.ones(len(axis.edges) - 1, dtype=np.bool_)
+        near[-1] = not axis.open
+        axes.append(halved(axis, near))
+    return replace(group, axes=tuple(axes))
+
+
+def counts_of(before: Group, after: Group) -> str:
+    """How many cells there were, and are, where that is not the same; "" where it is."""
+    pairs = zip(before.axes, after.axes, strict=True)
+    counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
+    finer = ", ".join(f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b)
+    was, is_ = prod(a for _, a, _ in counts), prod(b for _, _, b in counts)
+    return f"{finer} ({was:,} -> {is_:,} cells)" if finer else ""
+
+
 def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
     """A line where a grid is finer than the program says, or is one that it does not mention."""
     worst: dict[tuple[str, ...], tuple[int, str]] = {}
@@ -97,16 +129,13 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
         if case.first is None:
             continue
         for before, proof in zip(case.first.proofs, case.proofs, strict=True):
-            pairs = zip(before.group.axes, proof.group.axes, strict=True)
-            counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
-            finer = [f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b]
+            finer = counts_of(before.group, proof.group)
             if not finer:
                 continue
-            was, is_ = prod(a for _, a, _ in counts), prod(b for _, _, b in counts)
-            text = f"the grid was refined where a claim failed only at borders: {', '.join(finer)} "
-            text += f"({was:,} -> {is_:,} cells)"
-            names = tuple(n for n, _, _ in counts)
-            worst[names] = max(worst.get(names, (0, "")), (is_, text))
+            size = prod(len(a.edges) - 1 for a in proof.group.axes)
+            text = f"the grid was refined where a claim failed only at borders: {finer}"
+            names = tuple(a.name for a in proof.group.axes)
+            worst[names] = max(worst.get(names, (0, "")), (size, text))
     told = (*(text for _, text in worst.values()), *_finer_notes(done))
     groups = done[0].problem.groups if done else ()
     if all(g.span is None for g in groups):

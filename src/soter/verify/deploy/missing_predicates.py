@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -27,7 +28,9 @@ from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
 from soter.native.package_sources import SOTER, files_below
 from soter.verify.claims import claims
-from soter.verify.claims.levels import levels, with_levels, withheld
+from soter.verify.claims.choice import choose
+from soter.verify.claims.grid_refinement import cells_of
+from soter.verify.claims.levels import levels, withheld
 from soter.verify.claims.smaller_core import returned
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
@@ -60,15 +63,15 @@ if TYPE_CHECKING:
     from soter.verify.tables.level_table import LevelTable
 
     Found = list[LevelTable]
-    Sets = tuple[int, list[Pairs]]
-    """How many levels there are, and the pairs of every case."""
+    Sets = tuple[Problem, list[Pairs]]
+    """With its cells and its number of levels, and the pairs of every case."""
     Progress = Callable[[float], None]
     Tell = Callable[[str, float], None]
 
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
-FILE, REST, LEVELS = "sets.npz", "rest", "levels"
+FILE, REST, LEVELS, EDGES = "sets.npz", "rest", "levels", "edges"
 OF_SETS = ("P2a", "ttf", "safer")
 """Where these hold the sets of a proof are whole."""
 NEVER = "ttf and safer are not computed, its AC never gets control"
@@ -132,6 +135,8 @@ def complete(
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
             what += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
+        if problem.declared_groups:
+            what += f"; on {cells_of(problem):,} cells, as K is empty on those that are declared"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
 
@@ -298,7 +303,7 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 def sets_of(
     problem: Problem, progress: Progress | None = None, tell: Tell | None = None
 ) -> tuple[Problem, list[Pairs] | None]:
-    """The problem with its number of levels, and pairs of every case, from the cache or computed.
+    """The problem as it is chosen to be, and pairs of every case, from the cache or computed.
 
     None where the engine has no answer.
     """
@@ -309,33 +314,37 @@ def sets_of(
     if sets is None:
         sets = _computed(problem, library, progress, tell)
         if sets is not None:
-            _keep(key, problem, sets)
-    return (problem, None) if sets is None else (replace(problem, levels=sets[0]), sets[1])
+            _keep(key, *sets)
+    return sets or (problem, None)
 
 
 def keep(result: ModuleResult) -> None:
     """What a proof has found, for whatever flies: the same would be found once more."""
     problem = result.problem
     if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):
-        sets = problem.levels, [pairs_of(case) for case in result.cases]
-        _keep(_key(problem, library_of(problem)[0]), problem, sets)
+        pairs = [pairs_of(case) for case in result.cases]
+        _keep(_key(problem, library_of(problem)[0]), problem, pairs)
 
 
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
 ) -> Sets | None:
     announce_work(problem, partial(_case, library, tell))
-    chosen = with_levels(problem, partial(_cases, library, progress, tell))
+    chosen = choose(problem, partial(_cases, library, progress, tell))
+    problem = chosen.problem
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
         return None
-    return None if any(map(withheld, chosen.done or ())) else (chosen.problem.levels, pairs)
+    return None if any(map(withheld, chosen.done or ())) else (problem, pairs)
 
 
 def _cases(
     library: ReachLibrary, progress: Progress | None, tell: Tell | None, problem: Problem
 ) -> list[Case] | None:
-    """Every case up to its levels, and with P2b, for which K may lose cells; None without a K."""
+    """Every case up to its levels, and with P2b, for which K may lose cells.
+
+    None where the dynamics have no enclosure. No levels where some case has no K.
+    """
     every = list(cases(problem))
     done = []
     for i, parameter in enumerate(every):
@@ -345,24 +354,21 @@ def _cases(
             case = _case(library, tell, problem, parameter)
         except UnboundedError:
             return None
-        if case is None:
-            return None
         done.append(case)
-    return returned(done)
+    return done if any(case.failed("P2a") for case in done) else returned(done)
 
 
 def _case(
     library: ReachLibrary, tell: Tell | None, problem: Problem, parameter: tuple[int, ...]
-) -> Case | None:
-    """One case up to its levels; None without a K."""
+) -> Case:
+    """One case up to its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter, tell)
-    within = claims.constraint(case)
     phase(f"{problem.name}: what SC keeps")
-    if not (within and claims.core(case)):
-        return None
+    kept = claims.constraint(case) and claims.core(case)
     phase(f"{problem.name}: where AC may have control")
-    claims.free_phase(case)
-    levels(case)
+    if kept:
+        claims.free_phase(case)
+        levels(case)
     return case
 
 
@@ -391,7 +397,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         problem.errors,
         problem.others,
         problem.parameters,
-        [(g.representation, g.axes) for g in problem.groups],
+        [(g.representation, g.axes) for g in problem.declared_groups or problem.groups],
         replace(problem.times, declared=frozenset()),
         sorted(problem.times.declared),
         "chosen" if problem.levels_open else problem.levels,
@@ -426,10 +432,12 @@ def engine_files() -> list[Path]:
     return [*files, *texts]
 
 
-def _keep(key: str, problem: Problem, sets: Sets) -> None:
+def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
     """Write the sets; a cache that cannot be written is no error."""
-    arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(sets[0])}
-    for i, case in enumerate(sets[1]):
+    arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(problem.levels)}
+    for k, axis in enumerate(a for group in problem.groups for a in group.axes):
+        arrays[f"{EDGES}{k}"] = np.array(axis.edges)
+    for i, case in enumerate(pairs):
         for j, (group, pair) in enumerate(zip(in_order(problem.groups), case, strict=True)):
             for name, array in method_of(group).packed(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
@@ -446,15 +454,29 @@ def _kept(key: str, problem: Problem) -> Sets | None:
     folder = find_cached("sets", key, (FILE,))
     if folder is None:
         return None
-    groups = in_order(problem.groups)
     try:
         with np.load(folder / FILE) as data:
-            return int(data[LEVELS]), [
+            problem = replace(_on_its_cells(data, problem), levels=int(data[LEVELS]))
+            groups = in_order(problem.groups)
+            return problem, [
                 [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
             ]
     except (OSError, ValueError, KeyError):
         return None
+
+
+def _on_its_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
+    """The problem on the cells that were chosen for it."""
+    count, groups = itertools.count(), []
+    for group in problem.groups:
+        edges = [tuple(data[f"{EDGES}{next(count)}"].tolist()) for _ in group.axes]
+        axes = (replace(a, edges=e) for a, e in zip(group.axes, edges, strict=True))
+        groups.append(replace(group, axes=tuple(axes)))
+    if tuple(groups) == problem.groups:
+        return problem
+    declared = problem.declared_groups or problem.groups
+    return replace(problem, groups=tuple(groups), declared_groups=declared)
 
 
 def _pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive

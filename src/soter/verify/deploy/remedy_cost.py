@@ -21,7 +21,7 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.build import library
 from soter.native.library import Library
-from soter.verify.claims.results import FlownFigures, RemedyCost
+from soter.verify.claims.results import ASSUMED, PROVED, FlownFigures, RemedyCost
 from soter.verify.deploy.missing_predicates import complete, open_modules, put, sets_of
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError
@@ -46,11 +46,16 @@ CPU_S = 5.0
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enter what the changes cost that prove every claim, beside their advice, and fewer levels.
+    """Enter what the changes cost that prove every claim, beside their advice.
 
-    `fresh`: gives the system that the module was proved in, as it flies.
+    And what was chosen for a module that is proved: smaller cells, fewer levels. `fresh`: gives the
+    system that it was proved in, as it flies.
     """
-    if result.levels_why:
+    held = result.verdict in (PROVED, ASSUMED)
+    if held and result.problem.declared_groups and result.problem.computed:
+        phase(f"{result.problem.name}: measuring what smaller cells cost")
+        result.notes += (f"smaller cells cost: {_cost(None, result.problem, fresh)}",)
+    if held and result.levels_why:
         phase(f"{result.problem.name}: measuring what fewer levels cost")
         default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
         result.levels_cost = _cost(default, result.problem, fresh)
@@ -61,7 +66,8 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
             finding.cost = _cost(result.problem, finding.remedied, fresh)
 
 
-def _cost(problem: Problem, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
+def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
+    """`problem`: as it is; None: without tables."""
     flat, ends = fresh(), time.process_time() + CPU_S
     if remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
@@ -71,13 +77,14 @@ def _cost(problem: Problem, remedied: Problem, fresh: Callable[[], System]) -> R
         if time.process_time() > ends:
             raise CancelledError
 
-    why = _why_not(flat, problem)
+    why = _why_not(flat, remedied)
     if why or not flat.until_ns:
         return RemedyCost(flat.name, not_measured=why)
     until_ns = min(flat.until_ns, UNTIL_NS)
     try:
-        before = _flown(flat, problem, until_ns, tell)
-        after = _flown(_changed(fresh(), problem, remedied), remedied, until_ns, tell)
+        before = None if problem is None else _flown(flat, problem, until_ns, tell)
+        changed = _changed(fresh(), problem or remedied, remedied)
+        after = _flown(changed, remedied, until_ns, tell)
     except CancelledError:
         why = f"its runs, and the tables that they need, take more than {CPU_S:g} s of CPU time"
     except SoterError as error:
@@ -134,6 +141,7 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     if module in open_modules(flat):
         own = extract(faultless(flat), module)
         problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
+        problem = replace(problem, declared_groups=tried.declared_groups)
         problem, sets = sets_of(replace(problem, levels_open=tried.levels_open), tell=tell)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:

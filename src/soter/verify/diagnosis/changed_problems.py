@@ -1,6 +1,6 @@
 """A problem as it would be had something else been written.
 
-Purpose: one `Problem` from another: smaller cells, `ttf` and `safer` left out, a
+Purpose: one `Problem` from another: merged cells, `ttf` and `safer` left out, a
 smaller `max_age`, an axis without ends or a longer one, AC and SC exchanged. None where that is
 no problem, or where the module cannot be read again from its verification system alone (views,
 `abstracts`, modes, a fail-safe law).
@@ -10,7 +10,6 @@ Non-goals: which of them helps (`tried_remedies.py`); changing the program's tex
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,19 +29,10 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Axis, Problem
 
 
-def smaller_cells(problem: Problem) -> Problem:
-    """Every cell of every grid halved along each axis."""
-    return replace(problem, groups=tuple(_halved(g) for g in problem.groups))
-
-
 def merged(problem: Problem, most: int) -> Problem:
     """As many cells a step are merged along every axis as leave `most` of them in each group."""
-    return replace(problem, groups=tuple(_merged(g, most) for g in problem.groups))
-
-
-def cells_of(problem: Problem) -> int:
-    """Of all groups together."""
-    return sum(_size(g) for g in problem.groups if g.representation == "grid")
+    groups = tuple(_merged(g, most) for g in problem.groups)
+    return replace(problem, groups=groups, declared_groups=())
 
 
 def predicates_left_out(problem: Problem) -> Problem | None:
@@ -83,7 +73,8 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
     states = list(problem.states)
     edges = next(a.edges for a in axes if a.state == state)
     states[state] = Interval(edges[0], edges[-1])
-    return replace(problem, groups=(replace(group, axes=axes),), states=tuple(states))
+    groups = (replace(group, axes=axes),)
+    return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
 
 
 def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
@@ -98,7 +89,7 @@ def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Pr
         return replace(axis, edges=tuple(edges.tolist()))
 
     groups = tuple(replace(g, axes=tuple(changed(a) for a in g.axes)) for g in problem.groups)
-    return replace(problem, groups=groups, states=tuple(states))
+    return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
 
 
 def exchanged(problem: Problem) -> Problem | None:
@@ -136,23 +127,6 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
 
 def _size(group: Group) -> int:
     return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
-
-
-def _halved(group: Group) -> Group:
-    if group.representation != "grid":
-        return group
-    return replace(group, axes=tuple(_split(a) for a in group.axes))
-
-
-def _split(axis: Axis) -> Axis:
-    """Every cell in two but those that an open end makes."""
-    edges: list[float] = []
-    last = len(axis.edges) - 2
-    outer = (0, last) if axis.unbounded else (last,) if axis.open else ()
-    for k, (low, high) in enumerate(pairwise(axis.edges)):
-        middle = low / 2 + high / 2
-        edges += [low, middle] if k not in outer and low < middle < high else [low]
-    return replace(axis, edges=(*edges, axis.edges[-1]))
 
 
 def _merged(group: Group, most: int) -> Group:

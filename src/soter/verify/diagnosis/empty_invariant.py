@@ -1,8 +1,8 @@
 """Why K is empty: causes told apart, each by a measurement.
 
 Purpose: for what stays undecided, what was measured about it: by which end of the grid runs leave
-(`exit_faces.py`), whether SC only just fails, whether the cells are too coarse; and the run that
-leaves soonest. Other claims have their margins (`failure_margins.py`).
+(`exit_faces.py`), whether SC only just fails; and the run that leaves soonest. Other claims have
+their margins (`failure_margins.py`), and smaller cells were tried before (`claims/choice.py`).
 Non-goals: verdicts. Nothing here turns undecided into anything else. It takes a few CPU seconds at
 most, and says where that was not enough.
 """
@@ -41,15 +41,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-BUDGET_S = 8.0
-RUNS_S = 3.5
-FINER_S = 2.5
+BUDGET_S = 5.0
+RUNS_S = 2.5
 PULL_S = 1.0
 PRECISION = 32
 """Parts in which the strength of what stands against SC is told."""
 DECLARED = "the declared start"
-SIZES = ((1, "half"), (2, "a quarter of"))
-"""How often cells are halved to see whether that helps, and what that is in words."""
 NAMES = {
     "constraint": "there is no C",
     "scaled": "`safe` holds on the whole grid, and reads what is no state",
@@ -60,7 +57,6 @@ NAMES = {
     "no_pull": "SC only stops, and brings the plant to no place",
     "drift": "the flow leaves the grid under SC",
     LOST: "K is lost at an end of the grid",
-    "cells": "the cells are too coarse",
     "strength": "too much stands against SC",
     "no_run": "but no run of the model was seen to leave C",
     "weak": "with nothing against SC, too",
@@ -69,7 +65,7 @@ NAMES = {
 ENDS = ("one_sided", "drift", LOST)
 """Causes beside which SC keeps nothing whatever stands against it: runs leave by that end."""
 HOPELESS = ("wrap_around", "drift_of_all")
-"""Causes beside which cells and strength are not looked at."""
+"""Causes beside which strength is not looked at."""
 EMPTY = "K is empty"
 HELPS = 2
 """So many remedies are told, those of the first causes."""
@@ -139,10 +135,10 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
             if not any(c.kind in ENDS for c in causes):
                 causes += lost_at_ends(case, model, grid, budget)
-            causes += _cells_and_strength(case, grid, budget)
+            causes += _strength(case, grid, budget)
             causes += scaled(case, grid.found)
         causes += _simulated(search, gridded=grid is not None)
-        order = [*NAMES, "not_cells", "undisturbed"]
+        order = [*NAMES, "undisturbed"]
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
     main = next((c for c in finding.causes if c.kind in NAMES), None)
     if main is not None:
@@ -232,33 +228,7 @@ def _simulated(search: LeavingSearch, *, gridded: bool) -> Iterator[Cause]:
         )
 
 
-# ---------------------------------------------------------------- cells and strength
-
-
-def _cells_and_strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
-    """Cells of half the size, then less against SC, then cells of a quarter of the size."""
-    last: Cause | None = None
-    for split, size in SIZES:
-        outcome = kept(case, grid, ProblemChange(split=split), budget.part(FINER_S))
-        if outcome is not None:
-            last = _finer(split, size, outcome)
-        if last is not None and last.kind == "cells":
-            yield last
-            return
-        if split == 1:
-            yield from _strength(case, grid, budget)
-    if last is not None:
-        yield last
-
-
-def _finer(split: int, size: str, outcome: InvariantShare) -> Cause:
-    """What smaller cells change."""
-    numbers = (("share_of_C", outcome.share), ("split", float(2**split)))
-    if not outcome.share:
-        text = f"with cells of {size} the size K is empty as well ({outcome.cells})"
-        return Cause("not_cells", text, "", numbers)
-    text = f"with cells of {size} the size K is {outcome.share:.1%} of C ({outcome.cells})"
-    return Cause("cells", text, "", numbers)
+# ---------------------------------------------------------------- strength
 
 
 def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:

@@ -9,11 +9,12 @@ Non-goals: verdicts: nothing of it is claimed of the program as it is; other law
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.grid_refinement import smaller_cells
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     Tell = Callable[[str, float], None]
     Attempt = Callable[[Problem, Tell], list[Case]]
 
-LEAST_S, OF_PROOF = 10.0, 2.0
+LEAST_S, OF_PROOF = 8.0, 1.0
 """CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
 CHAIN_MAX = 3
 """So many changes are made together at most."""
@@ -132,8 +133,9 @@ def _of_the_problem(
     younger = changed_problems.younger_reads(problem)
     if younger is not None:
         yield Remedy(" and ".join(younger[1]), younger[0])
-    smaller = changed_problems.smaller_cells(problem)
-    if changed_problems.cells_of(problem):
+    grids = [g for g in problem.groups if g.representation == "grid"]
+    if failing[0] != "P2a" and grids:
+        smaller = replace(smaller_cells(problem, grids), declared_groups=())
         yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
 
 

@@ -19,7 +19,6 @@ typedef struct {
   const soter_reach_group* g;
   soter_reach_work* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
-  int64_t steps[SOTER_REACH_THREADS];
   int looks_around;
 } core_job;
 
@@ -176,6 +175,7 @@ static int continue_chain(core_job* job, int who, cell_chain* k) {
   SOTER_CHECK(k->again >= 0 && k->n < job->w->longest);
   if (k->again > 0) {
     k->again--;
+    job->w->r.steps[who]--; /* it depends on threads which chains are kept */
     (void)soter_reach_cover(job->g, k->x.lo, k->x.hi, k->image);
     return NOT_YET;
   }
@@ -232,7 +232,7 @@ static void hold_batch(core_job* job, int who, chain_batch* c) {
   if (job->looks_around) {
     move_together(job, who, c);
   }
-  job->steps[who] += c->count;
+  job->w->r.steps[who] += c->count;
   for (int k = c->count - 1; k >= 0; k--) {
     cell_chain* one = c->going[k];
     const int found = continue_chain(job, who, one);
@@ -335,7 +335,7 @@ static int in_one_hold(core_job* job, int who, const int* first, const int* last
   soter_hold h;
   soter_reach_start_at(job->g, first, last, &x);
   SOTER_CHECK(x.holds == 0);
-  job->steps[who]++;
+  job->w->r.steps[who]++;
   return soter_reach_hold(job->g, &job->scratch[who], &x, &h) && in_c(job, &h) &&
          soter_reach_cover(job->g, h.image_lo, h.image_hi, image) &&
          soter_reach_inside(job->g, job->w->r.kept, image, 0);
@@ -411,7 +411,6 @@ int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, d
   (void)soter_crew_begin(&crew, look, &job, seconds, threads);
   done = soter_reach_rounds_run(g, &w->r, 0, &crew);
   soter_crew_end(&crew);
-  w->r.steps += job.steps[0] + job.steps[1];
   return done;
 }
 

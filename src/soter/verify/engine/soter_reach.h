@@ -113,7 +113,8 @@ typedef struct {
   int32_t dirty_n, cursor, rounds;
   int32_t vain[2];  /* cells that were followed as far as may be, for nothing */
   int32_t vain_max; /* with more of them the rounds end early; 0: however many there are */
-  int64_t steps;
+  int64_t steps[2];  /* holds that were made, each counted once */
+  int64_t steps_max; /* as vain_max */
 } soter_reach_rounds;
 
 /* K for the law. */

@@ -244,7 +244,7 @@ void soter_reach_rounds_begin(const soter_reach_group* g, soter_reach_rounds* r)
   r->dirty_n = (int32_t)tiles;
   r->cursor = r->rounds = 0;
   memset(r->vain, 0, sizeof r->vain);
-  r->steps = 0;
+  memset(r->steps, 0, sizeof r->steps);
 }
 
 /* Words of a set. */
@@ -256,7 +256,7 @@ int64_t soter_reach_words(const soter_reach_group* g) {
   return rows * g->words;
 }
 
-/* Rounds until nothing changes any more, or too much was in vain, or for about `seconds`; 1 when
+/* Rounds until nothing changes any more, or too much was made or in vain, or for about `seconds`; 1 when
  * done. */
 int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, int join,
                            soter_crew* crew) {
@@ -268,7 +268,8 @@ int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, in
     }
     soter_reach_settle(g, r, join);
     r->rounds++;
-    if (r->vain_max > 0 && r->vain[0] + r->vain[1] > r->vain_max) {
+    if ((r->vain_max > 0 && r->vain[0] + r->vain[1] > r->vain_max) ||
+        (r->steps_max > 0 && r->steps[0] + r->steps[1] > r->steps_max)) {
       break; /* at the end of a round, where it is the same whoever looked at what */
     }
   }

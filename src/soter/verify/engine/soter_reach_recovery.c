@@ -10,7 +10,6 @@ typedef struct {
   const soter_reach_group* g;
   soter_reach_way* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
-  int64_t steps[SOTER_REACH_THREADS];
 } way_job;
 
 /* Holds until `until` are done; 0: the tube leaves C. */
@@ -20,7 +19,7 @@ static int hold_on(way_job* job, int who, int* held, int until, soter_reach_chai
   uint16_t tube[2 * AXES];
   SOTER_CHECK(*held < until);
   for (; *held < until; (*held)++) {
-    job->steps[who]++;
+    job->w->r.steps[who]++;
     if (!soter_reach_hold(g, &job->scratch[who], x, h) ||
         !soter_reach_cover(g, h->tube_lo, h->tube_hi, tube) ||
         !soter_reach_inside(g, job->w->inside, tube, 0)) {
@@ -159,6 +158,5 @@ int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, dou
   (void)soter_crew_begin(&crew, look, &job, seconds, threads);
   done = soter_reach_rounds_run(g, &w->r, 1, &crew);
   soter_crew_end(&crew);
-  w->r.steps += job.steps[0] + job.steps[1];
   return done;
 }

@@ -85,7 +85,7 @@ class GridProof(GroupProof):
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = resting(case, self.engine, self.found.allowed)
-        kept = self.engine.core(self.found.allowed, vain=case.vain, resting=rests)
+        kept = self.engine.core(self.found.allowed, vain=case.vain, holds=case.holds, resting=rests)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)
         case.count("longest", int(np.where(rests, 0, kept.witness).max()))
@@ -133,6 +133,12 @@ class GridProof(GroupProof):
     def levels(self, case: Case) -> None:
         """S_0, S_1, ... of estimates."""
         levels.find(case, self, self.engine, self.found)
+
+    def without_levels(self) -> GridProof:
+        """What is found later stays out."""
+        f = self.found
+        found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
+        return GridProof(self.group, self.engine, found)
 
     def admit(self, case: Case, table: LevelTable) -> None:
         """A table of the DM, and the states from which AC may have control by it."""

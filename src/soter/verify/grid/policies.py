@@ -254,7 +254,7 @@ def way(
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
         group.tell("way", 0.0)  # the same
     del memory, inside, allowed, image, slot
-    return RecoveryRanks(rank, taken, time_ns, int(w.r.steps))
+    return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
 
 
 def _at_once(goal: Bools) -> RecoveryRanks:

@@ -184,6 +184,7 @@ class GridGroup(GridModel):
         vain: float = 0.0,
         resting: Bools | None = None,
         members: Bools | None = None,
+        holds: int = 0,
     ) -> Core:
         """K: cells from which the law keeps to `allowed` and comes back to K.
 
@@ -195,6 +196,7 @@ class GridGroup(GridModel):
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
         `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N; `members`:
         the cells of `allowed` that K may have, where that is not all of them. One of the two.
+        `holds`: so many a cell of `allowed` may be made on average; 0: any number.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
@@ -204,7 +206,7 @@ class GridGroup(GridModel):
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
         kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
-        return self._core(allowed, (members, kept), longest, patience, most)
+        return self._core(allowed, (members, kept), (longest, patience), (most, holds))
 
     @property
     def still(self) -> bool:
@@ -228,8 +230,13 @@ class GridGroup(GridModel):
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
     def _core(
-        self, allowed: Bools, of_k: tuple[Bools, Bools], longest: int, patience: int, vain_max: int
+        self,
+        allowed: Bools,
+        of_k: tuple[Bools, Bools],
+        chains: tuple[int, int],
+        ends: tuple[int, int],
     ) -> Core:
+        (members, resting), (longest, patience), (vain_max, holds) = of_k, chains, ends
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
@@ -257,7 +264,7 @@ class GridGroup(GridModel):
         commands = np.empty(self.tiles * max(1, int(self.c.commands)), dtype=np.float64)
         w.known, w.command = self.pointer(known, "uint8_t *"), self.pointer(commands, "double *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
-        w.r.vain_max = vain_max
+        w.r.vain_max, w.r.steps_max = vain_max, holds * np.count_nonzero(allowed)
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", 0.0)  # nobody knows how many rounds are left
@@ -266,7 +273,7 @@ class GridGroup(GridModel):
             witness[...] = 0
         witness[resting] = RESTS
         del rounds
-        return Core(witness, int(w.r.rounds), int(w.r.steps), sum(w.r.vain))
+        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain))
 
     # ------------------------------------------------------------ tubes under all of U
 

@@ -237,9 +237,11 @@ class Problem:
     groups: tuple[Group, ...]
     """In chain order: a group depends on itself and earlier ones."""
     times: Times
+    declared_groups: tuple[Group, ...] = ()
+    """The groups as the program has them, where smaller cells were chosen for it."""
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
-    """The program leaves that number open: it is chosen (`verify/claims/levels.py`)."""
+    """The program leaves that number open: it is chosen (`verify/claims/choice.py`)."""
     has_core_hint: bool = False
     computed: bool = False
     """The module has neither `ttf` nor `safer`: they are to be computed."""

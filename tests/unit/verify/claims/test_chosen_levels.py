@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+from unittest.mock import patch
 
 import pytest
 from hypothesis import given
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims import levels
+from soter.verify.claims import choice as chooser
 from soter.verify.deploy import missing_predicates
 from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
@@ -180,9 +181,10 @@ def test_fewer_are_chosen_just_where_they_show_more(
 ) -> None:
     """Claim by claim; the start is none of levels, and without K there is no choice."""
     problem: Any = levels_problem(is_open)
-    of_levels = frozenset(levels.OF_LEVELS)
+    of_levels = frozenset(chooser.OF_LEVELS)
     failing = {3: three, 2: two}
-    chosen = levels.with_levels(problem, lambda p: [cases_that_fail(failing[p.levels])])
+    with patch.object(chooser, "_with_other_levels", lambda *_: None):
+        chosen = chooser.choose(problem, lambda p: [cases_that_fail(failing[p.levels])])
     more = two & of_levels < three & of_levels
     fewer = is_open and more and "P2a" not in three | two
     assert chosen.problem.levels == (2 if fewer else 3)
@@ -199,8 +201,10 @@ def levels_problem(is_open: bool) -> Any:
 
 
 def cases_that_fail(claims: frozenset[str]) -> Any:
-    failures = [SimpleNamespace(claim=c, text=f"{c} fails") for c in sorted(claims)]
-    return SimpleNamespace(failures=failures)
+    failures = [SimpleNamespace(claim=c, text=f"{c} fails", proof=None) for c in sorted(claims)]
+    return SimpleNamespace(
+        failures=failures, failed=lambda claim: [f for f in failures if f.claim == claim]
+    )
 
 
 # ---------------------------------------------------------------- certificates
@@ -272,7 +276,7 @@ def test_a_build_refuses_tables_with_another_number_of_levels(
 ) -> None:
     """They are as right as others, and not those that every other command flies."""
     monkeypatch.setattr(missing_predicates, "_keep", lambda *_: None)
-    monkeypatch.setattr(levels, "LEVELS_DEFAULT", 2)
+    monkeypatch.setattr(chooser, "LEVELS_DEFAULT", 2)
     assert verified(tmp_path, FINE).problem.levels == 2
     monkeypatch.undo()
     (tmp_path / "robot.soter").write_text(ROBOT)

@@ -1,29 +1,13 @@
-"""Cells that are too coarse, or none inside `safe`: told with what smaller ones give."""
+"""An empty K, or no cell inside `safe`, on smaller cells as well: what is told of it."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from soter.verify.claims import levels
 from soter.verify.diagnosis import empty_invariant, experiments
 from unit.verify.diagnosis.tank_modules import cause, changed, explained, kinds
-
-
-@pytest.mark.long
-def test_smaller_cells_give_the_k_that_is_promised() -> None:
-    module_result = explained(changed(("/ 320", "/ 4")))
-    assert module_result.findings["P2a"].text == "K is empty: the cells are too coarse"
-    numbers = dict(cause(module_result, "P2a", "cells").numbers)
-    finer = explained(changed(("/ 320", f"/ {round(4 * numbers['split'])}")))
-    assert finer.findings["P2a"].verdict == "proved"
-    (part,) = finer.cases[0].groups
-    assert numbers["share_of_C"] == pytest.approx((part.core > 0).sum() / part.allowed.sum())
-    assert finer.cases[0].groups[0].core.size < 320
-
-
-def test_where_smaller_cells_change_nothing_that_is_told() -> None:
-    module_result = explained(changed(("0.5 * (1.0 - level)", "0.0 * level - 0.05")))
-    assert "cells" not in kinds(module_result, "P2a")
 
 
 def test_no_cell_inside_safe_is_told_apart() -> None:
@@ -36,17 +20,18 @@ def test_no_cell_inside_safe_is_told_apart() -> None:
 
 
 @pytest.mark.long
-def test_a_k_that_no_run_leaves_is_told_so() -> None:
+def test_a_k_that_no_run_leaves_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "SIZES", ())
     module_result = explained(changed(("/ 320", "/ 4")))
     assert module_result.findings["P2a"].leaving is None
     assert dict(cause(module_result, "P2a", "no_run").numbers)["runs"] > 10
 
 
 def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(levels, "SIZES", ())
     monkeypatch.setattr(empty_invariant, "BUDGET_S", 0.0)
     module_result = explained(changed(("/ 320", "/ 4")))
     assert kinds(module_result, "P2a")[-1] == "cut"
-    assert "cells" not in kinds(module_result, "P2a")
     bold = explained(changed(("level < 0.25 || level > 1.75", "level < 0.232 || level > 1.768")))
     assert bold.findings["ttf"].verdict == "undecided"
 
@@ -58,6 +43,7 @@ def test_an_invariant_that_fails_in_an_experiment_is_a_defect(
     def broken(*_: object) -> None:
         raise AssertionError("an invariant")
 
+    monkeypatch.setattr(levels, "SIZES", ())
     monkeypatch.setattr("soter.verify.diagnosis.experiments.allowed_on", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         explained(changed(("/ 320", "/ 4")))

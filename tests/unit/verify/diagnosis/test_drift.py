@@ -39,8 +39,8 @@ def test_no_command_and_no_disturbance_is_slower_than_it_says(draining: ModuleRe
     assert rate == pytest.approx(0.1 - 0.15, abs=1e-9)  # and the fastest pump reaches it
 
 
-def test_cells_and_strength_are_not_looked_at(draining: ModuleResult) -> None:
-    assert not {"cells", "not_cells", "strength", "weak"} & set(kinds(draining, "P2a"))
+def test_strength_is_not_looked_at(draining: ModuleResult) -> None:
+    assert not {"strength", "weak"} & set(kinds(draining, "P2a"))
 
 
 def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(

@@ -1,0 +1,145 @@
+"""Which cells and how many levels a module has where its program leaves that open.
+
+Purpose: `choose`: one answer for proofs and for whatever flies.
+Non-goals: the levels (`levels.py`), grids finer at borders alone (`grid_refinement.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
+from soter.verify.claims.case import ClaimTimer
+from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
+from soter.verify.claims.levels import OF_LEVELS, levels
+from soter.verify.claims.smaller_core import returned
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.verify.claims.case import Case
+    from soter.verify.problem.problem import Group, Problem
+
+    Attempt = Callable[[Problem], list[Case] | None]
+
+CELLS_MAX = 400_000
+"""More cells are not chosen, of all groups together."""
+SIZES = ("half", "a quarter of")
+"""Of the declared cells, along each axis, tried one after the other."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A problem with its cells and its number of levels, and what was found with it.
+
+    `done`: every case; None where the dynamics have no enclosure. `why`: what is not shown with
+    `LEVELS_DEFAULT` levels, where the program leaves the number open and fewer were chosen; else
+    "". `size`: of the cells in words, where smaller ones than declared were chosen; else "".
+    `tried`: where none were, what was tried, a line each.
+    """
+
+    problem: Problem
+    done: list[Case] | None
+    why: str = ""
+    size: str = ""
+    tried: tuple[str, ...] = ()
+
+    @property
+    def notes(self) -> list[str]:
+        """A line where fewer levels were chosen, one a group whose cells are smaller."""
+        levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
+        pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
+        counts = filter(None, (counts_of(a, b) for a, b in pairs))
+        what = f"cells of {self.size} the size: on the declared ones K is empty"
+        return [*(f"{what}: {text}" for text in counts), *([levels] if self.why else [])]
+
+
+def choose(problem: Problem, attempt: Attempt) -> Choice:
+    """On the declared cells; where some group has no K on them, on smaller ones on which it has.
+
+    Counts of cells decide, and no CPU time. What `attempt` gives has all failures of P2a.
+    """
+    first = found = _with_levels(problem, attempt)
+    tried = []
+    for size in SIZES:
+        coarse = _without_core(found)
+        if not coarse:
+            break
+        finer = smaller_cells(found.problem, coarse)
+        if cells_of(finer) > CELLS_MAX:
+            more = f"as {cells_of(finer):,} are more than {CELLS_MAX:,}"
+            tried.append(f"not: cells of {size} the size, {more}")
+            break
+        found = _with_levels(finer, attempt)
+        if found.done is not None and "P2a" not in _unshown(found.done):
+            return replace(found, size=size)
+        tried.append(f"in vain: cells of {size} the size")
+    return replace(first, tried=tuple(tried))
+
+
+def _without_core(choice: Choice) -> list[Group]:
+    """The grids that have no K in some case."""
+    failures = (f for case in choice.done or () for f in case.failed("P2a"))
+    return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
+
+
+def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
+    """As many levels as the program says; where it leaves that open, the default or the fewest.
+
+    The fewest where what is shown with them is more, claim by claim: no CPU time decides. What
+    `attempt` gives has all failures of `OF_LEVELS`, and those of P2a: without it nothing is chosen.
+    """
+    if problem.levels_open and problem.levels != LEVELS_DEFAULT:
+        problem = replace(problem, levels=LEVELS_DEFAULT)
+    done = attempt(problem)
+    lost = _unshown(done)
+    if problem.levels_open and lost and "P2a" not in lost:
+        fewest = replace(problem, levels=LEVELS_LEAST)
+        again = _with_other_levels(done or (), fewest) or attempt(fewest)
+        if again is not None and _unshown(again).keys() < lost.keys():
+            return Choice(fewest, again, next(lost[c] for c in OF_LEVELS if c in lost))
+    return Choice(problem, done)
+
+
+def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | None:
+    """Cases of grids with another number of levels, of which neither K nor R(H) knows."""
+    again = []
+    for case in done:
+        renewed = [proof.without_levels() for proof in case.proofs]
+        proofs = [proof for proof in renewed if proof is not None]
+        if len(proofs) < len(case.proofs):
+            return None
+        by_old = dict(zip(map(id, case.proofs), proofs, strict=True))
+        failures = [
+            replace(f, proof=by_old.get(id(f.proof)))
+            for f in case.failures
+            if f.claim not in OF_LEVELS
+        ]
+        spent = {claim: s for claim, s in case.spent.items() if claim not in OF_LEVELS}
+        new = replace(case, problem=problem, proofs=proofs, failures=failures)
+        new.spent, new.counts = spent, dict(case.counts)
+        with ClaimTimer(new, "ttf"):
+            levels(new)
+        again.append(new)
+    return returned(again)
+
+
+def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
+    """Claim -> what fails first of it: those of levels, and P2a."""
+    failures = [f for case in done or () for f in case.failures]
+    return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}
+
+
+def returned(done: list[Case]) -> list[Case]:
+    """With P2b: the DM has one table for all cases, and SC returns to what it holds."""
+    deploy(done)
+    for case in done:
+        if case.failed("P2b") or case.problem.stays:
+            continue  # there is no K, or no enclosure; or it is not asked
+        try:
+            with ClaimTimer(case, "P2b"):
+                recover(case)
+        except UnboundedError as error:
+            case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
+    return done

@@ -1,0 +1,189 @@
+"""Cells that are too coarse for any K: smaller ones are chosen, by every command the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import soter
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.front_end import check_file, system_of
+from soter.verify.claims import choice as chooser
+from soter.verify.claims.grid_refinement import cells_of, smaller_cells
+from soter.verify.deploy import missing_predicates
+from soter.verify.problem.extract import extract
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from soter.verify.claims.results import ModuleResult
+    from soter.verify.problem.problem import Group, Problem
+
+CART = """soter 1;
+topic m: { x: float, v: float } max_age 20ms;
+topic u: float in [-3.0, 3.0] = 0.0;
+plant Cart period 10ms {
+  reads u;
+  drives m = { x: x, v: v };
+  state x: float = 0.0;
+  state v: float = 0.0;
+  disturbance w: float in [-0.1, 0.1];
+  der x = v;
+  der v = u + w;
+  measured m.x within 0.02, m.v within 0.02;
+}
+node Fast period 20ms { publishes u; step { publish u = 1.0; } }
+node Home period 20ms {
+  subscribes m;
+  publishes u;
+  step { publish u = clamp(-2.0 * m.x - 3.0 * m.v, -3.0, 3.0); }
+}
+rta SafeCart {
+  ac Fast; sc Home; period 40ms;
+  safe abs(m.x) < 2.0 && abs(m.v) < 2.0;
+  verify { grid m.x in [-2.0, 2.0] / 5, m.v in [-2.0, 2.0] / 5; recover never; }
+}
+system Track { c: Cart; module SafeCart; until 20s; }
+"""
+WRITTEN = CART.replace("/ 5", "/ 10")
+WALL = "cells of half the size: on the declared ones K is empty: c.x 5 -> 10, c.v 5 -> 10 "
+ROBOT = """soter 1;
+import "p.soter" as p;
+system Vehicle deploys p.Track {
+  external topic p.m every 10ms measured p.m.x within 0.02, p.m.v within 0.02;
+  external topic p.u;
+  module p.SafeCart;
+}
+"""
+
+
+def verified(folder: Path, text: str) -> ModuleResult:
+    """With a certificate beside the program."""
+    (folder / "p.soter").write_text(text)
+    report = soter.load(folder / "p.soter").verify(cert=folder / "cert", refute=False)
+    return report.modules[0]
+
+
+def table_of(folder: Path) -> bytes:
+    """What the DM of a certificate holds."""
+    (module,) = json.loads((folder / "cert" / "manifest.json").read_text())["modules"]
+    (table,) = module["tables"]
+    return Path(folder, "cert", table["levels"]).read_bytes()
+
+
+@pytest.fixture(scope="module")
+def proved(tmp_path_factory: pytest.TempPathFactory) -> tuple[ModuleResult, Path]:
+    """The cart on cells that are too coarse, and a robot that deploys it."""
+    folder = tmp_path_factory.mktemp("proof")
+    (folder / "robot.soter").write_text(ROBOT)
+    return verified(folder, CART), folder
+
+
+def test_smaller_cells_are_chosen_said_and_as_good_as_if_they_were_declared(
+    proved: tuple[ModuleResult, Path], tmp_path: Path
+) -> None:
+    result, folder = proved
+    assert (result.verdict, result.cells) == ("proved", 100)
+    assert f"{WALL}(25 -> 100 cells)" in result.notes
+    (cost,) = (note for note in result.notes if note.startswith("smaller cells cost: "))
+    assert "before no tables to fly; with it " in cost
+    declared = verified(tmp_path, WRITTEN)
+    assert (declared.verdict, declared.cells) == ("proved", 100)
+    assert not any("cells" in note for note in declared.notes)
+    assert table_of(folder) == table_of(tmp_path)
+    assert soter.recheck(folder / "cert").accepted
+
+
+@pytest.mark.parametrize("known", [True, False], ids=["from the cache", "computed"])
+def test_what_is_proved_is_what_flies(
+    known: bool, proved: tuple[ModuleResult, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, folder = proved
+    if known:
+        monkeypatch.setattr(missing_predicates, "_computed", lambda *_: pytest.fail("again"))
+    else:
+        monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
+    flat = system_of(check_file(str(folder / "p.soter")), None)
+    (note,) = missing_predicates.complete(flat)
+    assert "; on 100 cells, as K is empty on those that are declared" in note
+    assert f"{tuple(table_of(folder))}" in repr(flat.modules[0].symbol.safer)
+
+
+def test_a_run_is_that_of_the_cells_that_were_chosen(
+    proved: tuple[ModuleResult, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "p.soter").write_text(WRITTEN)
+    flown, declared = (
+        soter.load(folder / "p.soter").simulate() for folder in (proved[1], tmp_path)
+    )
+    assert flown.trace_sha256 == declared.trace_sha256
+    assert flown.modules["SafeCart"].ac_share > 0.0
+
+
+def test_a_build_has_the_cells_of_the_certificate_and_refuses_others(
+    proved: tuple[ModuleResult, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, folder = proved
+    robot = soter.load(folder / "robot.soter")
+    assert "checked again" in robot.build("c", tmp_path / "a", cert=folder / "cert").inherits[0]
+
+    def twice(problem: Problem, coarse: Collection[Group]) -> Problem:
+        once = smaller_cells(problem, coarse)
+        return smaller_cells(once, once.groups)
+
+    monkeypatch.setattr(missing_predicates, "_keep", lambda *_: None)
+    monkeypatch.setattr(chooser, "smaller_cells", twice)
+    (tmp_path / "robot.soter").write_text(ROBOT)
+    assert verified(tmp_path, CART).cells == 400
+    monkeypatch.undo()
+    assert soter.recheck(tmp_path / "cert").accepted
+    with pytest.raises(SoterError, match="is built with other tables than it has"):
+        soter.load(tmp_path / "robot.soter").build("c", tmp_path / "b", cert=tmp_path / "cert")
+
+
+def test_where_no_cells_help_it_is_said_which_were_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = verified(tmp_path, CART.replace("-2.0 * m.x - 3.0", "2.0 * m.x + 3.0"))
+    tried = ["in vain: cells of half the size", "in vain: cells of a quarter of the size"]
+    assert result.findings["P2a"].tried == tried
+    assert (result.verdict, result.cells) == ("undecided", 25)
+    monkeypatch.setattr(chooser, "CELLS_MAX", 99)
+    result = verified(tmp_path, CART)
+    assert result.findings["P2a"].tried == ["not: cells of half the size, as 100 are more than 99"]
+    assert (result.verdict, result.cells) == ("undecided", 25)
+
+
+@given(st.integers(0, 5), st.booleans())
+def test_the_largest_cells_on_which_there_is_a_k_are_chosen(needed: int, otherwise: bool) -> None:
+    """`needed`: so often they have to be halved; `otherwise`: of smaller ones P2a still fails."""
+    flat = system_of(check_file("p.soter", CART), None)
+    problem = extract(flat, flat.modules[0])
+    asked = []
+
+    def attempt(tried: Any) -> Any:
+        asked.append(cells_of(tried))
+        empty = asked[-1] < 25 * 4**needed
+        failure = SimpleNamespace(
+            claim="P2a",
+            text="",
+            cells=() if empty else None,
+            proof=SimpleNamespace(group=tried.groups[0]),
+        )
+        fails = empty or (otherwise and asked[-1] > 25)
+        case: Any = SimpleNamespace(failures=[failure] if fails else [])
+        case.failed = lambda claim: [f for f in case.failures if f.claim == claim]
+        return [case]
+
+    choice = chooser.choose(problem, attempt)
+    smaller = 0 < needed <= 2 and not otherwise
+    assert asked[0] == 25
+    assert cells_of(choice.problem) == (25 * 4**needed if smaller else 25)
+    assert bool(choice.size) == bool(choice.problem.declared_groups) == smaller
+    assert bool(choice.tried) == (needed > 0 and not smaller)
