@@ -129,17 +129,3 @@ def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
     """Claim -> what fails first of it: those of levels, and P2a."""
     failures = [f for case in done or () for f in case.failures]
     return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}
-
-
-def returned(done: list[Case]) -> list[Case]:
-    """With P2b: the DM has one table for all cases, and SC returns to what it holds."""
-    deploy(done)
-    for case in done:
-        if case.failed("P2b") or case.problem.stays:
-            continue  # there is no K, or no enclosure; or it is not asked
-        try:
-            with ClaimTimer(case, "P2b"):
-                recover(case)
-        except UnboundedError as error:
-            case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
-    return done
