@@ -282,9 +282,9 @@ static void handover(const soter_reach_group* g, const soter_reach_step* step,
   }
 }
 
-/* Where each instant may answer another read: |e^(As)| |b| `anew` is integrated. For the rest, c +
- * gain (x - from) as of the beginning of the hold, the radius of gamma was taken with [lo, hi], which
- * it may be outside of by `anew`. */
+/* Where each instant may answer another read: |e^(As)| |b| `anew` is integrated. For the rest,
+ * c + gain (x - from) as of the beginning of the hold, the radius of gamma was taken with [lo, hi],
+ * which it may be outside of by `anew`. */
 static void answers_anew(const soter_reach_group* g, const soter_reach_model* m,
                          const soter_reach_step* step, const acting* t, motion* to) {
   for (int i = 0; i < g->axes && g->swept > 0; i++) {
