@@ -111,7 +111,7 @@ class GroupProof(GroupResult):
         return 0.0
 
     @property
-    def kept(self) -> int:
+    def core_cells(self) -> int:
         """Cells of K, where it has cells."""
         return 0
 

@@ -69,10 +69,10 @@ def _give_up(case: Case, failures: list[Failure]) -> None:
     for proof in case.proofs:
         proof.fresh = proof in stuck
     for proof in stuck:
-        had = proof.kept
-        case.counts.setdefault(HAD, sum(p.kept for p in case.proofs))
+        had = proof.core_cells
+        case.counts.setdefault(HAD, sum(p.core_cells for p in case.proofs))
         proof.give_up(case)
-        case.counts[GIVEN_UP] = case.counts.get(GIVEN_UP, 0) + had - proof.kept
+        case.counts[GIVEN_UP] = case.counts.get(GIVEN_UP, 0) + had - proof.core_cells
     case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
 
 

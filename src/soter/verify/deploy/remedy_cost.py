@@ -69,7 +69,7 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
 def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
     """`problem`: as it is; None: without tables."""
     flat, ends = fresh(), time.process_time() + CPU_S
-    if remedied.module.sc != problem.module.sc:
+    if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
 
     def tell(what: str, share: float) -> None:

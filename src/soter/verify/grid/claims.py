@@ -188,7 +188,7 @@ class GridProof(GroupProof):
         return float((core & ~led_back(self.found)).sum() / max(1, core.sum()))
 
     @property
-    def kept(self) -> int:
+    def core_cells(self) -> int:
         """All of K."""
         return int(np.count_nonzero(self.found.core))
 

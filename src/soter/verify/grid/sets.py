@@ -233,10 +233,10 @@ class GridGroup(GridModel):
         self,
         allowed: Bools,
         of_k: tuple[Bools, Bools],
-        chains: tuple[int, int],
+        lengths: tuple[int, int],
         ends: tuple[int, int],
     ) -> Core:
-        (members, resting), (longest, patience), (vain_max, holds) = of_k, chains, ends
+        (members, resting), (longest, patience), (vain_max, holds) = of_k, lengths, ends
         assert 1 <= longest <= LONGEST
         assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)

@@ -18,6 +18,7 @@ import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import choice as chooser
+from soter.verify.claims.levels import OF_LEVELS
 from soter.verify.deploy import missing_predicates
 from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
@@ -181,7 +182,7 @@ def test_fewer_are_chosen_just_where_they_show_more(
 ) -> None:
     """Claim by claim; the start is none of levels, and without K there is no choice."""
     problem: Any = levels_problem(is_open)
-    of_levels = frozenset(chooser.OF_LEVELS)
+    of_levels = frozenset(OF_LEVELS)
     failing = {3: three, 2: two}
     with patch.object(chooser, "_with_other_levels", lambda *_: None):
         chosen = chooser.choose(problem, lambda p: [cases_that_fail(failing[p.levels])])
