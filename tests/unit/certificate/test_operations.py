@@ -14,6 +14,7 @@ from soter.certificate.terms.operations import (
     OPERATIONS,
     NotCertainError,
     by_truth,
+    compared,
     corners,
     demanded,
     grown,
@@ -139,6 +140,13 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     assert max(between) <= high
     assert low >= min(between) - 1.0
     assert high <= max(between) + 1.0
+    law = exact(own), pulls, growth
+    low, high = compared(exact(box[0]), exact(box[1]), exact(-9.0), exact(9.0), *law)
+    assert low <= min(after)
+    assert max(after) <= high
+    assert low >= min(between) - 1e-9, "no farther than where nothing else acts"
+    assert high <= max(between) + 1e-9
+    assert compared(exact(box[0]), exact(box[1]), exact(0.0), exact(0.0), *law)[1] <= 0, "known"
 
 
 def test_a_form_of_another_length_is_refused() -> None:

@@ -329,7 +329,18 @@ class FlowChain:
             row[-1] += c
         rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
         after = self._placed(start, StateRows(rows, rest, way.box), local)
+        after.box = self._compared(way.box, after.box, local, span)
         return after, self._between(way, after, local, span)
+
+    @staticmethod
+    def _compared(before: Boxes, after: Boxes, local: Enclosure, span: Fraction) -> list[Interval]:
+        """Ranges after a step: beside a limit of SC's rows go beyond what its ranges lead to."""
+        box = []
+        for i, (low, high) in enumerate(before):
+            own = local.a[i][i]
+            law = own, local.others[i], grown(own, exact(span))
+            box.append(applied("compared", low, high, *after[i], *law, parts=2))
+        return box
 
     def _placed(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
         """The box of what is known of states; those that stand are where they were."""

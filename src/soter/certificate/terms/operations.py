@@ -79,6 +79,17 @@ def swept(
     )
 
 
+def compared(
+    low: arb, high: arb, low_after: arb, high_after: arb, own: arb, rest: arb, grown: arb
+) -> tuple[arb, arb]:
+    """The ends of a state some time after a range, as they are known and by that comparison."""
+    down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
+    return (
+        low_after.max(low + down.min(ZERO) * grown),
+        high_after.min(high + up.max(ZERO) * grown),
+    )
+
+
 def grown(own: arb, span: arb) -> arb:
     """The integral of e^{own s} over [0, span], from above."""
     if own > 0 or own < 0:
@@ -134,6 +145,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "magnitude": magnitude,
     "corners": corners,
     "swept": swept,
+    "compared": compared,
     "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
     "pick": pick,
     "range_max0": range_max0,
