@@ -15,6 +15,7 @@ from generators.file_listing import files_in
 pytestmark = pytest.mark.pages
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+FOLDERS = ("gallery", "robots")
 SPACES = re.compile(r"[ ─]+")
 SESSIONS = re.findall(r"^```\n\$ soter (.*?)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
@@ -25,7 +26,8 @@ def _plain(text: str) -> str:
 
 
 def _here(folder: Path) -> Path:
-    shutil.copytree(ROOT / "examples" / "gallery", folder / "examples" / "gallery")
+    for part in FOLDERS:
+        shutil.copytree(ROOT / "examples" / part, folder / "examples" / part)
     return folder
 
 
@@ -35,17 +37,17 @@ def _soter(folder: Path, *arguments: str) -> processes.Done:
 
 
 def test_the_page_has_a_session_of_every_file() -> None:
-    files = {p.stem for p in files_in(ROOT / "examples" / "gallery", "*.soter")}
+    files = {p.stem for f in FOLDERS for p in files_in(ROOT / "examples" / f, "*.soter")}
     assert {Path(command.split()[1]).stem for command, _ in SESSIONS} == files
 
 
-LARGE = "test examples/gallery/token_ring.soter"
-"""`test_gallery.py` holds its verdicts and figures against the page."""
+LARGE = ("test examples/gallery/token_ring.soter", "verify examples/robots/lift.soter")
+"""`test_gallery.py` holds the verdicts and figures of the first against the page."""
 
 
 @pytest.mark.parametrize(
     ("command", "said"),
-    [pytest.param(c, s, id=c, marks=[pytest.mark.long] if c == LARGE else []) for c, s in SESSIONS],
+    [pytest.param(c, s, id=c, marks=[pytest.mark.long] if c in LARGE else []) for c, s in SESSIONS],
 )
 def test_a_command_says_what_the_page_says(command: str, said: str, tmp_path: Path) -> None:
     done = _soter(_here(tmp_path), *command.split())
