@@ -391,6 +391,8 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         if problem.module.symbol.acknowledgements:
             many += ", if it is acknowledged"
+        if problem.times.acts > problem.module.period_ns:
+            many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     if problem.above:
         return handback_claim.shown(problem)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
+from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaf_name, leaves
@@ -55,6 +56,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         assumptions.append(
             f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
         )
+    assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
     assumptions += [
         f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
     ]
@@ -80,6 +82,17 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
                 f"{whence}; where they cannot be, its AC never gets control"
             )
     return assumptions
+
+
+def _acts_ns(m: Module) -> int:
+    """How late its commands may act, as declared for its proof."""
+    acts = m.symbol.verify.acts
+    return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
+
+
+def _at_once(m: Module) -> str:
+    late = show_ns(_acts_ns(m))
+    return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
 
 def _whilst(system: System, m: Module) -> str:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.claims.grid_refinement import smaller_cells
+from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.claims.results import UNDECIDED
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
@@ -136,7 +137,8 @@ def _of_the_problem(
     grids = [g for g in problem.groups if g.representation == "grid"]
     if failing[0] != "P2a" and grids:
         smaller = replace(smaller_cells(problem, grids), declared_groups=())
-        yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
+        if cells_of(smaller) <= CELLS_MAX:
+            yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
 
 
 def _lines(problem: Problem, opened: int | None = None) -> str:
