@@ -23,7 +23,7 @@ NAME = re.compile(r"(?<![.>\w])soter_\w+\b")
 OWN = ("static ", "SOTER_INLINE ")
 LONGEST = 70
 SIMPLE = 10
-NOT_SIMPLE = 12
+NOT_SIMPLE = 13
 """Functions of src with more branches, at most."""
 LONG = {
     "adversary_loop.c adversary_run": "an oracle, flat on purpose: read beside docs/semantics.md",

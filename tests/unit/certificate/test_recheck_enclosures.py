@@ -264,6 +264,7 @@ def test_lines_enclose_their_functions(name: str) -> None:
         "inverse": lambda x: 1 / x,
         "soft_sign": lambda x: x / (1 + abs(x)),
         "sqrt": lambda x: math.sqrt(max(x, 0.0)),
+        "wrap_angle": lambda x: math.remainder(x, 2 * math.pi),
     }
     function = exactly.get(name) or getattr(math, name)
     draw = np.random.default_rng(7)

@@ -324,7 +324,7 @@ class GridCheck(GroupCheck):
         NotRecheckedError where K has cells at rest.
         """
         tables = self.tables
-        if (tables.core == RESTS).any():
+        if np.any(tables.core == RESTS):
             raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
             yield from self._on_finer().home(None)

@@ -124,14 +124,26 @@ class Resting:
         return exact(min(low, 0.0)), exact(max(high, 0.0))
 
     def _rates(self, signs: Signs) -> list[Interval]:
-        """Where all rates lie at the states of B, and a hair beyond, that have these signs."""
+        """Where all rates lie at the states of B, and a hair beyond, that have these signs.
+
+        Of a state that is 0 both sides count as well: a run may go to and fro there.
+        """
+        found = self._rates_at(signs, signs)
+        for at in product(*((s,) if s else (-1, 1) for s in signs)):
+            if at != signs:
+                more = self._rates_at(signs, at)
+                found = [(a.min(c), b.max(d)) for (a, b), (c, d) in zip(found, more, strict=True)]
+        return found
+
+    def _rates_at(self, signs: Signs, compared: Signs) -> list[Interval]:
+        """The same where comparisons with 0 come out as these other signs say."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
             ends = {-1: (low - hair, ZERO), 0: (ZERO, ZERO), 1: (ZERO, high + hair)}
             ranges[self.group.states[axis]] = ends[sign]
         terms, states = self._terms(ranges)
-        for axis, sign in zip(self.moving, signs, strict=True):
+        for axis, sign in zip(self.moving, compared, strict=True):
             terms.excluded[atom_of(states[self.group.states[axis]])] = sign
         controls = [
             terms.input("box", c.name, low, high)

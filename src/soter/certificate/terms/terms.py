@@ -385,14 +385,14 @@ class Terms:
 
     def below(self, x: Linear, *, strict: bool = True) -> Proposition:
         """X < 0, or x <= 0."""
+        if self.excluded and self._beside_zero(x, 1 if strict else -1):
+            return TRUE if strict else FALSE
         if x.high < 0 or (not strict and x.high <= 0):
             return TRUE
         if x.low > 0 or (strict and x.low >= 0):
             return FALSE
         if strict and x.nonnegative:
             return FALSE
-        if self.excluded and self._beside_zero(x, 1 if strict else -1):
-            return TRUE if strict else FALSE
         return Proposition("below", argument=x, strict=strict)
 
     def _beside_zero(self, x: Linear, sign: int) -> bool:

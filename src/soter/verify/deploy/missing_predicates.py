@@ -363,8 +363,9 @@ def _case(
 ) -> Case:
     """One case up to its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter, tell)
+    within = claims.constraint(case)
     phase(f"{problem.name}: what SC keeps")
-    kept = claims.constraint(case) and claims.core(case)
+    kept = within and claims.core(case)
     phase(f"{problem.name}: where AC may have control")
     if kept:
         claims.free_phase(case)

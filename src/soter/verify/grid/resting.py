@@ -180,15 +180,23 @@ class _Search:
         return Enclosures(lists)
 
     def _rates_in(self, box: Sequence[Interval]) -> Rates:
-        """Where they lie at states of B, and a hair beyond."""
+        """Where they lie at states of B, and a hair beyond.
+
+        At 0 all that they are beside it counts: a run that goes to and fro there has any of that.
+        """
         found = {}
         assert self.written is not None
-        for number, signs in enumerate(self.signs):
+        for signs in self.signs:
             ranges = dict(self.ranges)
             for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
                 ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
                 ranges["x", self.engine.axes[axis]] = Interval(*ends)
-            found[signs] = self.written.of(number, ranges)
+            beside = product(*((s,) if s else (-1, 0, 1) for s in signs))
+            every = [self.written.of(self.signs.index(at), ranges) for at in beside]
+            found[signs] = [
+                Interval(min(r.low for r in of), max(r.high for r in of))
+                for of in zip(*every, strict=True)
+            ]
         return found
 
     def _kept(self, rates: Rates) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soter.verify.claims import levels
+from soter.verify.claims import choice
 from soter.verify.diagnosis import empty_invariant, experiments
 from unit.verify.diagnosis.tank_modules import cause, changed, explained, kinds
 
@@ -21,14 +21,14 @@ def test_no_cell_inside_safe_is_told_apart() -> None:
 
 @pytest.mark.long
 def test_a_k_that_no_run_leaves_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "SIZES", ())
+    monkeypatch.setattr(choice, "SIZES", ())
     module_result = explained(changed(("/ 320", "/ 4")))
     assert module_result.findings["P2a"].leaving is None
     assert dict(cause(module_result, "P2a", "no_run").numbers)["runs"] > 10
 
 
 def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(levels, "SIZES", ())
+    monkeypatch.setattr(choice, "SIZES", ())
     monkeypatch.setattr(empty_invariant, "BUDGET_S", 0.0)
     module_result = explained(changed(("/ 320", "/ 4")))
     assert kinds(module_result, "P2a")[-1] == "cut"
@@ -43,7 +43,7 @@ def test_an_invariant_that_fails_in_an_experiment_is_a_defect(
     def broken(*_: object) -> None:
         raise AssertionError("an invariant")
 
-    monkeypatch.setattr(levels, "SIZES", ())
+    monkeypatch.setattr(choice, "SIZES", ())
     monkeypatch.setattr("soter.verify.diagnosis.experiments.allowed_on", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         explained(changed(("/ 320", "/ 4")))

@@ -19,7 +19,7 @@ def test_a_plant_that_stops_where_the_grid_ends_is_told_how_to_say_so() -> None:
     why = cause(module_result, "ttf", "grid_end")
     assert "the grid ends at t.h = 1.8, where `safe` still holds" in why.text
     assert dict(why.numbers)["cells"] > 0
-    assert "`min(rate, 0.0)`" in module_result.findings["ttf"].hint
+    assert "`min(rate, 0.0)`" in why.hint
     bounded = f"der h = h >= 1.8 ? min({RATE}, 0.0) : {RATE};"
     assert explained(changed(*OPEN, (f"der h = {RATE};", bounded))).verdict == "proved"
 
@@ -30,7 +30,7 @@ def test_a_grid_that_ends_too_soon_is_told_with_one_that_does() -> None:
     narrow = ("[0.2, 1.8] / 320", "[0.2, 2.3] / 420")
     module_result = explained(changed(*OPEN, soon, narrow))
     assert "cells fail" not in cause(module_result, "ttf", "grid_end").text
-    grid = re.search(r"`(grid [^`]*;)`", module_result.findings["ttf"].hint)
+    grid = re.search(r"`(grid [^`]*;)`", cause(module_result, "ttf", "grid_end").hint)
     assert grid is not None
     wide = ("grid level in [0.2, 1.8] / 320;", grid[1])
     assert explained(changed(*OPEN, soon, wide)).verdict == "proved"

@@ -193,7 +193,7 @@ def test_a_plant_that_nothing_pulls_back_is_told_so_and_no_finer_grid() -> None:
 
 def test_a_small_share_of_the_ranges_is_said_with_what_makes_it_larger() -> None:
     wide = result_of(*COMPUTED, ("motion.v in [-6.0, 6.0]", "motion.v in [-40.0, 40.0]"))
-    (note,) = wide.notes
+    note, *_ = wide.notes
     assert 0.0 < wide.shares["core"] < 0.2
     assert f"SC keeps c.x, c.v on {wide.shares['core']:.1%} of their ranges only" in note
     assert wide.verdict == "proved", "it is a note"
