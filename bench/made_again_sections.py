@@ -235,6 +235,7 @@ SMALL = {
     "Four robots at a junction, one machine in trouble": Small(
         "--runs 4", flights=4, times=SIMULATED
     ),
+    "Axes that wrap around": Small("--systems 2 --wide 0"),
     "The junction as processes over DDS": Small("--row 0 --seconds 10", machine=SCHEDULER),
     "Two drones as processes over DDS": Small("--seconds 10", machine=SCHEDULER),
 }

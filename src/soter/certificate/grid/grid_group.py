@@ -252,7 +252,11 @@ class GridCheck(GroupCheck):
             raise RejectedError(f"K holds cells on which {what} is not certain")
         if self._never_left(self.kernel):
             return ()
-        within, tasks, at_rest = Cells(self.grid, self.allowed), [], self.tables.core == RESTS
+        within, tasks, at_rest = (
+            Cells(self.grid, self.allowed),
+            [],
+            np.asarray(self.tables.core == RESTS),
+        )
         if at_rest.any():
             still = rests(self.model, self.tables, at_rest, within)
             tasks = [*blocks("SC does not certainly stand still from", self.grid, still)]

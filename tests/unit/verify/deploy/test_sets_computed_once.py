@@ -51,7 +51,7 @@ def computed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     monkeypatch.setattr(missing_predicates, "_computed", remembered)
     kept: dict[str, Any] = {}
     monkeypatch.setattr(missing_predicates, "_kept", lambda key, _: kept.get(key))
-    monkeypatch.setattr(missing_predicates, "_keep", lambda key, _, sets: kept.update({key: sets}))
+    monkeypatch.setattr(missing_predicates, "_keep", lambda key, *sets: kept.update({key: sets}))
     return modules
 
 
