@@ -79,6 +79,11 @@ system S default { c: Car; module Aeb; until 30s; always c.truth.gap > 0.0; }
 """
 STANDS, BY = "der v = v > 0.0 || accel > 0.0 ? accel + grip : 0.0;", "der gap = -v;"
 SC = "step { publish accel = -BRAKE; }"
+BESIDE = (
+    "der gap = v > 0.0 || v < 0.0 ? -v - 0.5 : 0.0;\n"
+    "  der v = v > 0.0 || accel > 0.0 ? accel + grip : v < 0.0 ? 5.0 : 0.0;"
+)
+"""It goes to and fro at rest, and comes nearer by 0.5 m/s for ever; at v = 0 itself it does not."""
 
 
 WRONG = pytest.mark.parametrize(
@@ -101,6 +106,7 @@ WRONG = pytest.mark.parametrize(
             f"der gap = -v - 0.001;\n  {STANDS}".replace(": 0.0;", ": 0.5;"),
             id="creeps, pushed back",
         ),
+        pytest.param(f"{BY}\n  {STANDS}", BESIDE, id="creeps beside rest, not at it"),
         pytest.param(SC, "step { publish accel = seen.gap > 250.0 ? A : -BRAKE; }", id="far out"),
         pytest.param(SC, "step { publish accel = seen.gap > 50.0 ? -BRAKE : -5.9; }", id="by it"),
         pytest.param(STANDS, STANDS.replace("+ grip", "+ grip + 0.001 * gap"), id="rate by it"),
@@ -202,6 +208,14 @@ def test_the_rechecker_does_not_show_honest_marks_of_a_wrong_module(
 ) -> None:
     """By a search of its own; of C it is told more than there is."""
     assert not shown(text((old, new)), honest, tmp_path)
+
+
+def test_the_rechecker_sees_what_a_way_does_beside_rest(honest: Bools, tmp_path: Path) -> None:
+    """Of marks so far from the wall, and so slow, that nothing else is wrong with them."""
+    far = honest.copy()
+    far[:60], far[:, 12:] = False, False
+    assert shown(TEXT, far, tmp_path)
+    assert not shown(text((f"{BY}\n  {STANDS}", BESIDE)), far, tmp_path)
 
 
 def test_the_rechecker_shows_what_was_found_and_nothing_that_does_not_stop(
