@@ -72,7 +72,7 @@ typedef struct {
   /* Above 0: at each instant of a hold another command may act, that was read since `delay` before
    * the hold or up to `swept`, a hold or more, after its beginning; then j is 0. */
   double swept;
-  int32_t past;                      /* how many commands back a read may lie under */
+  int32_t past; /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
   double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
   double scheme;                 /* seconds that the simulator's stages look ahead */
@@ -111,8 +111,8 @@ typedef struct {
   int32_t* dirty;
   int32_t* sums; /* (tiles + 1) along each axis */
   int32_t dirty_n, cursor, rounds;
-  int32_t vain[2];  /* cells that were followed as far as may be, for nothing */
-  int32_t vain_max; /* with more of them the rounds end early; 0: however many there are */
+  int32_t vain[2];   /* cells that were followed as far as may be, for nothing */
+  int32_t vain_max;  /* with more of them the rounds end early; 0: however many there are */
   int64_t steps[2];  /* holds that were made, each counted once */
   int64_t steps_max; /* as vain_max */
 } soter_reach_rounds;

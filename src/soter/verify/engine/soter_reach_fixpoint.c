@@ -256,8 +256,8 @@ int64_t soter_reach_words(const soter_reach_group* g) {
   return rows * g->words;
 }
 
-/* Rounds until nothing changes any more, or too much was made or in vain, or for about `seconds`; 1 when
- * done. */
+/* Rounds until nothing changes any more, or too much was made or in vain, or for about `seconds`; 1
+ * when done. */
 int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, int join,
                            soter_crew* crew) {
   while (r->dirty_n > 0) {
