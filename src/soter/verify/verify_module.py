@@ -107,6 +107,7 @@ def verify_module(
         {},
         [c.sets for c in done],
         notes=(*refinement_note(done), *given_up(done), *small_cores(done), *told),
+        cells_why=chosen.failed if chosen.size else "",
         levels_why=chosen.why,
         added=(*_prelude(prelude), *_together(problem, done)),
         shown=scheme | set(entered),

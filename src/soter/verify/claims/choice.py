@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
     Attempt = Callable[[Problem], list[Case] | None]
 
-CELLS_MAX = 400_000
-"""More cells are not chosen, of all groups together."""
+CELLS_MAX = {"P2a": 400_000, "P2b": 100_000}
+"""More cells of all groups together are not chosen, where this claim fails on the declared ones."""
+FAILED = {"P2a": "K is empty", "P2b": "P2b is not shown"}
 SIZES = ("half", "a quarter of")
 """Of the declared cells, along each axis, tried one after the other."""
 
@@ -36,13 +37,15 @@ class Choice:
     `done`: every case; None where the dynamics have no enclosure. `why`: what is not shown with
     `LEVELS_DEFAULT` levels, where the program leaves the number open and fewer were chosen; else
     "". `size`: of the cells in words, where smaller ones than declared were chosen; else "".
-    `tried`: where none were, what was tried, a line each.
+    `failed`: of the claims in `FAILED` that for which they were. `tried`: where none were, what was
+    tried, a line each.
     """
 
     problem: Problem
     done: list[Case] | None
     why: str = ""
     size: str = ""
+    failed: str = "P2a"
     tried: tuple[str, ...] = ()
 
     @property
@@ -51,36 +54,53 @@ class Choice:
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
         counts = filter(None, (counts_of(a, b) for a, b in pairs))
-        what = f"cells of {self.size} the size: on the declared ones K is empty"
+        what = f"cells of {self.size} the size: on the declared ones {FAILED[self.failed]}"
         return [*(f"{what}: {text}" for text in counts), *([levels] if self.why else [])]
 
 
 def choose(problem: Problem, attempt: Attempt) -> Choice:
-    """On the declared cells; where some group has no K on them, on smaller ones on which it has.
+    """On the declared cells; on smaller ones where that shows P2a of every group, or P2b as well.
 
-    Counts of cells decide, and no CPU time. What `attempt` gives has all failures of P2a.
+    P2b has to be shown in full, for a computed `safer`: `_with_levels` gives the levels. Counts of
+    cells decide, and no CPU time. What `attempt` gives has all failures of P2a.
     """
-    first = found = _with_levels(problem, attempt)
+    first = _with_levels(problem, attempt)
+    if not problem.cells_open:
+        return first
+    found, tried = _on_smaller_cells(first, "P2a", attempt)
+    if found is first and not tried and problem.computed:
+        found, tried = _on_smaller_cells(first, "P2b", attempt)
+    return found if found is not first else replace(first, tried=tuple(tried))
+
+
+def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choice, list[str]]:
+    """On the largest cells on which nothing fails for which smaller ones are taken, else `first`.
+
+    And what was tried in vain, in words.
+    """
+    found = first
     tried = []
     for size in SIZES:
-        coarse = _without_core(found)
+        coarse = _failing(found, claim)
         if not coarse:
             break
-        finer = smaller_cells(found.problem, coarse)
-        if cells_of(finer) > CELLS_MAX:
-            more = f"as {cells_of(finer):,} are more than {CELLS_MAX:,}"
-            tried.append(f"not: cells of {size} the size, {more}")
+        finer, most = smaller_cells(found.problem, coarse), CELLS_MAX[claim]
+        if cells_of(finer) > most:
+            tried.append(
+                f"not: cells of {size} the size, as {cells_of(finer):,} are more than {most:,}"
+            )
             break
         found = _with_levels(finer, attempt)
-        if found.done is not None and "P2a" not in _unshown(found.done):
-            return replace(found, size=size)
+        lost = _unshown(found.done)
+        if found.done is not None and not ({claim, "P2a"} & lost.keys()):
+            return replace(found, size=size, failed=claim), []
         tried.append(f"in vain: cells of {size} the size")
-    return replace(first, tried=tuple(tried))
+    return first, tried
 
 
-def _without_core(choice: Choice) -> list[Group]:
-    """The grids that have no K in some case."""
-    failures = (f for case in choice.done or () for f in case.failed("P2a"))
+def _failing(choice: Choice, claim: str) -> list[Group]:
+    """The grids of which a claim fails in some case."""
+    failures = (f for case in choice.done or () for f in case.failed(claim))
     return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
 
 

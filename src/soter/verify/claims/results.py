@@ -352,6 +352,8 @@ class ModuleResult:
     """A line where AC cannot have control at the start."""
     notes: tuple[str, ...] = ()
     """Lines about how it was proved that are no assumptions."""
+    cells_why: str = ""
+    """The claim that is not shown on the declared cells, where smaller ones were chosen."""
     levels_why: str = ""
     """What is not shown with as many levels as there are by default, where fewer were chosen."""
     levels_cost: RemedyCost | None = None

@@ -136,7 +136,7 @@ def complete(
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
             what += f"; with {problem.levels} levels, as less is shown with {LEVELS_DEFAULT}"
         if problem.declared_groups:
-            what += f"; on {cells_of(problem):,} cells, as K is empty on those that are declared"
+            what += f"; on {cells_of(problem):,} cells, as less is shown on those that are declared"
         notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
 
@@ -402,7 +402,8 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         replace(problem.times, declared=frozenset()),
         sorted(problem.times.declared),
         "chosen" if problem.levels_open else problem.levels,
-        (problem.recover_ns, problem.stays) if problem.levels_open else (),
+        problem.cells_open,
+        (problem.recover_ns, problem.stays),
         None if problem.module.shield is None else problem.module.shield.cells,
         problem.module.symbol.toward_sc,
         problem.has_core_hint,

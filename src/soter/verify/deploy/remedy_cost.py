@@ -52,9 +52,11 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
     system that it was proved in, as it flies.
     """
     held = result.verdict in (PROVED, ASSUMED)
-    if held and result.problem.declared_groups and result.problem.computed:
+    if held and result.cells_why and result.problem.computed:
         phase(f"{result.problem.name}: measuring what smaller cells cost")
-        result.notes += (f"smaller cells cost: {_cost(None, result.problem, fresh)}",)
+        declared = replace(result.problem, groups=result.problem.declared_groups, cells_open=False)
+        before = None if result.cells_why == "P2a" else replace(declared, declared_groups=())
+        result.notes += (f"smaller cells cost: {_cost(before, result.problem, fresh)}",)
     if held and result.levels_why:
         phase(f"{result.problem.name}: measuring what fewer levels cost")
         default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
@@ -142,7 +144,8 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
         own = extract(faultless(flat), module)
         problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
         problem = replace(problem, declared_groups=tried.declared_groups)
-        problem, sets = sets_of(replace(problem, levels_open=tried.levels_open), tell=tell)
+        problem = replace(problem, levels_open=tried.levels_open, cells_open=tried.cells_open)
+        problem, sets = sets_of(problem, tell=tell)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             return None

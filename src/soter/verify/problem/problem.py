@@ -242,6 +242,8 @@ class Problem:
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
     """The program leaves that number open: it is chosen (`verify/claims/choice.py`)."""
+    cells_open: bool = True
+    """Smaller cells than declared may be chosen there."""
     has_core_hint: bool = False
     computed: bool = False
     """The module has neither `ttf` nor `safer`: they are to be computed."""

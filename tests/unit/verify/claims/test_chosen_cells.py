@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -111,7 +112,7 @@ def test_what_is_proved_is_what_flies(
         monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
     flat = system_of(check_file(str(folder / "p.soter")), None)
     (note,) = missing_predicates.complete(flat)
-    assert "; on 100 cells, as K is empty on those that are declared" in note
+    assert "; on 100 cells, as less is shown on those that are declared" in note
     assert f"{tuple(table_of(folder))}" in repr(flat.modules[0].symbol.safer)
 
 
@@ -154,36 +155,60 @@ def test_where_no_cells_help_it_is_said_which_were_tried(
     tried = ["in vain: cells of half the size", "in vain: cells of a quarter of the size"]
     assert result.findings["P2a"].tried == tried
     assert (result.verdict, result.cells) == ("undecided", 25)
-    monkeypatch.setattr(chooser, "CELLS_MAX", 99)
+    monkeypatch.setitem(chooser.CELLS_MAX, "P2a", 99)
     result = verified(tmp_path, CART)
     assert result.findings["P2a"].tried == ["not: cells of half the size, as 100 are more than 99"]
     assert (result.verdict, result.cells) == ("undecided", 25)
 
 
-@given(st.integers(0, 5), st.booleans())
-def test_the_largest_cells_on_which_there_is_a_k_are_chosen(needed: int, otherwise: bool) -> None:
-    """`needed`: so often they have to be halved; `otherwise`: of smaller ones P2a still fails."""
+def test_smaller_cells_are_chosen_where_they_show_p2b_and_what_flies_has_them(
+    tmp_path: Path,
+) -> None:
+    text = CART.replace(" / 5", " / 10").replace(" recover never;", "")
+    result = verified(tmp_path, text)
+    assert (result.verdict, result.cells) == ("proved", 400)
+    chosen = "cells of half the size: on the declared ones P2b is not shown: "
+    assert any(note.startswith(chosen) for note in result.notes)
+    (cost,) = (note for note in result.notes if note.startswith("smaller cells cost: "))
+    assert "AC 0.0%" not in cost  # the declared cells have tables too, with which AC flies
+    assert "no tables to fly" not in cost
+    flat = system_of(check_file(str(tmp_path / "p.soter")), None)
+    (note,) = missing_predicates.complete(flat)
+    assert "; on 400 cells" in note
+    assert soter.recheck(tmp_path / "cert").accepted
+
+
+@given(
+    st.sampled_from(["P2a", "P2b"]), st.integers(0, 5), st.booleans(), st.booleans(), st.booleans()
+)
+def test_the_largest_cells_on_which_there_is_a_k_are_chosen(
+    claim: str, needed: int, otherwise: bool, computed: bool, is_open: bool
+) -> None:
+    """`needed`: so often they are halved until a claim holds; `otherwise`: P2a fails of smaller."""
     flat = system_of(check_file("p.soter", CART), None)
-    problem = extract(flat, flat.modules[0])
+    problem = replace(extract(flat, flat.modules[0]), computed=computed, cells_open=is_open)
     asked = []
 
     def attempt(tried: Any) -> Any:
         asked.append(cells_of(tried))
-        empty = asked[-1] < 25 * 4**needed
-        failure = SimpleNamespace(
-            claim="P2a",
-            text="",
-            cells=() if empty else None,
-            proof=SimpleNamespace(group=tried.groups[0]),
-        )
-        fails = empty or (otherwise and asked[-1] > 25)
-        case: Any = SimpleNamespace(failures=[failure] if fails else [])
+        fails = asked[-1] < 25 * 4**needed
+        failed = {claim: ()} if fails else {}
+        failed |= {"P2a": None} if otherwise and asked[-1] > 25 else {}
+        failures = [
+            SimpleNamespace(
+                claim=name, text="", cells=cells, proof=SimpleNamespace(group=tried.groups[0])
+            )
+            for name, cells in failed.items()
+        ]
+        case: Any = SimpleNamespace(failures=failures, proofs=[None])
         case.failed = lambda claim: [f for f in case.failures if f.claim == claim]
         return [case]
 
-    choice = chooser.choose(problem, attempt)
-    smaller = 0 < needed <= 2 and not otherwise
+    choice = chooser.choose(replace(problem, levels_open=False), attempt)
+    open_to_it = is_open and (claim == "P2a" or computed)
+    smaller = 0 < needed <= 2 and not otherwise and open_to_it
     assert asked[0] == 25
     assert cells_of(choice.problem) == (25 * 4**needed if smaller else 25)
     assert bool(choice.size) == bool(choice.problem.declared_groups) == smaller
-    assert bool(choice.tried) == (needed > 0 and not smaller)
+    assert not smaller or choice.failed == claim
+    assert bool(choice.tried) == (needed > 0 and not smaller and open_to_it)
