@@ -10,10 +10,11 @@ Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, 
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
 functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
 f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
-where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is
-larger by a hair: where X + [s, t] F reaches beyond X on a side it does so at the end of the time
-alone, and where it does not, B is a hair wider than X there. So before the end every solution is
-inside of B, none can leave it, and uniqueness is not used. Ends that the flow keeps have no hair.
+where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, and where K
+has cells at rest, B is larger by a hair: where X + [s, t] F reaches beyond X on a side it does so
+at the end of the time alone, and where it does not, B is a hair wider than X there. So before the
+end every solution is inside of B, none can leave it, and uniqueness is not used. Ends that the flow
+keeps have no hair: there are none where K has cells at rest.
 
 Ends of axes that the flow keeps (`inward_flow.py`): there the derivative is that of the state
 projected onto the grid in these axes, which only ever asks for f on the projected box. As long as
@@ -236,6 +237,8 @@ class LocalFlow(KeptEnds):
         inputs = own + [atom_of(controls[k]) for k in self.moves]
         must = _own_obligations(terms, own, [atom_of(x) for x in states])
         boxes = boxes_of(model, states, members)
+        self.may_branch = model.facts.at_rest
+        """Whether there may be several solutions."""
         self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
         self.domain = domain_of(terms, own)
         self.ranges = [
@@ -288,7 +291,8 @@ class LocalFlow(KeptEnds):
             moved = self._moved(box, self.rates(lines), first, last)
             if k and _within(moved, trial):
                 return self.enclosure(moved, commands, lines)
-            trial = self.clipped(self._looser(box, moved, hair=HAIR if start < 0 else ZERO))
+            hair = HAIR if start < 0 or self.may_branch else ZERO
+            trial = self.clipped(self._looser(box, moved, hair=hair))
             lines = self.lines(trial, commands)
         raise NotCertainError
 

@@ -74,10 +74,10 @@ class GridGroup(Group):
     @classmethod
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
         """RejectedError where a table is not of the size of the grid."""
-        del facts
         shape = shape_of_way = axes.grid.shape
         certificate.count(shape)
         core = certificate.numbers(entry["K"], shape, "<u1")
+        facts.at_rest |= bool((core == RESTS).any())
         tables = GroupTables(axes.states, axes.grid, core)
         if "R" in entry:
             tables.free = certificate.bits(entry["R"], shape)
