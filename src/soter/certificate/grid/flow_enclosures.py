@@ -76,6 +76,8 @@ ROUNDS = 8
 """How often a box is enlarged before there is none."""
 LOOSE = arb("1.1")
 """How much further than it must a box is enlarged."""
+NEARER = 2
+"""How often a box of the past of a linear flow is made smaller by the rates that are in it."""
 HAIR = arb(2) ** -40
 STIFF, STEPS_MAX = arb("1.2"), 64
 """A step is at most this long, times the rates; so many are enough."""
@@ -161,7 +163,8 @@ class SolvedFlow(KeptEnds):
         """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
 
         Commands may change at any time within their ranges: what they differ from the middle counts
-        as noise.
+        as noise. Before the box noise is large, and rates may say more: in what is met they are
+        bounded, and a state has not changed by more than these times the span.
         """
         flow, law = self.flow, self._solution(start, end)
         hulls = [applied("union", *ends) for ends in box]
@@ -174,13 +177,29 @@ class SolvedFlow(KeptEnds):
             ends = low + off - noise[i], high + off + noise[i]
             met.append((applied("min", low, ends[0]), applied("max", high, ends[1])))
         met = self.clipped(met)
+        rates, others = self._rates(met, commands)
+        for _ in range(NEARER if start < 0 else 0):
+            near = []
+            for (low, high), (least, most), rate in zip(box, met, rates, strict=True):
+                way = applied("union", rate * exact(start), rate * exact(end))
+                first, last = applied("min", low, low + way), applied("max", high, high + way)
+                near.append((applied("max", least, first), applied("min", most, last)))
+            met = near
+            rates, others = self._rates(met, commands)
+        pairs = [(x, x) for x in rates]
+        return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, pairs, others)
+
+    def _rates(
+        self, met: Sequence[Interval], commands: Sequence[Interval]
+    ) -> tuple[list[Any], list[Any]]:
+        """Of each state in a box, and what it is without its own part."""
+        flow, rates, others = self.flow, [], []
         held = [applied("union", *ends) for ends in (*met, *commands)]
-        rates, others = [], []
         for i, row in enumerate(beside(flow.a, flow.b)):
             rest = flow.constant[i] + self.disturbed[i] * UNIT
             others.append(dot([*row[:i], ZERO, *row[i + 1 :]], held) + rest)
-            rates.append((row[i] * held[i] + others[i],) * 2)
-        return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, rates, others)
+            rates.append(row[i] * held[i] + others[i])
+        return rates, others
 
     def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
         """What disturbances add at most, and each command that is anything in [-1, 1]."""

@@ -76,6 +76,20 @@ def test_an_oven_with_a_dead_time_of_eight_periods_is_proved_and_accepted(tmp_pa
     assert soter.recheck(tmp_path / "cert").accepted
 
 
+def test_where_reads_of_the_past_reach_almost_to_a_limit_of_sc_a_proof_is_accepted(
+    tmp_path: Path,
+) -> None:
+    """From 67 K SC heats with all it has, whatever it read in the last ten seconds: by 0.5 K."""
+    slow = [("period 1s;", "period 2s;"), ("acts within", "levels 2; acts within")]
+    text = written(OVEN, slow).replace("period 1s {", "period 2s {")
+    path = tmp_path / "oven.soter"
+    path.write_text(text, encoding="utf-8")
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert report.verdict == "proved"
+    rechecked = soter.recheck(tmp_path / "cert")
+    assert rechecked.accepted, rechecked.reason
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_a_wrong_oven_is_not_proved(name: str) -> None:
     report = verify(check_file("oven.soter", written(OVEN, WRONG[name])), refute=False)
