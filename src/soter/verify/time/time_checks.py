@@ -152,10 +152,10 @@ def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
         return ""
     if any(slower.stamp_age_sc(p) > p.max_age for p in slower.read_by_sc if p.max_age is not None):
         return ""
-    period = show_ns(slower.sc.period)
+    said = show_ns(slower.sc.period)
     if slower.dm.period == schedule.dm.period:
-        return f", or a period of SC of {period}"
-    return f", or a period of {period} of both SC and the module (P1a: SC may not be the slower)"
+        return f", or a period of SC of {said}"
+    return f", or a period of {said} of both SC and the module (P1a: SC may not be the slower)"
 
 
 def _known_nodes(
