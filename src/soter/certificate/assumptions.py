@@ -86,8 +86,14 @@ def _world(facts: Facts) -> Said:
         text = f"the world behaves like {names} for some disturbance within its bounds"
         yield f"world {names}", text
     if facts.kind == "flow":
-        text = "the plant is the one solution of its differential equation, whose right-hand side"
-        yield "scheme", f"{text} is Lipschitz in the state; not the simulator's scheme"
+        which = (
+            "any absolutely continuous solution of its differential equation, with any rate "
+            "between those on both sides where its right-hand side jumps"
+            if facts.at_rest
+            else "the one solution of its differential equation, whose right-hand side is "
+            "Lipschitz in the state"
+        )
+        yield "scheme", f"the plant is {which}; not the simulator's scheme"
     for p in facts.parameters:
         text = f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever"
         yield f"changes {p.name}", f"{text} mode; DM and SC read the new value from that instant on"

@@ -30,7 +30,12 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.scheme_assumption import IN_PROOF, scheme_diverges, shown_scheme
+from soter.verify.claims.scheme_assumption import (
+    IN_PROOF,
+    scheme_diverges,
+    shown_scheme,
+    solutions,
+)
 from soter.verify.claims.smaller_core import after_core, given_up, returned, shrunk
 from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
@@ -38,7 +43,7 @@ from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.age_disjuncts import said_of_ages
-from soter.verify.problem.assumption import SCHEME, Assumption
+from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import cases
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
@@ -100,7 +105,7 @@ def verify_module(
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
-    scheme = shown_scheme(problem, done)
+    scheme, others = shown_scheme(problem, done), solutions(problem, done)
     told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
         problem,
@@ -109,14 +114,14 @@ def verify_module(
         notes=(*refinement_note(done), *given_up(done), *small_cores(done), *told),
         cells_why=chosen.failed if chosen.size else "",
         levels_why=chosen.why,
-        added=(*_prelude(prelude), *_together(problem, done)),
-        shown=scheme | set(entered),
+        added=(*_prelude(prelude), *_together(problem, done), *others),
+        shown=scheme | {a.key for a in others} | set(entered),
     )
     static_claims(problem, result)
     result.findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
     result.findings["P2a"].tried += chosen.tried
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
-    if SCHEME in result.assumptions and (diverges := scheme_diverges(problem)):
+    if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
         _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if why else ():
         _only_if_proved(result.findings[claim], why, NOT_ENTERED)

@@ -18,7 +18,7 @@ import pytest
 import soter
 from generators.turning_systems import Drawn
 from soter.api import recheck
-from soter.certificate.cells.cell_sets import SEAM, Cells, Grid
+from soter.certificate.cells.cell_sets import SEAM, Cells, Grid, brought_back
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.turned_states import read_turning, refuse_turns_read
@@ -174,3 +174,46 @@ def test_the_same_sets_are_refused_where_the_certificate_does_not_wrap(
     del manifest["modules"][0]["wraps"]
     small_proofs.seal(folder, manifest)
     assert not recheck(folder).accepted
+
+
+@pytest.mark.parametrize("low", [-math.pi, 0.0, -1.25])
+def test_what_is_brought_back_by_whole_turns_holds_what_there_was(low: float) -> None:
+    chance = np.random.default_rng(7)
+    edges = (low, low + 1.0, low + 2 * math.pi)
+    for _ in range(300):
+        start = float(chance.uniform(-(2**13), 2**13) * chance.choice([1e-3, 1.0]))
+        width = float(chance.choice([0.0, 0.3, 2.9, 7.0]))
+        first, last = brought_back(edges, start, start + width)
+        assert edges[0] - 1e-9 <= first <= edges[-1]
+        assert last <= edges[-1] + math.pi
+        for x in (start, start + width):
+            turns = Fraction(x) // EXACT_TURN
+            places = [Fraction(x) - (turns + k) * EXACT_TURN for k in range(-3, 4)]
+            assert any(Fraction(first) <= p <= Fraction(last) for p in places)
+    assert brought_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
+
+
+@pytest.mark.parametrize("start", ["{h} + 6.0 * PI", "in [{h} - 0.1 - 80.0 * PI, {h} - 80.0 * PI]"])
+def test_a_start_some_turns_away_is_proved_and_accepted(tmp_path: Path, start: str) -> None:
+    declared = f"state h: float = {KEEPS.numbers['away']!r};"
+    text = KEEPS.text(48)
+    assert declared in text
+    written = start.replace("{h}", repr(KEEPS.numbers["away"]))
+    line = f"state h: float {written};" if "in" in start else f"state h: float = {written};"
+    (tmp_path / "boat.soter").write_text(text.replace(declared, line))
+    result = soter.load(tmp_path / "boat.soter").verify(cert=tmp_path / "cert", refute=False)
+    assert result.modules[0].findings["start"].verdict == "proved"
+    report = recheck(tmp_path / "cert")
+    assert report.accepted, report.reason
+    assert "start" in report.modules[0].confirmed
+
+
+def test_a_start_on_the_wrong_side_some_turns_away_is_not_proved(tmp_path: Path) -> None:
+    """Opposite to where SC turns to: `safe` is false there."""
+    declared = f"state h: float = {KEEPS.numbers['away']!r};"
+    text = KEEPS.text(48).replace(
+        declared, f"state h: float = {KEEPS.numbers['away']!r} + 7.0 * PI;"
+    )
+    (tmp_path / "boat.soter").write_text(text)
+    result = soter.load(tmp_path / "boat.soter").verify(refute=False)
+    assert result.modules[0].findings["start"].verdict != "proved"

@@ -24,14 +24,14 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from flint import arb
 
 from soter.certificate.cells.unbounded_axes import FARTHEST
-from soter.certificate.terms.arb_balls import HALF, exact
+from soter.certificate.terms.arb_balls import HALF, above, below, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from flint import arb
     from numpy.typing import NDArray
 
     Block = tuple[tuple[int, int], ...]
@@ -42,6 +42,8 @@ SEAM = 2.0**-40
 for rounding, so that these two cells meet."""
 BACK = 2.0**-45
 """More than what is lost where a number is brought back by whole turns."""
+FAR = 2.0**14
+"""So far from 0 a state of such an axis is assumed to be at most."""
 FARTHEST_TURNED = 32.0
 """Farther numbers are not brought back."""
 WIDER = 256
@@ -194,6 +196,20 @@ def _around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
         return 0, count
     last = max(last, first + 1)
     return first % count, first % count + last - first
+
+
+def brought_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
+    """An interval less so many whole turns that it begins on an axis, rounded outwards.
+
+    As it is where it lies on the axis, or where it is so far away that nothing is known there; all
+    of the axis where it is longer than half of it: what is enclosed goes half a turn beyond.
+    """
+    if edges[0] <= low <= high <= edges[-1] or not max(-low, high) <= FAR:
+        return low, high
+    if high - low >= TURN / 2:
+        return edges[0] - SEAM, edges[-1] + SEAM
+    back = 2 * arb.pi() * math.floor((low - edges[0]) / TURN)
+    return below(exact(low) - back), above(exact(high) - back)
 
 
 def _width(edges: Sequence[float], cell: int) -> arb:

@@ -214,7 +214,7 @@ class FlowChain:
             rows.append(row)
             ranges.append((low, high))
             if self.times.anew:
-                radii.append(applied("magnitude", spread))
+                radii.append(_recentred(row, spread, (low, high), start.z))
             else:
                 row[k - 1 - q] = ONE
                 start.z[k - 1 - q][k - q] = applied("magnitude", spread)
@@ -273,7 +273,13 @@ class FlowChain:
             size = noise[i] + wide + sum_of_sizes(pushes[i], others)
             rest.append(applied("magnitude", size))
         rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
-        return self._placed(start, StateRows(rows, rest, way.box), local)
+        placed = self._placed(start, StateRows(rows, rest, way.box), local)
+        if self.times.anew:  # rows are about the middle of the span, with the noise of all of it
+            placed.box = [
+                (applied("larger", low, a), applied("smaller", high, b))
+                for (a, b), (low, high) in zip(placed.box, local.box, strict=True)
+            ]
+        return placed
 
     def _others(self, start: OpenedForm) -> list[Any]:
         """The integrals of what others than the latest differ from it, back to the sample."""
@@ -390,3 +396,20 @@ class FlowChain:
 def _apart(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
     """By how much numbers of two intervals differ at most."""
     return applied("max", applied("max", a[1] - b[0], b[1] - a[0]), ZERO)
+
+
+def _recentred(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
+    """Move a row to the middle of what a number may be off it; gives how far it may be then.
+
+    By its spread, by what is not known of the row's constant, and by the interval that the number
+    lies in, which says more beside a limit: rows touch it.
+    """
+    constant = applied("mid", row[-1])
+    spread += applied("magnitude", row[-1] - constant)
+    row[-1] = constant
+    (value,) = product([row], z)
+    far = spread_of(value[1:])
+    least = applied("max", -spread, within[0] - value[0] - far)
+    most = applied("min", spread, within[1] - value[0] + far)
+    row[-1] += (least + most) * HALF
+    return applied("magnitude", (most - least) * HALF)

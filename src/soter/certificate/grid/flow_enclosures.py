@@ -10,10 +10,11 @@ Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, 
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
 functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
 f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
-where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is
-larger by a hair: where X + [s, t] F reaches beyond X on a side it does so at the end of the time
-alone, and where it does not, B is a hair wider than X there. So before the end every solution is
-inside of B, none can leave it, and uniqueness is not used. Ends that the flow keeps have no hair.
+where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, and where K
+has cells at rest, B is larger by a hair: where X + [s, t] F reaches beyond X on a side it does so
+at the end of the time alone, and where it does not, B is a hair wider than X there. So before the
+end every solution is inside of B, none can leave it, and uniqueness is not used. Ends that the flow
+keeps have no hair: there are none where K has cells at rest.
 
 Ends of axes that the flow keeps (`inward_flow.py`): there the derivative is that of the state
 projected onto the grid in these axes, which only ever asks for f on the projected box. As long as
@@ -75,6 +76,8 @@ ROUNDS = 8
 """How often a box is enlarged before there is none."""
 LOOSE = arb("1.1")
 """How much further than it must a box is enlarged."""
+NEARER = 2
+"""How often a box of the past of a linear flow is made smaller by the rates that are in it."""
 HAIR = arb(2) ** -40
 STIFF, STEPS_MAX = arb("1.2"), 64
 """A step is at most this long, times the rates; so many are enough."""
@@ -160,7 +163,8 @@ class SolvedFlow(KeptEnds):
         """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
 
         Commands may change at any time within their ranges: what they differ from the middle counts
-        as noise.
+        as noise. Before the box noise is large, and rates may say more: in what is met they are
+        bounded, and a state has not changed by more than these times the span.
         """
         flow, law = self.flow, self._solution(start, end)
         hulls = [applied("union", *ends) for ends in box]
@@ -173,13 +177,29 @@ class SolvedFlow(KeptEnds):
             ends = low + off - noise[i], high + off + noise[i]
             met.append((applied("min", low, ends[0]), applied("max", high, ends[1])))
         met = self.clipped(met)
+        rates, others = self._rates(met, commands)
+        for _ in range(NEARER if start < 0 else 0):
+            near = []
+            for (low, high), (least, most), rate in zip(box, met, rates, strict=True):
+                way = applied("union", rate * exact(start), rate * exact(end))
+                first, last = applied("min", low, low + way), applied("max", high, high + way)
+                near.append((applied("max", least, first), applied("min", most, last)))
+            met = near
+            rates, others = self._rates(met, commands)
+        pairs = [(x, x) for x in rates]
+        return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, pairs, others)
+
+    def _rates(
+        self, met: Sequence[Interval], commands: Sequence[Interval]
+    ) -> tuple[list[Any], list[Any]]:
+        """Of each state in a box, and what it is without its own part."""
+        flow, rates, others = self.flow, [], []
         held = [applied("union", *ends) for ends in (*met, *commands)]
-        rates, others = [], []
         for i, row in enumerate(beside(flow.a, flow.b)):
             rest = flow.constant[i] + self.disturbed[i] * UNIT
             others.append(dot([*row[:i], ZERO, *row[i + 1 :]], held) + rest)
-            rates.append((row[i] * held[i] + others[i],) * 2)
-        return Enclosure(met, flow.a, flow.b, flow.constant, self.disturbed, rates, others)
+            rates.append(row[i] * held[i] + others[i])
+        return rates, others
 
     def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
         """What disturbances add at most, and each command that is anything in [-1, 1]."""
@@ -236,6 +256,8 @@ class LocalFlow(KeptEnds):
         inputs = own + [atom_of(controls[k]) for k in self.moves]
         must = _own_obligations(terms, own, [atom_of(x) for x in states])
         boxes = boxes_of(model, states, members)
+        self.may_branch = model.facts.at_rest
+        """Whether there may be several solutions."""
         self.written = compile_lines(terms, inputs, 0, outputs, must, boxes)
         self.domain = domain_of(terms, own)
         self.ranges = [
@@ -288,7 +310,8 @@ class LocalFlow(KeptEnds):
             moved = self._moved(box, self.rates(lines), first, last)
             if k and _within(moved, trial):
                 return self.enclosure(moved, commands, lines)
-            trial = self.clipped(self._looser(box, moved, hair=HAIR if start < 0 else ZERO))
+            hair = HAIR if start < 0 or self.may_branch else ZERO
+            trial = self.clipped(self._looser(box, moved, hair=hair))
             lines = self.lines(trial, commands)
         raise NotCertainError
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, Grid, parts, volume
+from soter.certificate.cells.cell_sets import Cells, Grid, brought_back, parts, volume
 from soter.certificate.cells.predicates import AdmitCheck, admitted
 from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import RejectedError
@@ -74,10 +74,10 @@ class GridGroup(Group):
     @classmethod
     def read(cls, certificate: Certificate, facts: Facts, entry: Entry, axes: Axes) -> GridGroup:
         """RejectedError where a table is not of the size of the grid."""
-        del facts
         shape = shape_of_way = axes.grid.shape
         certificate.count(shape)
         core = certificate.numbers(entry["K"], shape, "<u1")
+        facts.at_rest |= bool((core == RESTS).any())
         tables = GroupTables(axes.states, axes.grid, core)
         if "R" in entry:
             tables.free = certificate.bits(entry["R"], shape)
@@ -377,6 +377,7 @@ class GridCheck(GroupCheck):
         """The declared initial range of each state; what lies beyond an axis without ends moved in.
 
         What is shown of runs from its outer cells holds of those from beyond (`cell_sets.py`).
+        On an axis that wraps around brought back by whole turns, maybe across its upper end.
         """
         for k, i in enumerate(self.tables.states):
             ends = self.model.facts.states[i].low, self.model.facts.states[i].high
@@ -384,7 +385,7 @@ class GridCheck(GroupCheck):
             if self.grid.has_no_ends(k):
                 low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
                 ends = low, high
-            yield ends
+            yield brought_back(edges, *ends) if self.grid.wraps_around(k) else ends
 
 
 def _finer(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
@@ -448,7 +449,10 @@ def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
             axes.append(k)
         elif cells != 1:
             name = facts.states[state].name
-            raise NotRecheckedError(f"no topic shows `{name}` to the DM, and its axis has cells")
+            raise NotRecheckedError(
+                f"no topic shows `{name}` to the DM, and its axis has cells: write `/ 1` in its "
+                "`grid`, or a topic that shows it, which the plant `drives` and the module reads"
+            )
     return axes
 
 

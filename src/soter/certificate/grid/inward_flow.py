@@ -51,9 +51,10 @@ def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
 def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """For each state whether its lower and its upper end are never crossed; False: uncertain.
 
-    An open end is taken not to be.
+    An open end is taken not to be. Where K has cells at rest there are none: solutions may be
+    several, and one of them may cross an end at which another one stays.
     """
-    if model.facts.kind != "flow":
+    if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
     inwards = (_linear if is_linear(model, members) else _local)(model, members)
     ends = []

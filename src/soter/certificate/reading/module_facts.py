@@ -123,6 +123,9 @@ class Facts:
     """What every claim is held to, by names of the manifest: never less than `own`."""
     thread: str = ""
     """What is assumed of the thread that keeps them; "" where no execution times are declared."""
+    at_rest: bool = False
+    """Whether a certificate has cells at rest: then a rate may jump, and no claim may rest on
+    solutions being unique."""
     levels: int = 3
     in_sets: dict[int, bool] = field(default_factory=dict)
     """Topic -> whether all that is published of a state that SC keeps was shown to lie in its set;

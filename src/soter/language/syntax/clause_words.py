@@ -74,8 +74,9 @@ _IN_A_MODULE = _homes(
     verify { ... }
     """,
 )
+_VERIFY_BLOCK = "in the `verify` block of an `rta`"
 _IN_VERIFY = _homes(
-    "in the `verify` block of an `rta`",
+    _VERIFY_BLOCK,
     """
     grid motion.x in [0.0, 1.0] / 50;
     polytope motion.x in [0.0, 1.0];
@@ -180,7 +181,7 @@ PLACES: dict[str, tuple[Home, ...]] = {
     "jitter": (Home("in a node or an `rta`", "jitter 50us;"),),
     "horizon": (
         Home("in a test", "horizon 1s;"),
-        Home("in the `verify` block of an `rta`", "horizon 5s;"),
+        Home(_VERIFY_BLOCK, "horizon 5s;"),
     ),
     "late": (
         Home("in a test or a `faults` block", "late Lamp by 5ms;"),
@@ -319,6 +320,11 @@ def is_clause(word: str, rest: str) -> bool:
     return word in PLACES and _CLAUSE.match(rest) is not None
 
 
+def _in_its_block(home: Home, form: str) -> str:
+    """An item as it is written, with the block that is often forgotten around it."""
+    return f"verify {{ {form} }}" if home.where == _VERIFY_BLOCK else form
+
+
 def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None:
     """What is said of a word in this body, behind the item that `item` leads; None if unknown.
 
@@ -339,9 +345,12 @@ def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None
     if advice is not None:
         return Misplaced(message, note, advice)
     line = " ".join(written.split())
+    if line.endswith("}") and "{" not in line:  # its `;` is missing
+        line = f"{line[:-1].rstrip()};"
     own = not item and line.endswith(";") and len(line) < _SHOWN_MAX
     shown_forms = [
-        line if own and home.form.startswith(f"{word} ") else home.form for home in homes
+        _in_its_block(home, line if own and home.form.startswith(f"{word} ") else home.form)
+        for home in homes
     ]
     forms = " or ".join(f"`{form}`" for form in dict.fromkeys(shown_forms))
     return Misplaced(message, note, f"move it there: {forms}")

@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.claims.results import Region
+from soter.verify.enclose.periodic_states import FAR_TURNS, TURN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from soter.verify.problem.problem import Axis
+    from soter.verify.problem.problem import Axis, Interval
 
     Bools = NDArray[np.bool_]
 
@@ -90,6 +91,37 @@ def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None
     first = min(int(np.searchsorted(edges, low, side="right")) - 1, len(edges) - 2)
     last = max(int(np.searchsorted(edges, high, side="left")) - 1, first)
     return slice(first, last + 1)
+
+
+def mesh_of(
+    spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
+) -> list[list[int] | None]:
+    """On each axis the cells that hold its interval; None where there are none.
+
+    `turns`: whether an axis wraps around.
+    """
+    cells: list[list[int] | None] = []
+    for edges, wraps, i in zip(spans, turns, box, strict=True):
+        at = None if wraps else holding(edges, i.low, i.high)
+        own = None if at is None else [*range(len(edges) - 1)[at]]
+        cells.append(_holding_around(edges, i.low, i.high) if wraps else own)
+    return cells
+
+
+def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
+    """Of an axis that wraps around: what lies beyond an end is at the other one, up to a turn."""
+    if not edges[0] - TURN < low <= high < edges[-1] + TURN:
+        return None
+    turned = [(low, high)]
+    if low < edges[0]:
+        turned.append((low + TURN - FAR_TURNS, high + TURN + FAR_TURNS))
+    if high > edges[-1]:
+        turned.append((low - TURN - FAR_TURNS, high - TURN + FAR_TURNS))
+    cells: set[int] = set()
+    for a, b in turned:
+        at = holding(edges, max(a, edges[0]), min(b, edges[-1]))
+        cells |= set(range(len(edges) - 1)[at]) if at is not None else set()
+    return sorted(cells)
 
 
 def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:

@@ -392,7 +392,7 @@ class ModuleResult:
     def assumed(self) -> list[str]:
         """What a headline names as assumed: properties, and the scheme of the plants."""
         names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
-        return [*names, *(["scheme"] if SCHEME in self.assumptions else [])]
+        return [*names, *(a.key for a in self.assumptions if a.key == SCHEME.key)]
 
     @property
     def whilst(self) -> str:

@@ -1,7 +1,7 @@
 """What to write, tried before it is said.
 
 Purpose: for a module that is not proved one loop: change what a person could change, prove again
-within a bound on its CPU time, on merged cells first, and keep what helps. Those that helped, those
+within a bound on its CPU time, few cells first, and keep what helps. Those that helped, those
 that did not, and those that were not tried are told apart.
 Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants.
 """
@@ -25,7 +25,7 @@ from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError, UnboundedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import Cause, ModuleResult
@@ -51,6 +51,8 @@ class Remedy:
 
     said: str
     problem: Problem | None
+    exchanged: bool = False
+    """It changes what AC and SC are: asked last."""
 
 
 class Trials:
@@ -65,15 +67,6 @@ class Trials:
 
         An AC that never has control counts as a failure of `ttf`.
         """
-        coarse = changed_problems.merged(problem, COARSE[1])
-        found = None
-        for one in (coarse, problem) if coarse.groups != problem.groups else (problem,):
-            found = self._failing(one)
-            if found == ():
-                break
-        return found
-
-    def _failing(self, problem: Problem) -> tuple[str, ...] | None:
         done = self._done(problem)
         if done is None:
             return None
@@ -101,8 +94,24 @@ class Trials:
         return time.process_time() < self._until
 
 
+def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
+    """What is tried of some changes, few cells first: on merged cells each, then as it is.
+
+    So that one grid of many cells does not take the time of all that would have been quick.
+    """
+    trials = []
+    for change in changes:
+        if change.problem is None:
+            continue
+        coarse = changed_problems.merged(change.problem, COARSE[1])
+        if coarse.groups != change.problem.groups:
+            trials.append((change, coarse))
+        trials.append((change, change.problem))
+    return sorted(trials, key=lambda trial: (trial[0].exchanged, cells_of(trial[1])))
+
+
 def remedies(problem: Problem, failing: Sequence[str], result: ModuleResult) -> Iterator[Remedy]:
-    """What may help where these claims fail, the cheapest first; `result`: as nothing is changed.
+    """What may help where these claims fail; `result`: as nothing is changed.
 
     None of its problems is what was asked of `result`.
     """
@@ -112,7 +121,7 @@ def remedies(problem: Problem, failing: Sequence[str], result: ModuleResult) -> 
     if failing[0] == "P2a" and not any(c.kind == "one_sided" for c in causes):
         names = problem.module.symbol.sc.name, problem.module.symbol.ac.name
         said = "`ac {}; sc {};`, if that is what was meant".format(*names)
-        yield Remedy(said, changed_problems.exchanged(problem))
+        yield Remedy(said, changed_problems.exchanged(problem), exchanged=True)
 
 
 def _of_the_problem(
@@ -176,19 +185,18 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
     going = True
     while going and left and len(helped) < CHAIN_MAX:
         going = False
-        for remedy in remedies(problem, left, result):
-            if remedy.problem is None:
-                continue
+        for remedy, tried in in_order(remedies(problem, left, result)):
             phase(f"{problem.name}: trying {remedy.said}")
-            now = trials.failing(remedy.problem)
-            if now is None:
-                untried += [] if trials.goes_on() else [remedy.said]  # else it is no problem
-            elif set(now) < set(left) or (left[0] == "P2a" and "P2a" not in now):
+            now, as_it_is = trials.failing(tried), tried is remedy.problem
+            better = now == () or (as_it_is and now is not None and _better(now, left))
+            if better and now is not None:
                 helped.append(remedy.said)
-                problem, left, going = remedy.problem, now, True
+                problem, left, going = remedy.problem or problem, now, True
                 break
-            else:
+            if as_it_is and now is not None:
                 in_vain.append(remedy.said)
+            elif as_it_is and not trials.goes_on():  # else it is no problem
+                untried.append(remedy.said)
     first, told = result.findings[failing[0]], "; ".join
     if helped:
         first.remedied = None if left else problem
@@ -204,6 +212,11 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
         first.tried.append(f"not, for want of time: {told(dict.fromkeys(untried))}")
     p3 = result.findings["P3"]
     p3.hint = next((f.hint for c in failing if (f := result.findings[c]).text == p3.text), p3.hint)
+
+
+def _better(now: Sequence[str], left: Sequence[str]) -> bool:
+    """Whether fewer claims fail, or SC keeps something at last."""
+    return set(now) < set(left) or (left[0] == "P2a" and "P2a" not in now)
 
 
 def mark_untried(result: ModuleResult) -> ModuleResult:

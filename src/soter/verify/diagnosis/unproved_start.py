@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.durations import show_ns
-from soter.verify.claims.cell_boxes import holding
+from soter.verify.claims.cell_boxes import mesh_of
 from soter.verify.claims.results import Cause
 from soter.verify.diagnosis.experiments import axis_names, longest
 from soter.verify.diagnosis.model_runs import FALSE, PointModel
@@ -34,18 +34,18 @@ def start_margins(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Ca
     """Where the start lies, and where it would have to lie."""
     names = axis_names(case, engine)
     ends = [case.problem.initial[s] for s in engine.axes]
-    box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
+    box = mesh_of(engine.edges, engine.turns, ends)
     outside = [k for k, b in enumerate(box) if b is None]
     if outside:
         yield _outside(case, engine, outside)
         return
-    at = tuple(b for b in box if b is not None)
+    at = [b for b in box if b is not None]
     core = part.core > 0
-    if not core[at].all():
+    if not core[np.ix_(*at)].all():
         yield _apart(case, engine, core, at, names, ends)
         return
     h0 = case.problem.times.start
-    good = longest(case, engine, core, h0, lambda reach: bool(reach[at].all()))
+    good = longest(case, engine, core, h0, lambda reach: bool(reach[np.ix_(*at)].all()))
     text = f"the start lies in K, and SC would be in time if it acted within {show_ns(good)}"
     text += f"; it acts within {show_ns(h0)}"
     in_time = engine.safe_for(case.problem.in_horizon(h0), core)
@@ -76,7 +76,7 @@ def _apart(
     case: Case,
     engine: GridGroup,
     cells: Bools,
-    at: tuple[slice, ...],
+    at: list[list[int]],
     names: list[str],
     ends: list[Interval],
     what: str = "SC was shown to keep `safe` from",
@@ -88,7 +88,8 @@ def _apart(
     best: tuple[float, int, float, float] | None = None
     for k, edges in enumerate(engine.edges):
         others = tuple(j for j in range(cells.ndim) if j != k)
-        line = cells[tuple(slice(None) if j == k else b for j, b in enumerate(at))].all(axis=others)
+        places = [[*range(len(edges) - 1)] if j == k else b for j, b in enumerate(at)]
+        line = cells[np.ix_(*places)].all(axis=others)
         turns = np.flatnonzero(np.diff(np.concatenate(([0], line.astype(np.int8), [0]))))
         for a, b in zip(turns[::2], turns[1::2], strict=True):
             low, high = float(edges[a]), float(edges[b])

@@ -22,8 +22,11 @@ from soter.verify.enclose.compiled_enclosures import hint_of
 from soter.verify.enclose.enclosure_code import generate_enclosures
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.left_out_states import MOVING, in_words
+from soter.verify.problem.problem import Interval
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.core.core import CoreSystem
     from soter.verify.problem.problem import Axis, Group, Problem
     from soter.verify.problem.quantities import Quantities
@@ -92,6 +95,25 @@ def turned(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ..
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
+
+
+def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
+    """The ranges of starts, those of states whose axis wraps around brought back to it.
+
+    By whole turns, so that they begin on the axis; they may go on beyond its upper end.
+    """
+    near = list(starts)
+    for axis in (a for g in groups for a in g.axes if a.wraps):
+        (first, last), start = (axis.edges[0], axis.edges[-1]), near[axis.state]
+        far = max(-start.low, start.high) > FARTHEST  # more than what is assumed of such a state
+        if far or first <= start.low <= start.high <= last:
+            continue
+        if start.high - start.low >= TURN:
+            near[axis.state] = Interval(first, last)
+            continue
+        back = TURN * math.floor((start.low - first) / TURN)
+        near[axis.state] = Interval(start.low - back - FAR_TURNS, start.high - back + FAR_TURNS)
+    return tuple(near)
 
 
 def turning_as(law: Problem, states: frozenset[int]) -> Problem:

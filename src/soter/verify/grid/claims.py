@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.language.model.durations import show_ns
 from soter.verify.claims.case import GroupProof, Method
-from soter.verify.claims.cell_boxes import holding, regions_of
+from soter.verify.claims.cell_boxes import mesh_of, regions_of
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.enclose.scheme_error import STIFF_HINT
@@ -160,12 +160,12 @@ class GridProof(GroupProof):
                 "start", "SC may come too late for an initial state", self, hint
             ).cells = wrong
 
-    def at_start(self, case: Case) -> tuple[slice, ...] | None:
+    def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
         """The cells of the initial states; None where the grid does not hold all of them."""
-        ends = [case.problem.initial[s] for s in self.engine.axes]
-        box = [holding(e, i.low, i.high) for e, i in zip(self.engine.spans, ends, strict=True)]
-        at = tuple(b for b in box if b is not None)
-        return at if len(at) == len(box) else None
+        starts = [case.problem.initial[s] for s in self.engine.axes]
+        box = mesh_of(self.engine.spans, self.engine.turns, starts)
+        at = [b for b in box if b is not None]
+        return np.ix_(*at) if len(at) == len(box) else None
 
     def held(self, case: Case) -> CellsPart | None:
         """By the table of the DM."""

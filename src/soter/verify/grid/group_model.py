@@ -191,6 +191,11 @@ class GridModel:
                 edges[0], edges[-1] = -FARTHEST, FARTHEST
         return spans
 
+    @property
+    def turns(self) -> list[bool]:
+        """Of each axis whether it wraps around."""
+        return [state in self.wraps for state in self.axes]
+
     def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
         """The address of the data of an array of any shape; the caller keeps the array."""
         return self.library.ffi.cast(ctype, array.ctypes.data)

@@ -31,6 +31,12 @@ SCHEME = Assumption(
     "Lipschitz in the state; not the simulator's scheme",
 )
 """Of a proof that is about the differential equation alone."""
+EVERY_SOLUTION = Assumption(
+    SCHEME.key,
+    "the plant is any absolutely continuous solution of its differential equation, with any rate "
+    "between those on both sides where its right-hand side jumps; not the simulator's scheme",
+)
+"""Of such a proof that does not rest on solutions being unique, as where SC comes to rest."""
 FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
 
 

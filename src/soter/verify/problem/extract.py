@@ -19,7 +19,7 @@ from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
-from soter.verify.enclose.periodic_states import far_turns, turned, turning_as, wrapping
+from soter.verify.enclose.periodic_states import far_turns, starts_on, turned, turning_as, wrapping
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
@@ -130,7 +130,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
         states=_extents(axis_groups, groups),
-        initial=tuple(inputs.initial),
+        initial=starts_on(axis_groups, inputs.initial),
         controls=tuple(inputs.control_ranges),
         disturbances=tuple(inputs.disturbance_ranges),
         errors=tuple(inputs.error_ranges),

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 
+PERIODS_TRIED = 8
+"""Periods of SC that are tried where its own is too short."""
+
 
 def check_times(
     place: VerificationSystem,
@@ -51,6 +54,11 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
     """R015 where SC is not done before its next step, or acts later than the proof is made for."""
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
+    symbol = place.module.symbol
+    below = {b.name for m in place.flat.modules for b in m.symbol.below}
+    stacked = symbol.over is not None or symbol.name in below
+    why = late_commands_need(symbol, schedule, stacked=stacked)
+    enough = _slow_enough(schedule, in_order=bool(why))
     if schedule.published > schedule.sc.period:
         diagnostics.error(
             "R015",
@@ -61,13 +69,9 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
                 " + ".join(f"{show_ns(ns)} {name}" for ns, name in _before_it_publishes(times)),
                 "no release is skipped, and outputs come in order",
             ),
-            helps=(f"a period of SC of {show_ns(schedule.published)} or more, or shorter times",),
+            helps=(f"shorter times{enough}",),
         )
         return
-    symbol = place.module.symbol
-    below = {b.name for m in place.flat.modules for b in m.symbol.below}
-    stacked = symbol.over is not None or symbol.name in below
-    why = late_commands_need(symbol, schedule, stacked=stacked)
     if why and not schedule.ordered:
         diagnostics.error(
             "R015",
@@ -75,7 +79,7 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
             span,
             also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
             notes=(_summed(times), f"commands that act so late are not proved {why}"),
-            helps=(*_least(times), _enough(times)),
+            helps=(*_least(times), f"these times together {_too_much(times)} shorter{enough}"),
         )
 
 
@@ -126,13 +130,32 @@ def _least(times: Times) -> tuple[str, ...]:
     return (f"{enough}: only what is more than A is late",)
 
 
-def _enough(times: Times) -> str:
-    """By how much the sum is too large, and the period that it would do for."""
-    j, period = times.jitter_sc, times.delta_sc
-    return (
-        f"these times together {show_ns(j - period // 2)} shorter, or a period of SC of "
-        f"{show_ns(2 * j)} or more"
-    )
+def _too_much(times: Times) -> str:
+    """By how much the sum is too large."""
+    return show_ns(times.jitter_sc - times.delta_sc // 2)
+
+
+def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
+    """A period of SC with which it is in time: tried, as what it waits for hangs on it, too.
+
+    With that of the module where P1a asks for it; "" where none is found, or SC would then read
+    what is older than its `max_age`.
+    """
+    slower = schedule
+    for _ in range(PERIODS_TRIED):
+        period = max(slower.published, 2 * slower.jitter * in_order)
+        if period <= slower.sc.period:
+            break
+        dm = replace(schedule.dm, period=max(schedule.dm.period, period))
+        slower = replace(schedule, dm=dm, sc=replace(schedule.sc, period=period))
+    else:
+        return ""
+    if any(slower.stamp_age_sc(p) > p.max_age for p in slower.read_by_sc if p.max_age is not None):
+        return ""
+    said = show_ns(slower.sc.period)
+    if slower.dm.period == schedule.dm.period:
+        return f", or a period of SC of {said}"
+    return f", or a period of {said} of both SC and the module (P1a: SC may not be the slower)"
 
 
 def _known_nodes(

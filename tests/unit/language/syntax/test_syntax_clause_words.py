@@ -347,3 +347,15 @@ def test_the_bodies_are_told_apart_by_their_items() -> None:
     assert clause_words.body_of(faults.FAULT_ITEMS, 0) == "faults"
     assert clause_words.body_of((), 1) == "function"
     assert clause_words.body_of((), 0) == "top"
+
+
+@pytest.mark.parametrize(("word", "form"), FORMS)
+def test_what_belongs_into_a_verify_block_is_shown_in_one(word: str, form: str) -> None:
+    """Also where the `;` behind it is missing."""
+    homes = [h for h in PLACES[word] if h.where == "in the `verify` block of an `rta`"]
+    if form not in [h.form for h in homes] or word == "view":
+        return
+    for written in {form, form.removesuffix(";") if " " in form else form}:
+        (said, *_) = errors(f"rta M {{ {written} }}")
+        assert f"`{word}` belongs in" in said.notes[0]
+        assert f"`verify {{ {word}" in str(said.helps[0])

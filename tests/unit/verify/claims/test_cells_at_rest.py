@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,9 +18,12 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.certificate.cells.cell_sets import Axes, Cells, Grid
+from soter.certificate.grid.flow_enclosures import LocalFlow
+from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.grid.resting import RESTS as MARK
 from soter.certificate.grid.resting import rests
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import claims
@@ -27,6 +31,7 @@ from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import GridProof
 from soter.verify.grid.resting import resting
 from soter.verify.grid.sets import RESTS
+from soter.verify.problem.assumption import EVERY_SOLUTION
 from soter.verify.problem.extract import extract
 from unit.certificate.small_proofs import facts_of, reseal
 
@@ -266,6 +271,39 @@ def test_the_brake_is_proved_and_accepted(proved: tuple[Any, Path]) -> None:
     assert "at rest" in module.findings["P2a"].text
     report = recheck(folder)
     assert report.accepted, report.reason
+
+
+def test_nobody_says_that_the_brake_has_one_solution(proved: tuple[Any, Path]) -> None:
+    """At rest its rate jumps: prover and re-checker assume the same of it, in the same words."""
+    module, folder = proved
+    said = [
+        [a.text for a in verdict.assumptions if a.key == "scheme"]
+        for verdict in (module, recheck(folder).modules[0])
+    ]
+    assert said[0] == said[1] == [EVERY_SOLUTION.text]
+    assert "scheme" in module.assumed
+    assert "jumps" in said[0][0]
+    assert "Lipschitz" not in said[0][0]
+
+
+@pytest.mark.parametrize("at_rest", [False, True])
+def test_with_cells_at_rest_the_rechecker_follows_every_solution(
+    at_rest: bool, tmp_path: Path
+) -> None:
+    """From v = 0 on both v = 0 and v = -t solve it; the grid ends there, too."""
+    source = text(
+        (STANDS, "der v = v < 0.0 ? -1.0 : 0.0;"),
+        ("seen.v in [-1.0, 18.0] / 76", "seen.v in [0.0, 18.0] / 72"),
+    )
+    (tmp_path / "brake.soter").write_text(source)
+    facts = facts_of(tmp_path / "brake.soter", "S", "Aeb")
+    facts.at_rest = at_rest
+    model = CaseModel(facts, (), tuple(facts.axes[k] for k in (0, 1)))
+    box = [(exact(low), exact(high)) for low, high in ((50.0, 51.0), (0.0, 1.0))]
+    flow = LocalFlow(model, (0, 1))
+    (_, (slowest, _)) = flow.around(box, flow.ranges, Fraction(0), Fraction(1, 10)).box
+    assert bool(slowest < -0.09) is at_rest
+    assert uncrossed_ends(model, (0, 1))[1][0] is not at_rest
 
 
 def test_from_where_ac_has_control_the_brake_stops_in_time(proved: tuple[Any, Path]) -> None:

@@ -13,6 +13,7 @@ from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis import changed_problems, tried_remedies
+from soter.verify.diagnosis.tried_remedies import in_order, remedies
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 
@@ -200,6 +201,22 @@ def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> 
     result = explained(changed(*COARSE, ("/ 16;", "/ 16; levels 3;")))
     assert any("not, for want of time: more cells" in t for t in result.findings["P2b"].tried)
     assert "(tried" not in first_help(result)
+
+
+def test_what_has_few_cells_is_tried_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A grid of many cells does not take the time of what is quick; other controllers are last."""
+    monkeypatch.setattr(tried_remedies, "COARSE", (4, 12))
+    bold = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
+    result = explained(changed(OLD, bold))
+    seen = {}
+    for failing in (("P2a", "ttf"), ("ttf",)):
+        trials = in_order(remedies(result.problem, failing, result))
+        seen[failing] = [(change.exchanged, cells_of(problem)) for change, problem in trials]
+        assert seen[failing] == sorted(seen[failing])
+        last = {change.said: problem for change, problem in trials}
+        assert all(last[change.said] is change.problem for change, _ in trials)
+    assert seen["P2a", "ttf"][-1][0]
+    assert len({cells for _, cells in seen["ttf",]}) > 2
 
 
 def test_no_refute_keeps_the_diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ programs on axes of several turns; and programs in which somebody does count.
 from __future__ import annotations
 
 import math
+import re
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from soter.diagnostics.span import Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
+from soter.verify.claims.cell_boxes import mesh_of
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.enclose.periodic_states import FAR_TURNS, FARTHEST
 from soter.verify.grid.sets import GridGroup
@@ -198,3 +200,23 @@ def test_the_decision_module_finds_the_cell_of_an_estimate_any_number_of_turns_a
         assert off[1] <= Fraction(FAR_TURNS)
     for x in (FARTHEST * 1.01, -1e9, math.inf, math.nan):
         assert place(Environment(), (x,)) == -1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_start_is_in_the_cells_of_its_heading_however_many_turns_away(seed: int) -> None:
+    """Across the seam as well: no state of its range is in another cell."""
+    drawn, chance = Drawn(seed), np.random.default_rng(seed)
+    text = drawn.text(32)
+    (declared,) = re.findall(r"state h: float = [^;]*;", text)
+    for _ in range(4):
+        low, width = chance.uniform(-900.0, 900.0), float(chance.choice([0.0, 0.2, 3.0, 6.5]))
+        ends = f"in [{float(low)!r}, {float(low) + width!r}]" if width else f"= {float(low)!r}"
+        problem = problem_of(text.replace(declared, f"state h: float {ends};"))
+        axis = next(a for a in problem.groups[0].axes if a.wraps)
+        edges, start = np.array(axis.edges), problem.initial[axis.state]
+        (cells,) = mesh_of([edges], [True], [start])
+        assert cells is not None
+        for x in chance.uniform(low, low + width, size=40) if width else [low]:
+            near = edges[0] + (Fraction(float(x)) - Fraction(edges[0])) % EXACT_TURN
+            at = int(np.searchsorted(edges, float(near), side="right")) - 1
+            assert min(at, len(edges) - 2) in cells
