@@ -41,9 +41,10 @@ if TYPE_CHECKING:
 
     from soter.verify.polytope.linear_group import Pairs
 
-WORK = 8_000_000
-"""Half-spaces that the linear programs of a group of two states look at in all (`Work`), to find
-and to prove; twice as many for each state more."""
+WORK = 4_000_000, 8_000_000, 12_000_000, 32_000_000
+"""Half-spaces that the linear programs of a group of one state, two, three, four or more look at in
+all (`Work`), to find and to prove. A proof of four states takes that much, one of three does not.
+"""
 GAINED = 0.01
 """A `rate` that is smaller by less than this share is not worth another fixpoint."""
 WAVES_MAX = 2000
@@ -76,7 +77,7 @@ class PolytopeSets:
     kept_rate: Array = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
     """Holds after which every run from K is in Q."""
-    work: Work = field(default_factory=lambda: Work(WORK))
+    work: Work = field(default_factory=lambda: Work(WORK[-1]))
     """What may be spent on levels and Q."""
     target: Polytope | None = None
     """States all of whose estimates satisfy `safer`; None: S_(m-2) of this case, eroded by E."""
@@ -117,7 +118,7 @@ def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
 
 def work_of(group: LinearGroup, tell: Callable[[], None] | None = None) -> Work:
     """What a group may spend; `tell` is called now and then."""
-    return Work(WORK << max(len(group.low) - 2, 0), tell)
+    return Work(WORK[min(len(group.low), len(WORK)) - 1], tell)
 
 
 def find_core(

@@ -625,7 +625,7 @@ def test_an_invariant_that_fails_is_a_defect_not_a_verdict(
 
 
 def test_a_budget_that_is_used_up_is_undecided_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("soter.verify.polytope.proofs.WORK", 2_000)
+    monkeypatch.setattr("soter.verify.polytope.proofs.WORK", (2_000,))
     (first, *_) = failures_of()
     assert first.claim == "P2a"
     assert "its budget is used up" in first.text
