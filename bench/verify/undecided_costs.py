@@ -3,8 +3,8 @@
     .venv/bin/python bench/verify/undecided_costs.py [--systems 44] [--from 0] [--robots]
         [--folder ../shared/robots] [NAME ...]
 
-- Polytopes: linear systems at random (`linear_systems.py`), a row a kind of answer; the longest
-  without a proof is to take 20 s of CPU at most.
+- Polytopes: masses and springs at random, lightly damped, perhaps behind a lag, with long holds of
+  SC, a row a kind of answer; the longest without a proof is to take 20 s of CPU at most.
 - Robots, with `--robots`: those of a folder that are undecided, and wrong variants
   (`bench/newcomers/wrong_variants.py`) of some that are proved. An answer is to take 20 s at most,
   or three times what the proof of the right robot takes. `NAME`: only these.
@@ -20,6 +20,7 @@ import argparse
 import sys
 import tempfile
 from pathlib import Path
+from random import Random
 
 ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
@@ -28,7 +29,6 @@ if str(ROOT) not in sys.path:
 from bench.newcomers.first_attempt import run, said  # noqa: E402 - needs the path
 from bench.newcomers.wrong_robots import edited  # noqa: E402
 from bench.newcomers.wrong_variants import VARIANTS  # noqa: E402
-from bench.verify.linear_systems import program_of  # noqa: E402
 
 from soter.report.terminal_tables import table  # noqa: E402
 
@@ -43,6 +43,69 @@ UNDECIDED = (
 )
 MADE_WRONG = ("car_on_a_lane", "hopper", "emergency_brake", "oven")
 """Of each of these, which are proved, the first two wrong variants."""
+SHAPES = ("mass", "lagged mass", "two masses")
+PROGRAM = """soter 1;
+topic m: {{ {fields} }} max_age {age}ms;
+topic push: float in [-{u}, {u}] = 0.0;
+plant Masses period 10ms {{
+  reads push;
+  drives m = {{ {drives} }};
+{states}
+  disturbance w: float in [-{w}, {w}];
+{rates}
+  measured {measured};
+}}
+node Policy period 20ms {{ publishes push; step {{ publish push = {u}; }} }}
+node Home period {period}ms {{
+  subscribes m;
+  publishes push;
+  step {{ publish push = clamp({law}, -{u}, {u}); }}
+}}
+rta Held {{
+  ac Policy;
+  sc Home;
+  period {period}ms;
+  safe abs(m.p) < 1.5;
+  verify {{ polytope {axes}; levels {levels}; }}
+}}
+system S default {{ r: Masses; module Held; until 20s; always abs(r.truth.p) < 1.5; }}
+"""
+
+
+def program_of(seed: int) -> str:
+    """The program of a number; equal for equal numbers."""
+    drawn = Random(seed)  # noqa: S311 - no secrets
+    shape = SHAPES[seed % len(SHAPES)]
+    swing = drawn.uniform(0.5, 3.0)
+    spring, damping = swing * swing, 2 * drawn.uniform(0.005, 0.08) * swing
+    stiff, u = drawn.uniform(0.2, 1.5), drawn.choice((2.0, 4.0, 8.0))
+    rate = {"p": "v", "v": f"-{spring:.3f} * p - {damping:.4f} * v + push + w"}
+    wide = {"p": 1.5, "v": 5.0}
+    if shape == "lagged mass":
+        rate["v"] = rate["v"].replace("push", "a")
+        rate["a"] = f"{drawn.uniform(4.0, 12.0):.2f} * (push - a)"
+        wide["a"] = u
+    if shape == "two masses":
+        coupled = drawn.uniform(1.0, 8.0)
+        rate["v"] += f" + {coupled:.2f} * (q - p)"
+        rate["q"], rate["z"] = "z", f"{coupled:.2f} * (p - q) - {damping:.4f} * z"
+        wide |= {"q": 2.5, "z": 8.0}
+    error = drawn.choice((0.002, 0.005, 0.01))
+    names = list(rate)
+    return PROGRAM.format(
+        fields=", ".join(f"{x}: float" for x in names),
+        drives=", ".join(f"{x}: {x}" for x in names),
+        states="\n".join(f"  state {x}: float = 0.0;" for x in names),
+        rates="\n".join(f"  der {x} = {rate[x]};" for x in names),
+        measured=", ".join(f"m.{x} within {error}" for x in names),
+        axes=", ".join(f"m.{x} in [-{wide[x]}, {wide[x]}]" for x in names),
+        law=f"-{stiff * spring:.3f} * m.p - {drawn.uniform(0.2, 2.0) * swing:.3f} * m.v",
+        age=10 * drawn.choice((1, 2, 4)),
+        u=u,
+        w=round(drawn.uniform(0.02, 0.3) * min(spring, 2.0), 3),
+        period=20 * drawn.choice((1, 2, 5, 10)),
+        levels=drawn.choice((2, 3)),
+    )
 
 
 def verdict(name: str, text: str) -> tuple[str, float]:

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
-SPENT = "its budget is used up"
-"""In what is said of a claim that had more work to do than its method may: nothing was shown."""
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
 """Each is worse than those before it."""
 NO_CORE = "there is no K"

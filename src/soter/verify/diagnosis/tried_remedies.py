@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.case import SPENT
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
-from soter.verify.claims.results import SPENT, UNDECIDED
+from soter.verify.claims.results import UNDECIDED
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
 from soter.verify.diagnosis.grid_end_failures import LOST, longer_of

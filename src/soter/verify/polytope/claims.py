@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from soter.verify.claims.case import GroupProof, Method
+from soter.verify.claims.case import SPENT, GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
-from soter.verify.claims.results import SPENT, PolytopePart
+from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
 from soter.verify.polytope.certificate_entry import entry, polytope_of

@@ -31,6 +31,7 @@ from soter.verify.enclose.scheme_error import (
 )
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.polytope.linear_group import LinearGroup
+from soter.verify.polytope.rational_rows import inverse_of, pivots_of
 from soter.verify.problem.estimates import errors_of
 from soter.verify.problem.verification_system import sc_reads
 
@@ -333,7 +334,7 @@ def _where_linear(
 
     First in the proportions of the ranges, then along one axis after the other. (inputs, 2).
     """
-    box = domain.copy()
+    box: Floats = domain.copy()
     box[own] = near[own]
     ends = [(s, side) for s in own for side in range(2)]
     for some in ([*ends], *([end] for end in ends)):
@@ -407,8 +408,8 @@ def remainder_of(
     given = inputs(domain)
     middle, radius = _centred(domain)
     z_mid, z_rad = _centred(np.stack([low, high], axis=1))
-    rows, pivots = _pivots(gain, radius)
-    inverse = _inverse([[F(gain[a, p]) for p in pivots] for a in rows])
+    rows, pivots = pivots_of(gain, radius)
+    inverse = inverse_of([[F(gain[a, p]) for p in pivots] for a in rows])
     free = [i for i in range(len(domain)) if i not in pivots]
     for i, p in enumerate(pivots):
         exact = [F(0)] * len(domain)
@@ -451,40 +452,6 @@ def _against(
         for i, x in enumerate(form[FORM:]):
             rest[i] -= F(weight) * F(x)
     return abs(gap) + slack, rest
-
-
-def _pivots(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
-    """Independent rows, and an input for each that the row can be solved for."""
-    work = [[F(x) for x in row] for row in gain]
-    rows: list[int] = []
-    pivots: list[int] = []
-    for a, row in enumerate(work):
-        weight = [0.0 if i in pivots else abs(float(x)) * radius[i] for i, x in enumerate(row)]
-        p = int(np.argmax(weight))
-        if weight[p] <= 0.0:
-            continue
-        for later in work[a + 1 :]:
-            factor = later[p] / row[p]
-            later[:] = [x - factor * y for x, y in zip(later, row, strict=True)]
-        rows.append(a)
-        pivots.append(p)
-    return rows, pivots
-
-
-def _inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Of an invertible matrix of rationals (Gauss-Jordan)."""
-    n = len(matrix)
-    work = [[*row, *(F(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
-    for i in range(n):
-        swap = next(k for k in range(i, n) if work[k][i] != 0)
-        work[i], work[swap] = work[swap], work[i]
-        head = work[i][i]
-        work[i] = [x / head for x in work[i]]
-        for k in range(n):
-            if k != i:
-                factor = work[k][i]
-                work[k] = [x - factor * y for x, y in zip(work[k], work[i], strict=True)]
-    return [row[n:] for row in work]
 
 
 def _seen(
