@@ -647,6 +647,24 @@ BENCHMARKS = (
         "certificates of those that are proved in full are re-checked. `--folder`: other ones.",
     ),
     Benchmark(
+        "soter verify: polytopes of drawn systems",
+        ("bench/verify/undecided_costs.py",),
+        "Linear robots of two to four states, lightly damped, with long holds: each answer, and "
+        "the CPU time until it is given. An answer without a proof is to take 20 s at most.",
+    ),
+    Benchmark(
+        "soter verify: robots that are not proved",
+        ("bench/verify/undecided_costs.py", "--systems", "0", "--robots"),
+        "CPU time of runs that end undecided: robots of engineers, and wrong variants of some that "
+        "are proved. 20 s, or three times the proof of the right one, is what each may take.",
+    ),
+    Benchmark(
+        "K against what survives an adversary",
+        ("bench/verify/survivors.py",),
+        "States drawn from all cells of C, flown by SC against an adversary who searches: of those "
+        "that never leave C the share that lies in K. `wrong` lie in K and leave C; target 0.",
+    ),
+    Benchmark(
         "soter test: wide steps",
         ("bench/testing/wide.py",),
         "100 tests with very many choices, topics, words, inputs or starts, each searched with "

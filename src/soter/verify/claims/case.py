@@ -320,6 +320,8 @@ class Case:
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
+SPENT = "its budget is used up"
+"""In what is said of a claim that had more work to do than its method may: nothing was shown."""
 STAGE = {"P2a": "safe", "P3": "tubes", "ttf": "ttf", "safer": "safer", "P2b": "way"}
 """Where a claim begins, for who is told of it (`STAGES` of verify_module.py)."""
 

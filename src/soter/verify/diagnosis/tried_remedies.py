@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.case import SPENT
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.claims.results import UNDECIDED
@@ -175,8 +176,9 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
     `cpu_s`: what the proof took, in CPU seconds.
     """
     failing = [c for c in ORDER if not result.findings[c].holds]
-    if all(result.findings[c].verdict != UNDECIDED for c in failing):
-        return
+    findings = [result.findings[c] for c in failing]
+    if all(f.verdict != UNDECIDED for f in findings) or any(SPENT in f.text for f in findings):
+        return  # where work was cut short no change makes less of it
     trials = Trials(result.problem, cpu_s, attempt)
     problem, left = trials.problem, tuple(failing)
     helped: list[str] = []

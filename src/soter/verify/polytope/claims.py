@@ -17,14 +17,19 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from soter.verify.claims.case import GroupProof, Method
+from soter.verify.claims.case import SPENT, GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
 from soter.verify.polytope.certificate_entry import entry, polytope_of
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
-from soter.verify.polytope.half_spaces import LinearProgram, Polytope, inner_point
+from soter.verify.polytope.half_spaces import (
+    LinearProgram,
+    Polytope,
+    SpentError,
+    inner_point,
+)
 from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
 from soter.verify.polytope.proofs import NotProvedError, Windows
 from soter.verify.polytope.region_figure import figures
@@ -49,6 +54,7 @@ if TYPE_CHECKING:
     Arrays = Mapping[str, NDArray[np.generic]]
 
 WEAK = "a stronger SC; smaller errors, delays or disturbances; wider ranges"
+SLOW = "an SC that damps more, or a shorter period of it; a shorter horizon; fewer states; a `grid`"
 DRAWN = 2000
 """States of K, to see how many of them let AC have control."""
 PARTS = ("low", "high", "rows", "bounds")
@@ -65,6 +71,8 @@ def why_not(todo: Callable[[], object], group: Group | None = None) -> str:
         )
     except BeyondError:
         return "its numbers are beyond what can be bounded"
+    except SpentError as error:
+        return f"{SPENT}: {error}"
     return ""
 
 
@@ -114,11 +122,13 @@ class PolytopeProof(GroupProof):
             self.found.multipliers[name] = self.equal.found.multipliers[name]
             self.shown.add(name)
             return True
-        record = proofs.claims_of()
+        sets = self.found.sets
+        record = proofs.claims_of(work=None if sets is None else sets.work)
         why = why_not(lambda: prove(self.found.sets, record), self.group)
         self.found.multipliers[name] = record.record
         for claim in claims if why else ():
             hint = "start further inside, or closer to rest" if claim == "start" else WEAK
+            hint = SLOW if SPENT in why else hint
             case.fail(claim, f"not shown of the polytope: {why}", self, hint)
         self.shown |= set() if why else {name}
         return not why
@@ -159,17 +169,23 @@ class PolytopeProof(GroupProof):
             case.fail("P2a", f"no polytope: {error}", self, error.hint)
             return False
         linear = part.model.group
+        part.limits = list(zip(linear.low.tolist(), linear.high.tolist(), strict=True))
+
+        def told() -> None:
+            if case.tell is not None:
+                case.tell("core", 0.0)  # nobody knows how much is left
 
         def find() -> None:
-            part.sets = proofs.find_core(linear, windows)
+            part.sets = proofs.find_core(linear, windows, proofs.work_of(linear, told))
 
         self.shown.clear()
         self.equal = _with_same_numbers(case, self)
         its = None if self.equal is None else self.equal.found.sets
         if its is not None:
             part.sets = proofs.PolytopeSets(linear, windows, its.rate, its.core, its.free, [], [])
-        else:
-            why_not(find)
+        elif SPENT in (why := why_not(find)):
+            case.fail("P2a", f"no polytope was found that SC keeps: {why}", self, SLOW)
+            return False
         if part.sets is None or inner_point(part.sets.core) is None:
             case.fail("P2a", "K is empty: no polytope was found that SC keeps", self, WEAK)
             part.sets = None
@@ -210,7 +226,7 @@ class PolytopeProof(GroupProof):
             sets.allowed, sets.carried = list(its.allowed), list(its.carried)
         empty = [j for j, s in enumerate(sets.allowed) if inner_point(s) is None]
         if why or empty:
-            hint = problem.stronger
+            hint = SLOW if SPENT in why else problem.stronger
             self._both(case, why or f"S_{empty[0]} is empty: AC would never get control", hint)
         elif self._proved(case, ("ttf", "safer"), "S", proofs.prove_levels):
             return
@@ -290,7 +306,9 @@ class PolytopeProof(GroupProof):
             sets.kept, sets.kept_rate, sets.periods = its.kept, its.kept_rate, its.periods
         if why or sets.kept is None:
             text = "no polytope was found that SC keeps inside `safer` and returns to"
-            case.fail("P2b", text, self, "let SC come to rest where `safer` holds")
+            text = f"{text}: {why}" if SPENT in why else text
+            hint = SLOW if SPENT in why else "let SC come to rest where `safer` holds"
+            case.fail("P2b", text, self, hint)
         elif self._proved(case, ("P2b",), "Q", proofs.prove_return):
             times = case.problem.times
             self.found.return_ns = sets.periods * times.delta_sc + times.jitter_sc

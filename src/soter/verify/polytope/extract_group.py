@@ -10,7 +10,8 @@ With a_i = fl(g_i / r_i) it lies in sum a_i x_i + [low, high]; these two are com
 and rounded outward. The law is clamped, hence linear only between two values of z = K y + k: K is
 taken from a small box near rest, and the law is then enclosed over all inputs with z between the
 two values, by letting z itself be an input in place of one of the others: what the law gives
-beyond z is the remainder.
+beyond z is the remainder. Clamps within it (a cascade) are clear of their ends in a box about rest
+only: where the law is not linear over all ranges, C becomes smaller, a box in which it is.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from soter.verify.enclose.scheme_error import (
 )
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.polytope.linear_group import LinearGroup
+from soter.verify.polytope.rational_rows import inverse_of, pivots_of
 from soter.verify.problem.estimates import errors_of
 from soter.verify.problem.verification_system import sc_reads
 
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Ranges = Sequence[tuple[float, float]]
+    Given = tuple[Floats, Floats, Floats, Floats, Sequence[int]]
+    """Gain, offset, value at rest and bounds of commands, and which commands."""
 
 F = Fraction
 FORM = 4
@@ -52,6 +56,8 @@ NEAR = 2.0**-12
 SMALL = 1e-6
 """A share of U: where the law's remainder is larger, it counts as clamped."""
 HALVINGS = 40
+BOX_HALVINGS = 9
+"""So often a box in which the law is linear is looked for between two, along an axis."""
 
 
 class NotLinearError(Exception):
@@ -114,12 +120,14 @@ def linear_group(
     if extra is not None:
         drift[:, 0] = np.nextafter(drift[:, 0] - extra, -np.inf)
         drift[:, 1] = np.nextafter(drift[:, 1] + extra, np.inf)
-    law = _law(problem, forms, domain, commands)
+    law, linear = _law(problem, forms, domain, commands, own)
     error = np.array([errors_of(problem).get(s, 0.0) for s in own])
     offset, remainder = _seen(problem, law, domain, own, error)
     k, times = len(own), problem.times
     bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
     low, high = np.array(limits, dtype=np.float64).T
+    if linear is not domain:
+        low, high = np.maximum(low, linear[own, 0]), np.minimum(high, linear[own, 1])
     return ExtractedGroup(
         LinearGroup(
             state=matrix[:, :k],
@@ -261,9 +269,16 @@ def _followed(
 
 
 def _law(
-    problem: Problem, forms: CompiledEnclosures, domain: Floats, commands: Sequence[int]
-) -> AffineLaw:
-    """The linear part of SC's law, with the limits between which it is that."""
+    problem: Problem,
+    forms: CompiledEnclosures,
+    domain: Floats,
+    commands: Sequence[int],
+    own: Sequence[int],
+) -> tuple[AffineLaw, Floats]:
+    """The linear part of SC's law, with the limits between which it is that, and over which inputs.
+
+    These are `domain` itself, or a box in it that is smaller in the group's `own` states.
+    """
     every = len(problem.controls)
     chosen = list(range(len(domain)))
     bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
@@ -280,9 +295,15 @@ def _law(
         if not np.all(spread <= SMALL * width):
             continue
         rest = np.clip(gain @ point + offset, bounds[:, 0], bounds[:, 1])
-        law = _limited(forms, domain, gain, offset, rest, bounds, commands)
+
+        given = gain, offset, rest, bounds, commands
+        law = _limited(forms, domain, *given, closer=True)
         if law is not None:
-            return law
+            return law, domain
+        box = _where_linear(forms, domain, near, own, given)
+        law = _limited(forms, box, *given, closer=False)
+        if law is not None:
+            return law, box
     raise NotLinearError(
         "SC's law is not linear near rest",
         "a law that is linear there, at most clamped; or a `grid`",
@@ -306,6 +327,32 @@ def _near(domain: Floats, point: Floats) -> Floats:
     return np.stack([low, high], axis=1)
 
 
+def _where_linear(
+    forms: CompiledEnclosures, domain: Floats, near: Floats, own: Sequence[int], given: Given
+) -> Floats:
+    """A large box between `near` and `domain` in the states `own` on which the law is linear.
+
+    First in the proportions of the ranges, then along one axis after the other. (inputs, 2).
+    """
+    box: Floats = domain.copy()
+    box[own] = near[own]
+    ends = [(s, side) for s in own for side in range(2)]
+    for some in ([*ends], *([end] for end in ends)):
+        at = tuple(np.array(some).T)
+        least, most = box[at], domain[at]
+        good, bad = 0.0, 1.0
+        for share in (1.0, *([None] * BOX_HALVINGS)):
+            middle = good / 2 + bad / 2 if share is None else share
+            tried = box.copy()
+            tried[at] = least + middle * (most - least)
+            fine = _limited(forms, tried, *given, closer=False) is not None
+            good, bad = (middle, bad) if fine else (good, middle)
+            if good == 1.0:
+                break
+        box[at] = least + good * (most - least)
+    return box
+
+
 def _limited(
     forms: CompiledEnclosures,
     domain: Floats,
@@ -314,8 +361,13 @@ def _limited(
     rest: Floats,
     bounds: Floats,
     commands: Sequence[int],
+    *,
+    closer: bool,
 ) -> AffineLaw | None:
-    """The widest limits, as a share of U around `rest`, for which the remainder is small."""
+    """The widest limits, as a share of U around `rest`, for which the remainder is small.
+
+    Without `closer` they are U, or as good as that.
+    """
     width = bounds[:, 1] - bounds[:, 0]
 
     def tried(share: float) -> AffineLaw | None:
@@ -328,7 +380,7 @@ def _limited(
         return AffineLaw(gain, offset, rem, low, high) if fine and rem is not None else None
 
     best = tried(1.0) or tried(1.0 - 2.0**-20)
-    if best is not None:
+    if best is not None or not closer:
         return best
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
@@ -356,8 +408,8 @@ def remainder_of(
     given = inputs(domain)
     middle, radius = _centred(domain)
     z_mid, z_rad = _centred(np.stack([low, high], axis=1))
-    rows, pivots = _pivots(gain, radius)
-    inverse = _inverse([[F(gain[a, p]) for p in pivots] for a in rows])
+    rows, pivots = pivots_of(gain, radius)
+    inverse = inverse_of([[F(gain[a, p]) for p in pivots] for a in rows])
     free = [i for i in range(len(domain)) if i not in pivots]
     for i, p in enumerate(pivots):
         exact = [F(0)] * len(domain)
@@ -400,40 +452,6 @@ def _against(
         for i, x in enumerate(form[FORM:]):
             rest[i] -= F(weight) * F(x)
     return abs(gap) + slack, rest
-
-
-def _pivots(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
-    """Independent rows, and an input for each that the row can be solved for."""
-    work = [[F(x) for x in row] for row in gain]
-    rows: list[int] = []
-    pivots: list[int] = []
-    for a, row in enumerate(work):
-        weight = [0.0 if i in pivots else abs(float(x)) * radius[i] for i, x in enumerate(row)]
-        p = int(np.argmax(weight))
-        if weight[p] <= 0.0:
-            continue
-        for later in work[a + 1 :]:
-            factor = later[p] / row[p]
-            later[:] = [x - factor * y for x, y in zip(later, row, strict=True)]
-        rows.append(a)
-        pivots.append(p)
-    return rows, pivots
-
-
-def _inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Of an invertible matrix of rationals (Gauss-Jordan)."""
-    n = len(matrix)
-    work = [[*row, *(F(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
-    for i in range(n):
-        swap = next(k for k in range(i, n) if work[k][i] != 0)
-        work[i], work[swap] = work[swap], work[i]
-        head = work[i][i]
-        work[i] = [x / head for x in work[i]]
-        for k in range(n):
-            if k != i:
-                factor = work[k][i]
-                work[k] = [x - factor * y for x, y in zip(work[k], work[i], strict=True)]
-    return [row[n:] for row in work]
 
 
 def _seen(

@@ -12,10 +12,11 @@ Non-goals: which sets are wanted (`proofs.py`).
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +25,19 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
 from soter.workers.quiet_highs import new_highs
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
 SLACK = 1e-6
 """By how much a half-space must cut to count as one, and thresholds are lowered for rounding."""
 CLOSE = 2.0**-40
 """Relative distance from which on the rounding of a product decides nothing."""
 GAP = SLACK / 1000
 """How far multipliers may lie above the value that they bound, relative to it, to be good ones."""
+SOLVE = 500
+"""What a solve takes beside its half-spaces, in half-spaces."""
+TOLD = 200_000
+"""Half-spaces after which somebody is told."""
 USUAL: dict[str, object] = {"solver": "choose", "simplex_strategy": 1, "simplex_scale_strategy": 2}
 WAYS: tuple[dict[str, object] | None, ...] = (
     None,
@@ -93,15 +101,56 @@ class Polytope:
         )
 
 
+class SpentError(Exception):
+    """The linear programs of a group would look at more half-spaces than they may."""
+
+
+class Work:
+    """How much the linear programs of one group may do: counted, and never timed.
+
+    A solve counts as the half-spaces that it looks at, and `SOLVE` for itself. `tell` is called
+    now and then, and may end the work by raising.
+    """
+
+    def __init__(self, most: int, tell: Callable[[], None] | None = None) -> None:
+        self.most, self.left = most, most
+        self._tell = tell
+
+    @contextmanager
+    def half(self) -> Iterator[None]:
+        """Within, only half of what is left may be spent."""
+        kept = self.left - self.left // 2
+        self.left -= kept
+        yield
+        self.left += kept
+
+    def count(self, half_spaces: int) -> None:
+        """A solve, or what takes as long; SpentError where it is one too many."""
+        before = self.left
+        self.left -= SOLVE + half_spaces
+        if self.left < 0:
+            raise SpentError(
+                f"linear programs that look at {self.most:,} half-spaces in all, at half of "
+                f"them for K, and count as {SOLVE} more each"
+            )
+        if self._tell is not None and before // TOLD != self.left // TOLD:
+            self._tell()
+
+
 class Bounds:
     """Upper bounds of rows on one polytope; multipliers from an LP, or from a record of one."""
 
-    def __init__(self, polytope: Polytope, multipliers: list[Array] | None = None) -> None:
+    def __init__(
+        self,
+        polytope: Polytope,
+        multipliers: list[Array] | None = None,
+        work: Work | None = None,
+    ) -> None:
         """`multipliers`: what `record` of an earlier, equal use was; then nothing is solved."""
         self.polytope = polytope
         self.record: list[Array] = []
         self._kept = iter(multipliers) if multipliers is not None else None
-        self._solver = None if multipliers is not None else LinearProgram(polytope)
+        self._solver = None if multipliers is not None else LinearProgram(polytope, work)
 
     @property
     def empty(self) -> bool:
@@ -141,8 +190,10 @@ def bound(p: Polytope, rows: Ball, weights: Array) -> Array:
 class LinearProgram:
     """max c x on a polytope, again and again, by HiGHS: hints only."""
 
-    def __init__(self, polytope: Polytope) -> None:
+    def __init__(self, polytope: Polytope, work: Work | None = None) -> None:
+        """Each solve counts as `work`, where there is any."""
         self._highs = require_highs()
+        self._work = work
         self._highs.setOptionValue("presolve", "off")
         for side in ("primal", "dual"):
             self._highs.setOptionValue(f"{side}_feasibility_tolerance", 1e-10)
@@ -177,6 +228,8 @@ class LinearProgram:
         The solver goes on from the last vertex. Where it finds nothing there, or multipliers whose
         bound lies above row x, it is asked from scratch, and by other ways (`WAYS`).
         """
+        if self._work is not None:
+            self._work.count(len(self._rows))
         self._highs.changeColsCost(self.n, self._columns, -row)
         best, least = None, np.inf
         for way in WAYS:
@@ -247,7 +300,7 @@ def require_highs() -> Any:  # noqa: ANN401 - an untyped module
         ) from None
 
 
-def lean(polytope: Polytope) -> Polytope:
+def lean(polytope: Polytope, work: Work | None = None) -> Polytope:
     """The same set without half-spaces that the others imply (as the LP sees it).
 
     Whoever claims something about the set proves it about what is left.
@@ -256,7 +309,7 @@ def lean(polytope: Polytope) -> Polytope:
     scale = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
     order = np.lexsort((bounds / scale,))
     kept: list[int] = []
-    program = LinearProgram(Polytope(polytope.low, polytope.high, rows[:0], bounds[:0]))
+    program = LinearProgram(Polytope(polytope.low, polytope.high, rows[:0], bounds[:0]), work)
     for i in order:
         if program.greatest(rows[i])[0] > bounds[i]:
             program.add(rows[i], bounds[i])

@@ -26,15 +26,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.polytope.ball_matrices import Array, Ball, exact, up_product, up_sum
-from soter.verify.polytope.half_spaces import SLACK, Bounds, LinearProgram, Polytope, lean
+from soter.verify.polytope.half_spaces import (
+    SLACK,
+    Bounds,
+    LinearProgram,
+    Polytope,
+    Work,
+    lean,
+)
 from soter.verify.polytope.linear_group import FreePhase, Hold, LinearGroup
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from soter.verify.polytope.linear_group import Pairs
 
-ROWS_MAX = 3000
+WORK = 4_000_000, 8_000_000, 12_000_000, 32_000_000
+"""Half-spaces that the linear programs of a group of one state, two, three, four or more look at in
+all (`Work`), to find and to prove. A proof of four states takes that much, one of three does not.
+"""
+GAINED = 0.01
+"""A `rate` that is smaller by less than this share is not worth another fixpoint."""
 WAVES_MAX = 2000
 PERIODS_MAX = 5000
 
@@ -65,6 +77,8 @@ class PolytopeSets:
     kept_rate: Array = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
     """Holds after which every run from K is in Q."""
+    work: Work = field(default_factory=lambda: Work(WORK[-1]))
+    """What may be spent on levels and Q."""
     target: Polytope | None = None
     """States all of whose estimates satisfy `safer`; None: S_(m-2) of this case, eroded by E."""
 
@@ -102,26 +116,35 @@ def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
     return sets
 
 
-def find_core(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
-    """K and R(H); no levels yet."""
-    solution = _core(group, group.rows, group.bounds)
+def work_of(group: LinearGroup, tell: Callable[[], None] | None = None) -> Work:
+    """What a group may spend; `tell` is called now and then."""
+    return Work(WORK[min(len(group.low), len(WORK)) - 1], tell)
+
+
+def find_core(
+    group: LinearGroup, windows: Windows, work: Work | None = None
+) -> PolytopeSets | None:
+    """K and R(H); no levels yet. SpentError where K takes more than half of the `work`."""
+    work = work_of(group) if work is None else work
+    with work.half():
+        solution = _core(group, group.rows, group.bounds, work)
     if solution is None:
         return None
     core, rate = solution
-    free = _free(group, core, core, windows.horizon_ns)
-    return PolytopeSets(group, windows, rate, core, free, [], [])
+    free = _free(group, core, core, windows.horizon_ns, work)
+    return PolytopeSets(group, windows, rate, core, free, [], [], work=work)
 
 
 def find_levels(sets: PolytopeSets) -> None:
     """S_0, S_1, ... and G_1, ..."""
-    group, windows, free = sets.group, sets.windows, sets.free
-    sets.allowed, sets.carried = [lean(_tighter(free.shrunk(group.error)))], []
+    group, windows, free, work = sets.group, sets.windows, sets.free, sets.work
+    sets.allowed, sets.carried = [lean(_tighter(free.shrunk(group.error)), work)], []
     for _ in range(windows.levels - 2):
         inner = sets.allowed[-1].shrunk(group.error)
-        following = _free(group, free, inner, windows.window_ns)
+        following = _free(group, free, inner, windows.window_ns, work)
         estimates = _tighter(following.shrunk(group.error))
         sets.carried.append(following)
-        sets.allowed.append(lean(estimates.meet(_tighter(sets.allowed[-1]))))
+        sets.allowed.append(lean(estimates.meet(_tighter(sets.allowed[-1])), work))
 
 
 def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
@@ -153,7 +176,9 @@ def _linear(hold: Hold) -> Pairs:
     return half_spaces
 
 
-def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Array] | None:
+def _core(
+    group: LinearGroup, rows: Array, bounds: Array, work: Work
+) -> tuple[Polytope, Array] | None:
     """The greatest set kept by SC inside rows x <= bounds; twice, with a better `rate`."""
     eye = np.eye(len(group.low))
     rows = np.concatenate([rows, eye, -eye])
@@ -166,7 +191,7 @@ def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Arr
     for _ in range(3 if timed else 1):
         hold = Hold(group, rate)
         start = Polytope(group.low, group.high, *_first_rows(hold, rows, bounds))
-        core = _fixpoint(hold, start)
+        core = _fixpoint(hold, start, work)
         if core is None:
             if best is not None or not timed:
                 break
@@ -178,7 +203,9 @@ def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Arr
             continue
         best = (core, rate)
         rate = _rate(LinearProgram(core), hold)
-    return best
+        if (rate >= best[1] * (1 - GAINED)).all():
+            break
+    return None if best is None else (lean(best[0], work), best[1])
 
 
 def _rate(program: LinearProgram, hold: Hold) -> Array:
@@ -191,28 +218,23 @@ def _rate(program: LinearProgram, hold: Hold) -> Array:
     return np.array(rates) * (1 + 1e-6) + SLACK
 
 
-def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
+def _fixpoint(hold: Hold, start: Polytope, work: Work) -> Polytope | None:
     """{x : every run of holds from x satisfies `start` at each read}; None when empty."""
-    program = LinearProgram(Polytope(start.low, start.high, start.rows[:0], start.bounds[:0]))
-    kept: list[tuple[Array, float]] = []
+    p = Polytope(start.low, start.high, start.rows[:0], start.bounds[:0])
+    program = LinearProgram(p, work)
     wave = (start.rows, start.bounds)
     for _ in range(WAVES_MAX):
         fresh = []
-        for row, limit in zip(*wave, strict=True):
-            if program.greatest(row)[0] <= limit:
-                continue
-            program.add(row, limit)
-            fresh.append((row, limit))
+        for i, (row, limit) in enumerate(zip(*wave, strict=True)):
+            if program.greatest(row)[0] > limit:
+                program.add(row, limit)
+                fresh.append(i)
         if not fresh:
-            rows, bounds = zip(*kept, strict=True) if kept else ((), ())
-            n = len(start.low)
-            return lean(
-                Polytope(start.low, start.high, np.array(rows).reshape(-1, n), np.array(bounds))
-            )
-        kept += fresh
-        if len(kept) > ROWS_MAX or program.is_empty():
+            return p
+        if program.is_empty():
             return None
-        wave = _before(hold, np.array([r for r, _ in fresh]), np.array([b for _, b in fresh]))
+        cut = wave[0][fresh], wave[1][fresh]
+        p, wave = p.with_rows(*cut), _before(hold, *cut)
     return None
 
 
@@ -222,7 +244,9 @@ def _before(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
     return _plain(row, bounds - loss, hold.group.reach)
 
 
-def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -> Polytope:
+def _free(
+    group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int, work: Work
+) -> Polytope:
     """{x in outer : in `inner` during all of [0, until], under any control}."""
     rows, bounds = inner.faces
     pairs = FreePhase(group, until_ns).everywhere(exact(rows))
@@ -230,7 +254,8 @@ def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -
     return lean(
         outer.with_rows(
             np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
-        )
+        ),
+        work,
     )
 
 
@@ -242,13 +267,13 @@ def _tighter(p: Polytope) -> Polytope:
 def find_return(sets: PolytopeSets) -> None:
     """Find Q inside `home`, and after how many holds every run from K is in it."""
     group = sets.group
-    solution = _core(group, *home(sets).faces)
+    solution = _core(group, *home(sets).faces, sets.work)
     if solution is None:
         return
     sets.kept, sets.kept_rate = solution
     sets.periods = 0
     try:
-        _prove_home(Claims(None), sets)
+        _prove_home(Claims(None, sets.work), sets)
     except NotProvedError:
         sets.kept = None
         return
@@ -260,12 +285,13 @@ def find_return(sets: PolytopeSets) -> None:
 def _periods(sets: PolytopeSets) -> int:
     """After so many holds every run from K is in Q; 0: none was found. To be proved."""
     assert sets.kept is not None
-    hold, bounds = Hold(sets.group, sets.rate), Bounds(sets.core)
+    hold, bounds = Hold(sets.group, sets.rate), Bounds(sets.core, work=sets.work)
     faces, limits = sets.kept.faces
     row, loss = exact(faces), np.zeros(len(faces))
     done, last = 0, 0  # `last`: the half-space that failed last, and mostly fails again
     for periods in _guesses():
         for _ in range(periods - done):
+            sets.work.count(len(faces))
             row, more = _one_hold_back(hold, row)
             loss = up_sum(loss, more)
         done = periods
@@ -297,8 +323,9 @@ def _guesses() -> Iterable[int]:
 class Claims:
     """Multipliers of every claim in order: found by LPs, or taken from a record."""
 
-    def __init__(self, multipliers: list[Array] | None) -> None:
+    def __init__(self, multipliers: list[Array] | None, work: Work | None = None) -> None:
         self.record: list[Array] = []
+        self._work = work
         self._kept = iter(multipliers) if multipliers is not None else None
 
     def greatest(self, polytope: Polytope, rows: Ball) -> Array:
@@ -306,7 +333,7 @@ class Claims:
         if self._kept is not None:
             bounds = Bounds(polytope, [next(self._kept)])
         else:
-            bounds = Bounds(polytope, None)
+            bounds = Bounds(polytope, None, self._work)
         upper_bounds = bounds.of(rows)
         self.record += bounds.record
         return upper_bounds
@@ -337,12 +364,12 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
     return claims.record
 
 
-def claims_of(multipliers: list[Array] | None = None) -> Claims:
+def claims_of(multipliers: list[Array] | None = None, work: Work | None = None) -> Claims:
     """What the parts of a proof write their multipliers to, or take them from.
 
-    They are (rows, half_spaces) for each claim, in order.
+    They are (rows, half_spaces) for each claim, in order. `work`: what may be spent on them.
     """
-    return Claims(multipliers)
+    return Claims(multipliers, work)
 
 
 def prove_core(sets: PolytopeSets, claims: Claims) -> None:

@@ -13,14 +13,24 @@ from hypothesis import strategies as st
 
 from soter.verify.polytope.ball_matrices import Array, exponential
 from soter.verify.polytope.half_spaces import (
+    TOLD,
     Bounds,
     LinearProgram,
     Polytope,
+    SpentError,
+    Work,
     inner_point,
     surely_inside,
 )
 from soter.verify.polytope.linear_group import LinearGroup
-from soter.verify.polytope.proofs import NotProvedError, PolytopeSets, Windows, compute, prove
+from soter.verify.polytope.proofs import (
+    NotProvedError,
+    PolytopeSets,
+    Windows,
+    compute,
+    find_core,
+    prove,
+)
 
 highspy = pytest.importorskip("highspy")
 
@@ -374,3 +384,26 @@ def test_half_spaces_without_end_cut_nothing_and_those_of_nan_are_in_no_set() ->
     assert not surely_inside(polytope([0.0], [1.0], ([np.nan], 1.0)), np.array([0.5]))
     assert not surely_inside(polytope([0.0], [1.0], ([1.0], np.nan)), np.array([0.5]))
     assert not surely_inside(polytope([0.0], [1.0], ([0.0], -np.inf)), np.array([0.5]))
+
+
+# ---------------------------------------------------------------- how much it may take
+
+
+def test_work_is_counted_and_the_same_each_time() -> None:
+    spent = []
+    for _ in range(2):
+        work = Work(10**9)
+        assert find_core(cart(10, 5), WINDOWS, work) is not None
+        spent.append(work.most - work.left)
+    assert spent[0] == spent[1] > 0
+    assert find_core(cart(10, 5), WINDOWS, Work(2 * spent[0])) is not None
+    with pytest.raises(SpentError):
+        find_core(cart(10, 5), WINDOWS, Work(spent[0] - 1))
+
+
+def test_who_is_told_of_work_may_end_it() -> None:
+    def stop() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        Work(10**9, stop).count(TOLD)

@@ -590,6 +590,25 @@ def test_the_dm_and_the_interpreter_agree_on_every_state(tmp_path: Path) -> None
     assert runs[0].modules["SafeCart"].switches_to_sc > 0
 
 
+# ---------------------------------------------------------------- clamps within the law
+
+CASCADE = "clamp(2.5 * (clamp(-0.8 * motion.x, -0.5, 0.5) - motion.v), -A, A)"
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        CASCADE.replace("-0.8", "0.8"),
+        CASCADE.replace("- motion.v", "+ motion.v"),
+        CASCADE.replace("-0.5, 0.5", "0.1, 0.5"),
+        CASCADE.replace("-0.5, 0.5", "-0.001, 0.001"),
+    ],
+)
+def test_a_cascade_that_does_not_hold_is_not_proved(law: str) -> None:
+    (first, *_) = failures_of(*COMPUTED, (LAW, law))
+    assert first.claim == "P2a"
+
+
 # ---------------------------------------------------------------- what is no verdict
 
 
@@ -603,6 +622,15 @@ def test_an_invariant_that_fails_is_a_defect_not_a_verdict(
     monkeypatch.setattr(f"soter.verify.polytope.proofs.{part}", broken)
     with pytest.raises(AssertionError, match="an invariant"):
         failures_of()
+
+
+def test_a_budget_that_is_used_up_is_undecided_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("soter.verify.polytope.proofs.WORK", (2_000,))
+    (first, *_) = failures_of()
+    assert first.claim == "P2a"
+    assert "its budget is used up" in first.text
+    assert "2,000 half-spaces" in first.text
+    assert "damps more" in first.hint
 
 
 def test_numbers_beyond_doubles_are_undecided() -> None:
