@@ -164,6 +164,7 @@ SMALL = {
     "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
     "soter verify: eight robots and the first advice": Small(apart=MINUTES),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
+    "soter verify: robots made wrong": Small(apart=MINUTES),
     "soter test: wide steps": Small("--tests 8", apart="fewer tests are others"),
     "soter test against SPIN": Small("--repeats 1", apart="needs SPIN"),
     "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),
