@@ -1,14 +1,15 @@
 """Six wrong variants of each robot of a folder: none may be proved in full.
 
     .venv/bin/python bench/newcomers/wrong_robots.py [--folder ../shared/robots]
-        [--simulate] [--kept .soter/newcomers] [NAME ...]
+        [--simulate] [--refute] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a variant changes one thing of a robot's program: SC, an error, a disturbance, a time, a
 set, an equation. That it is wrong is shown first, by `flights.py`, which knows nothing of Soter:
 from *every* state of a lattice of `safe` some flight of SC, or of AC until the DM may act and SC
 then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in control.
-Then `soter verify` is asked, which may find a run that violates as well. `--simulate`: only the
-first half. Answers are kept, by program and the tool's sources: the next call goes on.
+Then the proof of `soter verify` is asked, without its advice, and, but with `--refute`, without its
+search for a run that violates. `--simulate`: only the first half. Answers are kept, by program and
+the tool's sources: the next call goes on.
 Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 (`bench/wrong_modules`).
 """
@@ -16,11 +17,17 @@ Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 from __future__ import annotations
 
 import argparse
+import resource
 import sys
+import tempfile
 from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import soter
+from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.results import UNDECIDED
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -28,7 +35,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
-from bench.newcomers.first_attempt import answered, kept, tool  # noqa: E402
+from bench.newcomers.first_attempt import kept, tool  # noqa: E402
 from bench.newcomers.flights import leaves  # noqa: E402
 from bench.newcomers.wrong_variants import FLOWN_S, STARTS, VARIANTS, Wrong  # noqa: E402
 
@@ -51,11 +58,34 @@ def flown(name: str, text: str, wrong: Wrong) -> dict[str, int]:
     return {"left": left, "starts": starts}
 
 
+def answered(name: str, text: str, refute: bool) -> dict[str, Any]:
+    """What `verify` says of a program, and its CPU seconds."""
+    began = cpu_now_s()
+    with tempfile.TemporaryDirectory() as folder:
+        program = Path(folder) / f"{name}.soter"
+        program.write_text(text)
+        try:
+            (module,) = soter.load(program).verify(refute=refute, explain=False).modules
+        except SoterError as error:
+            return {"verdict": f"error {error.diagnostics[0].code}", "cpu_s": cpu_now_s() - began}
+    open_ = [claim for claim, f in module.findings.items() if f.verdict == UNDECIDED]
+    undecided = f"undecided: {', '.join(open_)}"
+    verdict = undecided if module.verdict == UNDECIDED else module.verdict
+    return {"verdict": verdict, "cpu_s": cpu_now_s() - began}
+
+
+def cpu_now_s() -> float:
+    """CPU seconds of this process and of the compilers that it started."""
+    uses = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(use.ru_utime + use.ru_stime for use in uses)
+
+
 def main(argv: list[str]) -> int:
     """0; 3 where one is proved, or a variant is not shown to be wrong."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
     parser.add_argument("--simulate", action="store_true")
+    parser.add_argument("--refute", action="store_true")
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
@@ -68,7 +98,7 @@ def main(argv: list[str]) -> int:
         right = (options.folder / f"{name}.soter").read_text()
         for wrong in (NOTHING, *VARIANTS[name]):
             text = edited(right, wrong)
-            about = (text, flights, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}")
+            about = text, flights, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
             of = kept(options.kept, about, partial(flown, name, text, wrong))
             row = f"| {name} | {wrong.why} | {of['left']} of {of['starts']}"
             if wrong is NOTHING:
@@ -80,8 +110,8 @@ def main(argv: list[str]) -> int:
             row += " |" if is_wrong else ": NOT SHOWN |"
             answer: dict[str, Any] = {"verdict": "-", "cpu_s": 0.0}
             if not options.simulate:
-                about = (name, text, tool())
-                answer = kept(options.kept, about, partial(answered, name, text, 0.0))
+                asked = name, text, tool(), str(options.refute)
+                answer = kept(options.kept, asked, partial(answered, name, text, options.refute))
             answers[answer["verdict"].partition(":")[0]] += 1
             print(f"{row} {answer['verdict']} | {answer['cpu_s']:.0f} |", flush=True)
     count, proved = answers.total(), answers["proved"]
