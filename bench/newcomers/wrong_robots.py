@@ -1,7 +1,7 @@
 """Six wrong variants of each robot of a folder: none may be proved in full.
 
     .venv/bin/python bench/newcomers/wrong_robots.py [--folder ../shared/robots]
-        [--simulate] [--refute] [--kept .soter/newcomers] [NAME ...]
+        [--simulate] [--refute] [--cpu-s S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a variant changes one thing of a robot's program: SC, an error, a disturbance, a time, a
 set, an equation. That it is wrong is shown first, by `flights.py`, which knows nothing of Soter:
@@ -9,7 +9,8 @@ from *every* state of a lattice of `safe` some flight of SC, or of AC until the 
 then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in control.
 Then the proof of `soter verify` is asked, without its advice, and, but with `--refute`, without its
 search for a run that violates. `--simulate`: only the first half. Answers are kept, by program and
-the tool's sources: the next call goes on.
+the tool's sources: the next call goes on. `--cpu-s`: nothing more is begun after so many CPU
+seconds, and rows say so.
 Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 (`bench/wrong_modules`).
 """
@@ -17,6 +18,7 @@ Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 from __future__ import annotations
 
 import argparse
+import math
 import resource
 import sys
 import tempfile
@@ -80,45 +82,64 @@ def cpu_now_s() -> float:
     return sum(use.ru_utime + use.ru_stime for use in uses)
 
 
+def flights_of(options: argparse.Namespace, name: str, text: str, wrong: Wrong) -> dict[str, Any]:
+    """How it flies, {} where there is no time left."""
+    reader = "".join((HERE / f"{file}.py").read_text() for file in ("equations", "flights"))
+    about = text, reader, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
+    goes_on = cpu_now_s() < options.cpu_s
+    return kept(options.kept, about, partial(flown, name, text, wrong) if goes_on else None)
+
+
+def answer_of(options: argparse.Namespace, name: str, text: str) -> dict[str, Any]:
+    """What `verify` says, {} where it is not to be asked, or there is no time left."""
+    if options.simulate:
+        return {}
+    asked = name, text, tool(), str(options.refute)
+    goes_on = cpu_now_s() < options.cpu_s
+    return kept(
+        options.kept, asked, partial(answered, name, text, options.refute) if goes_on else None
+    )
+
+
 def main(argv: list[str]) -> int:
-    """0; 3 where one is proved, or a variant is not shown to be wrong."""
+    """0; 3 where one is proved, or flights show something else."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
     parser.add_argument("--simulate", action="store_true")
     parser.add_argument("--refute", action="store_true")
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
+    parser.add_argument("--cpu-s", type=float, default=math.inf)
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
     names = options.names or list(VARIANTS)
-    shown, flies, answers = 0, 0, Counter[str]()
-    flights = "".join((HERE / f"{name}.py").read_text() for name in ("equations", "flights"))
+    told = Counter[str]()
     print("| robot | what is wrong | starts that leave `safe` | `soter verify` | CPU s |")
     print("|---|---|---|---|---|")
     for name in names:
         right = (options.folder / f"{name}.soter").read_text()
         for wrong in (NOTHING, *VARIANTS[name]):
             text = edited(right, wrong)
-            about = text, flights, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
-            of = kept(options.kept, about, partial(flown, name, text, wrong))
-            row = f"| {name} | {wrong.why} | {of['left']} of {of['starts']}"
-            if wrong is NOTHING:
-                flies += of["left"] < of["starts"]
-                print(f"{row} | - | - |", flush=True)
-                continue
-            is_wrong = of["left"] >= (1 if wrong.left else of["starts"])
-            shown += is_wrong
-            row += " |" if is_wrong else ": NOT SHOWN |"
-            answer: dict[str, Any] = {"verdict": "-", "cpu_s": 0.0}
-            if not options.simulate:
-                asked = name, text, tool(), str(options.refute)
-                answer = kept(options.kept, asked, partial(answered, name, text, options.refute))
-            answers[answer["verdict"].partition(":")[0]] += 1
-            print(f"{row} {answer['verdict']} | {answer['cpu_s']:.0f} |", flush=True)
-    count, proved = answers.total(), answers["proved"]
-    told = ", ".join(f"{answers[answer]} {answer}" for answer in sorted(answers))
-    print(f"\n{proved} of {count} wrong variants proved ({told})")
-    print(f"{shown} of {count} shown to be wrong, {flies} of {len(names)} right robots fly")
-    return 0 if not proved and shown == count and flies == len(names) else 3
+            of = flights_of(options, name, text, wrong)
+            answer = {} if wrong is NOTHING else answer_of(options, name, text)
+            leaving, verdict, cpu_s = "not flown yet", "-", "-"
+            if of:
+                leaving = f"{of['left']} of {of['starts']}"
+                told["right robots fly"] += wrong is NOTHING and of["left"] < of["starts"]
+                shown = of["left"] >= (1 if wrong.left else of["starts"])
+                told["shown to be wrong"] += wrong is not NOTHING and shown
+                told["flown and not so"] += shown == (wrong is NOTHING)
+            if answer:
+                verdict, cpu_s = answer["verdict"], f"{answer['cpu_s']:.0f}"
+                told[verdict.partition(":")[0]] += 1
+                told["asked"] += 1
+            print(f"| {name} | {wrong.why} | {leaving} | {verdict} | {cpu_s} |", flush=True)
+    count = sum(len(VARIANTS[name]) for name in names)
+    print(
+        f"\n{told['proved']} of {told['asked']} wrong variants proved, {told['refuted']} refuted, "
+        f"{count - told['asked']} not asked yet; {told['shown to be wrong']} of {count} shown to "
+        f"be wrong; {told['right robots fly']} of {len(names)} right robots fly"
+    )
+    return 3 if told["proved"] or told["flown and not so"] else 0
 
 
 if __name__ == "__main__":
