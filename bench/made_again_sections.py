@@ -167,6 +167,7 @@ SMALL = {
     "soter verify: polytopes of drawn systems": Small("--systems 3", apart=MINUTES),
     "soter verify: robots that are not proved": Small(apart=MINUTES),
     "K against what survives an adversary": Small("--chains 1 none", apart=MINUTES),
+    "soter verify: robots made wrong": Small(apart=MINUTES),
     "soter test: wide steps": Small("--tests 8", apart="fewer tests are others"),
     "soter test against SPIN": Small("--repeats 1", apart="needs SPIN"),
     "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),

@@ -642,9 +642,19 @@ BENCHMARKS = (
     ),
     Benchmark(
         "soter verify: honest robots at the first attempt",
-        ("bench/newcomers/first_attempt.py",),
-        "Robots as engineers wrote them, with figures of textbooks, verified as they stand; "
-        "certificates of those that are proved in full are re-checked. `--folder`: other ones.",
+        ("bench/newcomers/first_attempt.py", "--recheck-below", "30"),
+        "Robots as engineers wrote them, with figures of textbooks, verified as they stand. Where "
+        "one is not proved, what is printed as tried is written into it, as it stands there, and "
+        "it is asked again, four times at most. Certificates of what is proved in full are "
+        "re-checked, but for those of long proofs, which the table names. `--folder`: other ones.",
+    ),
+    Benchmark(
+        "soter verify: robots made wrong",
+        ("bench/newcomers/wrong_robots.py",),
+        "Six wrong variants of each of the same robots. That each is wrong is shown by flights "
+        "that know nothing of Soter, from a lattice of `safe`: every start leaves it, or, where a "
+        "variant has a `ttf` of its own, some start that leaves AC in control. `refuted`: "
+        "`verify` has found a run that violates.",
     ),
     Benchmark(
         "soter verify: polytopes of drawn systems",

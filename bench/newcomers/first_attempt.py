@@ -1,27 +1,56 @@
-"""Honest robots as they stand: what `soter verify` says at the first attempt, and `recheck`.
+"""Honest robots as they stand: what `soter verify` says, what it advises then, and `recheck`.
 
-    .venv/bin/python bench/newcomers/first_attempt.py [--folder ../shared/robots] [NAME ...]
+    .venv/bin/python bench/newcomers/first_attempt.py [--folder ../shared/robots]
+        [--recheck-below S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a row a program: proved in full or what is not, CPU seconds of both commands, and whether
-the certificate is accepted. Nothing is changed, and no advice is followed.
-Non-goals: advice (`robots.py`), wrong variants (`bench/wrong_modules`).
+the certificate is accepted. Where it is not proved, what `help` says that was tried is done, as it
+is written there, and it is asked again, four times at most. `--recheck-below`: certificates of
+proofs that took more CPU seconds are not re-checked, and the table says so. Answers are kept, by
+program and the tool's sources: the next call goes on.
+Non-goals: advice that was not tried, or that no edit of the printed words carries out; wrong
+variants (`wrong_robots.py`).
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
+import re
 import resource
 import subprocess
 import sys
 import tempfile
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-ROOT = Path(__file__).parents[2]
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROOT = Path(__file__).resolve().parents[2]
 LONGEST_S = 900.0
 """CPU seconds that a command may take."""
-HEAD = "| robot | at the first attempt | CPU s | recheck | CPU s |"
+ATTEMPTS = 4
+"""So often the advice is followed at most."""
+TRIED = " (tried: "
+HEAD = "| robot | at the first attempt | CPU s | recheck | CPU s | by what is printed | CPU s | "
+HEAD += "recheck | CPU s |"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the commands say of a program."""
+
+    verdict: str
+    cpu_s: float
+    again: str
+    """Of `recheck`, "-" where there is nothing to check again."""
+    again_s: float
+    advice: str
+    """The first `help` that was tried, without what came of it."""
 
 
 def run(*arguments: str, folder: Path) -> tuple[dict[str, Any], float]:
@@ -50,33 +79,113 @@ def said(document: dict[str, Any]) -> str:
     verdicts = []
     for module in document["modules"].values():
         open_ = [c for c, f in module["properties"].items() if f["verdict"] == "undecided"]
-        verdicts.append(f"undecided: {', '.join(open_)}" if open_ else str(module["verdict"]))
+        undecided = module["verdict"] == "undecided" and open_
+        verdicts.append(f"undecided: {', '.join(open_)}" if undecided else str(module["verdict"]))
     return "; ".join(verdicts)
+
+
+def advised(document: dict[str, Any]) -> str:
+    """The first advice that was tried, "" where there is none."""
+    for module in document.get("modules", {}).values():
+        for finding in module["properties"].values():
+            if TRIED in (finding["hint"] or ""):
+                return str(finding["hint"].partition(TRIED)[0])
+    return ""
+
+
+def followed(text: str, advice: str) -> str:
+    """The program with what is advised written into it; the same where nothing can be."""
+    grids = re.findall(r"`(grid .*?;)`", advice)
+    if grids:
+        text = re.sub(r"(verify \{ ?)(?:grid [^;]*;\s*)+", rf"\1{grids[-1]} ", text)
+    for age, topic in re.findall(r"`max_age (\w+)` of `(\w+)`", advice):
+        text = re.sub(rf"(topic {topic}:.*?max_age )\w+", rf"\g<1>{age}", text)
+    for ac, sc in re.findall(r"`ac (\w+); sc (\w+);`", advice):
+        text = re.sub(r"\bac \w+;(\s*)sc \w+;", rf"ac {ac};\1sc {sc};", text)
+    if "neither `ttf` nor `safer`" in advice:
+        text = re.sub(r"\b(?:ttf|safer) [^;]*;\s*", "", text)
+    return text
+
+
+def answered(name: str, text: str, recheck_below_s: float) -> dict[str, Any]:
+    """What `verify` says of a program, and `recheck` of its certificate: an `Answer`."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        (folder / f"{name}.soter").write_text(text)
+        document, cpu_s = run("verify", f"{name}.soter", "--cert", "proof", folder=folder)
+        verdict, again, again_s = said(document), "-", 0.0
+        if verdict == "proved" and cpu_s > recheck_below_s:
+            again = f"not asked: the proof took more than {recheck_below_s:.0f} s"
+        elif verdict == "proved":
+            checked, again_s = run("recheck", "proof", folder=folder)
+            again = str(checked.get("verdict", f"no verdict in {LONGEST_S:.0f} s"))
+    return asdict(Answer(verdict, cpu_s, again, again_s, advised(document)))
+
+
+def kept(
+    folder: Path, about: tuple[str, ...], make: Callable[[], dict[str, Any]] | None
+) -> dict[str, Any]:
+    """What `make` says, from the file of an earlier call where there is one; {} without both."""
+    file = folder / hashlib.sha256("\n".join(about).encode()).hexdigest()[:16]
+    if not file.exists():
+        if make is None:
+            return {}
+        folder.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(make()))
+    said_then: dict[str, Any] = json.loads(file.read_text())
+    return said_then
+
+
+def tool() -> str:
+    """The tree of the tool's sources."""
+    command = ["git", "rev-parse", "HEAD:src"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+
+
+def cells(answer: Answer) -> str:
+    """Four columns."""
+    again_s = f"{answer.again_s:.0f}" if answer.again_s else "-"
+    return f" {answer.verdict} | {answer.cpu_s:.0f} | {answer.again} | {again_s} |"
 
 
 def main(argv: list[str]) -> int:
     """0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
+    parser.add_argument("--recheck-below", type=float, default=LONGEST_S)
+    parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
-    first = accepted = 0
-    print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
     programs = sorted(options.folder.glob("*.soter"))
-    asked = [p for p in programs if not options.names or p.stem in options.names]
-    for path in asked:
-        with tempfile.TemporaryDirectory() as folder:
-            (Path(folder) / path.name).write_bytes(path.read_bytes())
-            verified, cpu_s = run("verify", path.name, "--cert", "proof", folder=Path(folder))
-            checked: dict[str, Any] = {}
-            verdict, again_s = said(verified), 0.0
-            if verdict == "proved":
-                checked, again_s = run("recheck", "proof", folder=Path(folder))
-        first += verdict == "proved"
-        accepted += checked.get("verdict") == "accepted"
-        again = f"{checked.get('verdict', '-')} | {again_s:.0f}" if checked else "- | -"
-        print(f"| {path.stem} | {verdict} | {cpu_s:.0f} | {again} |", flush=True)
-    print(f"\n{first} of {len(asked)} proved at the first attempt, {accepted} of these accepted")
+    paths = [p for p in programs if not options.names or p.stem in options.names]
+    below, sources = options.recheck_below, tool()
+    firsts, lasts, steps = [], [], []
+    print(f"{HEAD}\n|{'---|' * (HEAD.count('|') - 1)}")
+    for path in paths:
+        text, done = path.read_text(), list[str]()
+        while True:
+            about = (path.stem, text, str(below), sources)
+            made = kept(options.kept, about, partial(answered, path.stem, text, below))
+            answer = Answer(**made)
+            firsts += [] if done else [answer]
+            again = followed(text, answer.advice)
+            if answer.verdict == "proved" or again == text or len(done) == ATTEMPTS:
+                break
+            text = again
+            done.append(answer.advice)
+        lasts.append(answer)
+        row = f"| {path.stem} |{cells(firsts[-1])}{cells(answer) if done else ' - | - | - | - |'}"
+        print(row, flush=True)
+        steps += [f"{path.stem}: {'; then '.join(done)}"] if done else []
+    print("\nWhat was done: " + ("; ".join(steps) or "nothing") + ".")
+    for when, answers in (("at the first attempt", firsts), ("by what is printed", lasts)):
+        proved = [a for a in answers if a.verdict == "proved"]
+        accepted = sum(a.again == "accepted" for a in proved)
+        unasked = sum(a.again.startswith("not asked") for a in proved)
+        print(
+            f"\n{len(proved)} of {len(paths)} proved {when}, {accepted} of these accepted"
+            + (f", {unasked} not re-checked" if unasked else "")
+        )
     return 0
 
 

@@ -1,9 +1,10 @@
 """Flights of a robot against what may happen to it, in many starts at a time.
 
-Purpose: `Robot`, its equations as numpy functions, and `leaves`: from how many states of a lattice
-some flight leaves `safe`. A flight begins with SC, or with AC at an end of its commands for the
-time that no DM can avoid (what it reads is `max_age` old, and it acts once a period), then SC.
-Disturbances and errors stay at an end or jump between the ends, readings are fresh or old.
+Purpose: `Robot`, its equations as numpy functions (`equations.py` makes one), and `leaves`: from
+how many states of a lattice some flight leaves `safe`. A flight begins with SC, or with AC at an
+end of its commands for the time that no DM can avoid (what it reads is `max_age` old, and it acts
+once a period), then SC. Disturbances and errors stay at an end or jump between the ends, readings
+are fresh or old.
 Non-goals: Soter: nothing of it is imported, so that it is an oracle of its own.
 """
 
@@ -45,27 +46,25 @@ class Robot:
     step_s: float
     """Of SC, and of the simulation's hold."""
     until_s: float
-    pieces: int = 4
+    pieces: int
     """Steps of integration in a step of SC."""
-    late_s: float = 0.0
+    late_s: float
     """How late a command acts, at most."""
-    maps: bool = False
+    maps: bool
 
 
 def lattice(robot: Robot, points: int) -> Array:
     """States at even distances, the ends among them, those in `safe`."""
     ends = zip(robot.low, robot.high, strict=True)
-    axes = [np.linspace(a, b, points) for a, b in ends]
+    axes = [np.linspace(a, b, points if a < b else 1) for a, b in ends]
     states = np.array([c.ravel() for c in np.meshgrid(*axes, indexing="ij")])
     return states[:, robot.safe(states)]
 
 
-def signs(mode: int, count: int, n: int, held: Array, random: np.random.Generator) -> Array:
-    """-1 or 1 of `count` bounded things of n flights: all low, all high, or jumping (`held`)."""
-    if mode < 2:
-        return np.full((count, n), 2.0 * mode - 1.0)
-    jumps = random.random((count, n)) < 0.05
-    return np.where(jumps, -held, held)
+def signs(mode: Array, count: int, held: Array, random: np.random.Generator) -> Array:
+    """-1 or 1 of `count` bounded things of each flight: all low, all high, or jumping (`held`)."""
+    jumps = random.random((count, len(mode))) < 0.05
+    return np.where(mode < 2, 2.0 * mode - 1.0, np.where(jumps, -held, held))
 
 
 def moved(robot: Robot, x: Array, u: Array, d: Array) -> Array:
@@ -78,44 +77,49 @@ def moved(robot: Robot, x: Array, u: Array, d: Array) -> Array:
     return x
 
 
-def left_by(robot: Robot, start: Array, modes: tuple[int, int, int], ac: int) -> Booleans:
-    """Which of the starts leave `safe` in the flight of these modes; `ac` < 0: SC at once."""
+def left_by(robot: Robot, start: Array, late: bool, ac: int) -> Booleans:
+    """Which of the starts leave `safe` in some flight; `ac` < 0: SC at once.
+
+    `late`: what is read is as old, and commands act as late, as they may.
+    """
     random = np.random.default_rng(7)
-    n = start.shape[1]
+    modes = np.array(list(itertools.product((0, 1, 2), (0, 1, 2))), dtype=float)
+    d_mode, e_mode = np.repeat(modes, start.shape[1], axis=0).T
+    x = np.tile(start, len(modes))
     middle = np.array([(a + b) / 2 for a, b in robot.disturbed])[:, None]
     half = np.array([(b - a) / 2 for a, b in robot.disturbed])[:, None]
     errors = np.array(robot.errors)[:, None]
-    d_signs = np.ones((len(robot.disturbed), n))
-    e_signs = np.ones((len(robot.errors), n))
-    old = round(robot.age_s / robot.step_s) if modes[2] else 0
-    late = round(robot.late_s / robot.step_s) if modes[2] else 0
+    d_signs, e_signs = np.ones((len(half), x.shape[1])), np.ones((len(errors), x.shape[1]))
+    old = round(robot.age_s / robot.step_s) if late else 0
+    dead = round(robot.late_s / robot.step_s) if late else 0
     own = max(round((robot.age_s + robot.late_s + robot.period_s) / robot.step_s), 1)
-    past, commands = [start], []
-    x, left = start, np.zeros(n, dtype=bool)
+    past, commands = [x], []
+    left = np.zeros(x.shape[1], dtype=bool)
     with np.errstate(all="ignore"):
         for k in range(round(robot.until_s / robot.step_s)):
-            d_signs = signs(modes[0], len(d_signs), n, d_signs, random)
-            e_signs = signs(modes[1], len(e_signs), n, e_signs, random)
+            d_signs = signs(d_mode, len(d_signs), d_signs, random)
+            e_signs = signs(e_mode, len(e_signs), e_signs, random)
             seen = past[max(len(past) - 1 - old, 0)] + errors * e_signs
-            held = np.array(robot.ac[ac])[:, None] * np.ones((1, n))
+            held = np.array(robot.ac[ac])[:, None] * np.ones((1, x.shape[1]))
             commands.append(held if ac >= 0 and k < own else robot.sc(seen))
-            u = commands[max(len(commands) - 1 - late, 0)]
+            u = commands[max(len(commands) - 1 - dead, 0)]
             x = moved(robot, x, u, middle + half * d_signs)
             past.append(x)
-            del past[: max(len(past) - 1 - old, 0)], commands[: max(len(commands) - 1 - late, 0)]
+            del past[: max(len(past) - 1 - old, 0)], commands[: max(len(commands) - 1 - dead, 0)]
             left |= ~robot.safe(x)
-            if left.all():
+            some = np.any(left.reshape(len(modes), -1), axis=0)
+            if some.all():
                 break
-    return left
+    return np.asarray(some)
 
 
 def leaves(robot: Robot, own_sets: bool) -> tuple[int, int]:
     """From how many starts some flight leaves `safe`, of how many; `own_sets`: AC begins each."""
-    start = lattice(robot, {1: 41, 2: 15, 3: 7, 4: 5}[len(robot.low)])
+    ends = zip(robot.low, robot.high, strict=True)
+    start = lattice(robot, {1: 41, 2: 15, 3: 7, 4: 5}[sum(a < b for a, b in ends)])
     left = np.zeros(start.shape[1], dtype=bool)
-    for modes in itertools.product((0, 1, 2), (0, 1, 2), (0, 1)):
-        for ac in range(0 if own_sets else -1, len(robot.ac)):
-            rest = ~left
-            if rest.any():
-                left[rest] = left_by(robot, start[:, rest], modes, ac)
+    for late, ac in itertools.product((False, True), range(-1 + own_sets, len(robot.ac))):
+        rest = ~left
+        if rest.any():
+            left[rest] = left_by(robot, start[:, rest], late, ac)
     return int(left.sum()), left.size

@@ -1,13 +1,16 @@
 """Six wrong variants of each robot of a folder: none may be proved in full.
 
     .venv/bin/python bench/newcomers/wrong_robots.py [--folder ../shared/robots]
-        [--simulate] [NAME ...]
+        [--simulate] [--refute] [--cpu-s S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a variant changes one thing of a robot's program: SC, an error, a disturbance, a time, a
-set, an equation. That it is wrong is shown first, by `flights.py`, which knows nothing of the
-program: from *every* state of a lattice of `safe` some flight of SC, or of AC until the DM may act
-and SC then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in
-control. Then `soter verify` is asked. `--simulate`: only the first half.
+set, an equation. That it is wrong is shown first, by `flights.py`, which knows nothing of Soter:
+from *every* state of a lattice of `safe` some flight of SC, or of AC until the DM may act and SC
+then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in control.
+Then the proof of `soter verify` is asked, without its advice, and, but with `--refute`, without its
+search for a run that violates. `--simulate`: only the first half. Answers are kept, by program and
+the tool's sources: the next call goes on. `--cpu-s`: nothing more is begun after so many CPU
+seconds, and rows say so.
 Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 (`bench/wrong_modules`).
 """
@@ -15,68 +18,128 @@ Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 from __future__ import annotations
 
 import argparse
+import math
+import resource
 import sys
 import tempfile
+from collections import Counter
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+import soter
+from soter.diagnostics.diagnostic import SoterError
+from soter.verify.claims.results import UNDECIDED
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.newcomers.first_attempt import run, said  # noqa: E402 - needs the path
+from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
+from bench.newcomers.first_attempt import kept, tool  # noqa: E402
 from bench.newcomers.flights import leaves  # noqa: E402
-from bench.newcomers.wrong_variants import VARIANTS, Variant  # noqa: E402
+from bench.newcomers.wrong_variants import FLOWN_S, STARTS, VARIANTS, Wrong  # noqa: E402
+
+NOTHING = Wrong("nothing", {})
 
 
-def edited(text: str, variant: Variant) -> str:
+def edited(text: str, wrong: Wrong) -> str:
     """The program of a variant; every edit must fit, once or more often."""
-    for old, new in variant.edits.items():
-        assert old in text, (variant.why, old)
+    for old, new in wrong.edits.items():
+        assert old in text, (wrong.why, old)
         text = text.replace(old, new)
     return text
 
 
-def verdict(name: str, text: str) -> tuple[str, float]:
-    """What `soter verify` says of a program, and its CPU seconds."""
+def flown(name: str, text: str, wrong: Wrong) -> dict[str, int]:
+    """From how many starts a program leaves `safe`, of how many."""
+    ends = {**STARTS.get(name, {}), **wrong.left}
+    robot = robot_of(text, wrong.until_s or FLOWN_S[name], ends)
+    left, starts = leaves(robot, own_sets=bool(wrong.left))
+    return {"left": left, "starts": starts}
+
+
+def answered(name: str, text: str, refute: bool) -> dict[str, Any]:
+    """What `verify` says of a program, and its CPU seconds."""
+    began = cpu_now_s()
     with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / f"{name}.soter").write_text(text)
-        document, cpu_s = run("verify", f"{name}.soter", folder=Path(folder))
-    return said(document), cpu_s
+        program = Path(folder) / f"{name}.soter"
+        program.write_text(text)
+        try:
+            (module,) = soter.load(program).verify(refute=refute, explain=False).modules
+        except SoterError as error:
+            return {"verdict": f"error {error.diagnostics[0].code}", "cpu_s": cpu_now_s() - began}
+    open_ = [claim for claim, f in module.findings.items() if f.verdict == UNDECIDED]
+    undecided = f"undecided: {', '.join(open_)}"
+    verdict = undecided if module.verdict == UNDECIDED else module.verdict
+    return {"verdict": verdict, "cpu_s": cpu_now_s() - began}
+
+
+def cpu_now_s() -> float:
+    """CPU seconds of this process and of the compilers that it started."""
+    uses = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(use.ru_utime + use.ru_stime for use in uses)
+
+
+def flights_of(options: argparse.Namespace, name: str, text: str, wrong: Wrong) -> dict[str, Any]:
+    """How it flies, {} where there is no time left."""
+    reader = "".join((HERE / f"{file}.py").read_text() for file in ("equations", "flights"))
+    about = text, reader, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
+    goes_on = cpu_now_s() < options.cpu_s
+    return kept(options.kept, about, partial(flown, name, text, wrong) if goes_on else None)
+
+
+def answer_of(options: argparse.Namespace, name: str, text: str) -> dict[str, Any]:
+    """What `verify` says, {} where it is not to be asked, or there is no time left."""
+    if options.simulate:
+        return {}
+    asked = name, text, tool(), str(options.refute)
+    goes_on = cpu_now_s() < options.cpu_s
+    return kept(
+        options.kept, asked, partial(answered, name, text, options.refute) if goes_on else None
+    )
 
 
 def main(argv: list[str]) -> int:
-    """0; 3 where one is proved, or a variant is not shown to be wrong."""
+    """0; 3 where one is proved, or flights show something else."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
     parser.add_argument("--simulate", action="store_true")
+    parser.add_argument("--refute", action="store_true")
+    parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
+    parser.add_argument("--cpu-s", type=float, default=math.inf)
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
-    asked = shown = proved = flies = 0
+    names = options.names or list(VARIANTS)
+    told = Counter[str]()
     print("| robot | what is wrong | starts that leave `safe` | `soter verify` | CPU s |")
     print("|---|---|---|---|---|")
-    for name, (right, variants) in VARIANTS.items():
-        if options.names and name not in options.names:
-            continue
-        left, starts = leaves(right, own_sets=False)
-        flies += left < starts
-        print(f"| {name} | nothing | {left} of {starts} | | |", flush=True)
-        text = (options.folder / f"{name}.soter").read_text()
-        for variant in variants:
-            left, starts = leaves(variant.robot, variant.own_sets)
-            wrong = left > 0 if variant.own_sets else left == starts
-            answer, cpu_s = "", 0.0
-            if not options.simulate:
-                answer, cpu_s = verdict(name, edited(text, variant))
-            asked, shown = asked + 1, shown + wrong
-            proved += answer == "proved"
-            row = f"{left} of {starts}{'' if wrong else ': NOT SHOWN'} | {answer} | {cpu_s:.0f}"
-            print(f"| {name} | {variant.why} | {row} |", flush=True)
-    right_ones = len(options.names or VARIANTS)
+    for name in names:
+        right = (options.folder / f"{name}.soter").read_text()
+        for wrong in (NOTHING, *VARIANTS[name]):
+            text = edited(right, wrong)
+            of = flights_of(options, name, text, wrong)
+            answer = {} if wrong is NOTHING else answer_of(options, name, text)
+            leaving, verdict, cpu_s = "not flown yet", "-", "-"
+            if of:
+                leaving = f"{of['left']} of {of['starts']}"
+                told["right robots fly"] += wrong is NOTHING and of["left"] < of["starts"]
+                shown = of["left"] >= (1 if wrong.left else of["starts"])
+                told["shown to be wrong"] += wrong is not NOTHING and shown
+                told["flown and not so"] += shown == (wrong is NOTHING)
+            if answer:
+                verdict, cpu_s = answer["verdict"], f"{answer['cpu_s']:.0f}"
+                told[verdict.partition(":")[0]] += 1
+                told["asked"] += 1
+            print(f"| {name} | {wrong.why} | {leaving} | {verdict} | {cpu_s} |", flush=True)
+    count = sum(len(VARIANTS[name]) for name in names)
     print(
-        f"\n{proved} of {asked} wrong variants proved; {shown} of {asked} shown to be wrong; "
-        f"{flies} of {right_ones} right robots fly"
+        f"\n{told['proved']} of {told['asked']} wrong variants proved, {told['refuted']} refuted, "
+        f"{count - told['asked']} not asked yet; {told['shown to be wrong']} of {count} shown to "
+        f"be wrong; {told['right robots fly']} of {len(names)} right robots fly"
     )
-    return 0 if not proved and shown == asked and flies == right_ones else 3
+    return 3 if told["proved"] or told["flown and not so"] else 0
 
 
 if __name__ == "__main__":

@@ -202,7 +202,6 @@ REASONS = {
     "bench/run_all.py": "a row a table of the page",
     "bench/made_again_sections.py": "a row a section of the pages",
     "bench/verify/soundness.py": "not cut yet",
-    "bench/newcomers/wrong_variants.py": "a table: fourteen robots and six changes of each",
     "tests/generators/random_programs.py": "one grammar, at random",
     "tests/generators/random_expressions.py": "the same, of expressions",
     "tests/generators/brute_force.py": "the enumerator, read beside docs/testing.md",
