@@ -32,8 +32,9 @@ ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.newcomers.flights import Array, Booleans, Robot, moved  # noqa: E402 - needs the path
-from bench.newcomers.wrong_variants import BOAT, JET, SHAFT, rows  # noqa: E402
+from bench.newcomers.equations import robot_of, stacked  # noqa: E402 - needs the path
+from bench.newcomers.flights import Array, Booleans, Robot, moved  # noqa: E402
+from bench.newcomers.wrong_variants import FLOWN_S, STARTS  # noqa: E402
 
 from soter.language.front_end import check_file, system_of  # noqa: E402
 from soter.report.terminal_tables import table  # noqa: E402
@@ -65,8 +66,10 @@ POLAR = Robot(
     step_s=0.05,
     until_s=UNTIL_S,
     pieces=2,
+    late_s=0.0,
+    maps=False,
 )
-ROBOTS = {"lift": SHAFT, "boat": BOAT, "ground_avoidance": JET, "dubins_polar": POLAR}
+ROBOTS = ("lift", "boat", "ground_avoidance", "dubins_polar")
 CHAIN = """soter 1;
 topic m: {{ p: float, v: float, a: float }} max_age {age}ms;
 topic u: float in [-{most}, {most}] = 0.0;
@@ -119,6 +122,11 @@ class Row:
         return self.both / self.survive if self.survive else 0.0
 
 
+def rows(*values: Array) -> Array:
+    """Values of n flights below each other."""
+    return stacked(list(values), max(np.size(value) for value in values))
+
+
 def chain(seed: int) -> tuple[str, Robot]:
     """A mass behind a lag, drawn: its program and its equations."""
     drawn = Random(seed)  # noqa: S311 - no secrets
@@ -143,6 +151,8 @@ def chain(seed: int) -> tuple[str, Robot]:
         step_s=0.02,
         until_s=15.0,
         pieces=1,
+        late_s=0.0,
+        maps=False,
     )
     return text, robot
 
@@ -264,11 +274,14 @@ def main(argv: list[str]) -> int:
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
     asked = []
-    for name, robot in ROBOTS.items():
+    for name in ROBOTS:
         if not options.names or name in options.names:
             at = options.folder / f"{name}.soter"
             at = at if at.exists() else options.folder.parent / "cases/verdicts" / at.name
-            asked.append((name, at.read_text(), robot))
+            text = at.read_text()
+            of_text = name in FLOWN_S
+            robot = robot_of(text, FLOWN_S[name], STARTS.get(name, {})) if of_text else POLAR
+            asked.append((name, text, robot))
     asked += [(f"chain {seed}", *chain(seed)) for seed in range(options.chains)]
     found = [measured(*robot, options.states) for robot in asked]
     shown = []

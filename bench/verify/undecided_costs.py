@@ -148,7 +148,7 @@ def robots(folder: Path, names: list[str]) -> bool:
         right, cpu_s = verdict(name, text)
         if right == "proved":
             proofs[name] = cpu_s
-        wrong = VARIANTS[name][1][:2]
+        wrong = VARIANTS[name][:2]
         asked += [(name, v.why, *verdict(name, edited(text, v))) for v in wrong]
     rows, late = [], 0
     for name, why, answer, cpu_s in asked:

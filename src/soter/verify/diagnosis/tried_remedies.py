@@ -147,7 +147,7 @@ def _of_the_problem(
     grids = [g for g in problem.groups if g.representation == "grid"]
     if failing[0] != "P2a" and grids:
         smaller = replace(smaller_cells(problem, grids), declared_groups=())
-        if cells_of(smaller) <= CELLS_MAX:
+        if cells_of(smaller) <= CELLS_MAX["P2a"]:
             yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
 
 

@@ -192,7 +192,7 @@ def test_the_largest_cells_on_which_there_is_a_k_are_chosen(
     def attempt(tried: Any) -> Any:
         asked.append(cells_of(tried))
         fails = asked[-1] < 25 * 4**needed
-        failed = {claim: ()} if fails else {}
+        failed: dict[str, Any] = {claim: ()} if fails else {}
         failed |= {"P2a": None} if otherwise and asked[-1] > 25 else {}
         failures = [
             SimpleNamespace(
