@@ -106,6 +106,7 @@ def verify_by_tubes(
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
         kept = KEPT.format("".join(f"{what}, " for what in _quicker(check)))
+        kept = _endless(check, claims) or kept
         rest.hint = MOVES if not claims.kept else kept if claims.box else ""
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
@@ -146,6 +147,25 @@ def _sets_of(check: TubeCheck) -> str:
     far = [check.problem.leaf(s) for s in sorted(check.read_by_law) if is_far(check.read_sets[s])]
     sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
+
+
+def _endless(check: TubeCheck, claims: RestClaims) -> str:
+    """What bounds are missing where `rest` holds of states however far out; "": none."""
+    names = check.problem.quantities.states
+    ways = [
+        (s, end)
+        for s, r in claims.box.items()
+        for end, far in ((">", r.low <= -FARTHEST), ("<", r.high >= FARTHEST))
+        if far
+    ]
+    bounds = " and ".join(f"`{check.problem.leaf(s)} {end} l`" for s, end in ways)
+    states = " and ".join(dict.fromkeys(names[s].name for s, _ in ways))
+    return (
+        f"bound {states} in `rest`, by {bounds}, or by a set in the topic: nothing does, so SC is "
+        f"followed from as far out as {FARTHEST:g}"
+        if ways
+        else ""
+    )
 
 
 def _far(check: TubeCheck) -> list[Assumption]:

@@ -115,6 +115,21 @@ def test_a_rest_that_sc_does_not_lead_back_to_is_not_proved(tmp_path: Path, name
     assert "`acts within`, now 7 ms" in verified(tmp_path, late).findings["P2a"].hint
 
 
+@pytest.mark.parametrize(
+    ("rest", "bounds"),
+    [("seen < 0.3", "`seen > l`"), ("seen > -0.3", "`seen < l`"), ("abs(seen) < 0.3", "")],
+)
+def test_a_state_that_rest_leaves_without_an_end_is_told_to_be_bounded(
+    tmp_path: Path, rest: str, bounds: str
+) -> None:
+    text = HELD.replace(*NOT_KEPT["SC does nothing"]).replace("abs(seen) < 0.3", rest)
+    hint = verified(tmp_path, text.replace(" in [-2.0, 2.0]", "")).findings["P2a"].hint
+    said = f"bound p.v in `rest`, by {bounds}, or by a set in the topic"
+    assert hint.startswith(said) == bool(bounds)
+    bounded = verified(tmp_path, text).findings["P2a"].hint
+    assert not bounded.startswith("bound")
+
+
 def test_what_sc_reads_and_rest_hangs_on_needs_no_set_and_is_taken_to_have_an_end(
     tmp_path: Path,
 ) -> None:
