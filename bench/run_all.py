@@ -675,6 +675,13 @@ BENCHMARKS = (
         "that never leave C the share that lies in K. `wrong` lie in K and leave C; target 0.",
     ),
     Benchmark(
+        "soter verify: honest robots with a rest in the place of a grid",
+        ("bench/newcomers/rest_attempt.py",),
+        "The same robots with a `rest` clause, and nothing else changed. Flights of those that are "
+        "proved begin in the corners and on a lattice of the box around rest, by a simulator that "
+        "knows nothing of Soter; their ways are those of the certificate. `--folder`: other ones.",
+    ),
+    Benchmark(
         "soter test: wide steps",
         ("bench/testing/wide.py",),
         "100 tests with very many choices, topics, words, inputs or starts, each searched with "

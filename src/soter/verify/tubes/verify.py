@@ -24,15 +24,15 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.deploy.missing_predicates import rest_claims
+from soter.verify.diagnosis.changed_problems import younger_reads
 from soter.verify.problem.assumption import Assumption
-from soter.verify.tubes.problem import FARTHEST, is_far
+from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
 from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.verify_module import static_claims
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.verify.tubes.problem import TubeProblem
     from soter.verify.tubes.rest_claims import RestClaims
 
 HOW = "SC followed by tubes"
@@ -90,8 +90,9 @@ def verify_by_tubes(
     """Everything about one module. `SoterError` R007 where something cannot be followed.
 
     The arguments are those that every method takes; nobody looks for a run that refutes yet.
+    `refute`, `explain`: try younger reads where rest is not shown.
     """
-    del refute, explain, search, compiled
+    del search, compiled
     began = time.perf_counter()
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
@@ -105,8 +106,10 @@ def verify_by_tubes(
     if claims.answers:
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
-        kept = KEPT.format("".join(f"{what}, " for what in _quicker(check)))
-        kept = _endless(check, claims) or kept
+        endless = _endless(check, claims)
+        asked = (refute or explain) and not endless
+        tried = _with_younger_reads(problem, progress) if asked else ""
+        kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
         rest.hint = MOVES if not claims.kept else kept if claims.box else ""
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
@@ -131,11 +134,21 @@ def verify_by_tubes(
     return result
 
 
-def _quicker(check: TubeCheck) -> Iterator[str]:
+def _with_younger_reads(problem: TubeProblem, progress: Callable[[float], None] | None) -> str:
+    """What rest needs of `max_age`, or that the least is no help; "": there is nothing to try."""
+    changed = younger_reads(problem)
+    if changed is None or not isinstance(changed[0], TubeProblem):
+        return ""
+    phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)
+    shown = not rest_claims(TubeCheck(changed[0]), progress).kept
+    return f"{' and '.join(changed[1])} (tried: {'rest is shown' if shown else 'not enough'})"
+
+
+def _quicker(check: TubeCheck, tried: str) -> Iterator[str]:
     """What else may lead back: less of what makes SC late, and loops that are not in its way."""
     times = check.problem.times
-    if check.read_by_law and times.age_sc > times.delta_sc:
-        yield f"reads that are younger (`max_age`, now up to {show_ns(times.age_sc)})"
+    if tried or (check.read_by_law and times.age_sc > times.delta_sc):
+        yield tried or f"reads that are younger (`max_age`, now up to {show_ns(times.age_sc)})"
     if times.acts:
         yield f"less delay (`acts within`, now {show_ns(times.acts)})"
     if len(check.read_by_law) >= CASCADE:
