@@ -65,7 +65,8 @@ def recover(
             _from_finer(case, proof, part, found)
             return
         text = "SC keeps no set inside `safer`"
-        text += f", nor with cells of {tried} the size" * bool(tried)
+        near = f"nor where SC rests on cells of {tried} the size, the DM's table as declared"
+        text += f", {near}" * bool(tried)
         hint = "let SC come to rest where `safer` holds"
         case.fail("P2b", text, proof, hint).cells = inside
         return

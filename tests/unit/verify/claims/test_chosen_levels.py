@@ -62,8 +62,8 @@ system Field { h: Hopper; module Envelope; until 60s; }
 """
 OPEN = {"no way back with three": COARSE, "nothing is left of three": HOPPER}
 WHY = {
-    "no way back with three": "SC keeps no set inside `safer`, nor with cells of half or a quarter "
-    "of the size",
+    "no way back with three": "SC keeps no set inside `safer`, nor where SC rests on cells of half "
+    "or a quarter of the size, the DM's table as declared",
     "nothing is left of three": "S_1 is empty: AC would never get control",
 }
 ROBOT = """soter 1;
@@ -136,7 +136,7 @@ def test_it_is_said_what_fewer_levels_cost_as_flown(name: str, proof: Proof) -> 
         assert flown is not None
         assert (flown.takeovers_per_min, flown.ac_share) == (module.switches_to_sc, module.ac_share)
         assert flown.table_bytes > 0
-    assert f"fewer levels cost: {cost}" in result.notes
+    assert f"fewer levels: {cost}" in result.notes
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["from the cache", "computed"])
