@@ -38,9 +38,10 @@ if TYPE_CHECKING:
     Tell = Callable[[str, float], None]
 
 SEED = 1
-UNTIL_NS = 60_000_000_000
-"""A run that lasts longer ends here."""
-SLICE_NS = 1_000_000_000
+UNTIL_NS, PERIODS = 60_000_000_000, 200
+"""A run that lasts longer ends here, or after so many periods of the DM, if that is later."""
+SLICE_NS, SLICES = 1_000_000_000, 1000
+"""After so long it is asked whether there is CPU time left, so often at most."""
 CPU_S = 5.0
 """So many CPU seconds of this process both runs get, with the tables that they need."""
 
@@ -56,12 +57,12 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
         phase(f"{result.problem.name}: measuring what smaller cells cost")
         declared = replace(result.problem, groups=result.problem.declared_groups, cells_open=False)
         before = None if result.cells_why == "P2a" else replace(declared, declared_groups=())
-        result.notes += (f"smaller cells cost: {_cost(before, result.problem, fresh)}",)
+        result.notes += (f"smaller cells: {_cost(before, result.problem, fresh)}",)
     if held and result.levels_why:
         phase(f"{result.problem.name}: measuring what fewer levels cost")
         default = replace(result.problem, levels=LEVELS_DEFAULT, levels_open=False)
         result.levels_cost = _cost(default, result.problem, fresh)
-        result.notes += (f"fewer levels cost: {result.levels_cost}",)
+        result.notes += (f"fewer levels: {result.levels_cost}",)
     for finding in result.findings.values():
         if finding.remedied is not None:
             phase(f"{result.problem.name}: measuring what that costs")
@@ -82,7 +83,7 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
     why = _why_not(flat, remedied)
     if why or not flat.until_ns:
         return RemedyCost(flat.name, not_measured=why)
-    until_ns = min(flat.until_ns, UNTIL_NS)
+    until_ns = min(flat.until_ns, max(UNTIL_NS, PERIODS * remedied.times.delta_dm))
     try:
         before = None if problem is None else _flown(flat, problem, until_ns, tell)
         changed = _changed(fresh(), problem or remedied, remedied)
@@ -158,7 +159,7 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     unit = generate(flat)
     program = Library(library(unit), unit.prefix, unit.layout.size)
     state = program.new_state(SEED)
-    for until in (*range(0, until_ns, SLICE_NS), until_ns):
+    for until in (*range(0, until_ns, max(SLICE_NS, until_ns // SLICES)), until_ns):
         program.run(state, until)
         tell("", until / until_ns)
     last = state.view(state_dtype(flat, unit.layout))[0]

@@ -92,7 +92,7 @@ def test_smaller_cells_are_chosen_said_and_as_good_as_if_they_were_declared(
     result, folder = proved
     assert (result.verdict, result.cells) == ("proved", 100)
     assert f"{WALL}(25 -> 100 cells)" in result.notes
-    (cost,) = (note for note in result.notes if note.startswith("smaller cells cost: "))
+    (cost,) = (note for note in result.notes if note.startswith("smaller cells: "))
     assert "before no tables to fly; with it " in cost
     declared = verified(tmp_path, WRITTEN)
     assert (declared.verdict, declared.cells) == ("proved", 100)
@@ -169,7 +169,7 @@ def test_smaller_cells_are_chosen_where_they_show_p2b_and_what_flies_has_them(
     assert (result.verdict, result.cells) == ("proved", 400)
     chosen = "cells of half the size: on the declared ones P2b is not shown: "
     assert any(note.startswith(chosen) for note in result.notes)
-    (cost,) = (note for note in result.notes if note.startswith("smaller cells cost: "))
+    (cost,) = (note for note in result.notes if note.startswith("smaller cells: "))
     assert "AC 0.0%" not in cost  # the declared cells have tables too, with which AC flies
     assert "no tables to fly" not in cost
     flat = system_of(check_file(str(tmp_path / "p.soter")), None)

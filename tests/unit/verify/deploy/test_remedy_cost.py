@@ -70,6 +70,16 @@ def test_the_figures_are_those_of_runs(
     check_flown(cost.after, path, changed(*remedies, text=text))
 
 
+def test_a_run_is_as_long_as_so_many_periods_of_the_dm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """60 s are no more than a few decisions of a DM that decides every few minutes."""
+    longer = changed(OLD, ("until 60s", "until 24h"))
+    monkeypatch.setattr(remedy_cost, "PERIODS", 1000)
+    assert cost_of(tmp_path / "tank.soter", longer).until_s == 100.0
+    assert cost_of(tmp_path / "tank.soter", changed(OLD)).until_s == 60.0
+
+
 def test_tables_have_their_bytes(tmp_path: Path) -> None:
     """Four cells a byte, and breakpoints; none where predicates are written."""
     cost = cost_of(tmp_path / "tank.soter", changed(*COARSE))
