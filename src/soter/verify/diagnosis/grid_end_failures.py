@@ -101,8 +101,8 @@ def _end(
         hint += f"`{('max', 'min')[side]}(rate, 0.0)` from there on"
         return Cause("grid_end", text, hint, numbers)
     more = ", ".join(
-        f"{a.name} in [{(ends[0] if i == k else a.edges[0]):.6g}, "
-        f"{(ends[1] if i == k else a.edges[-1]):.6g}] / {n}"
+        f"{a.name} in [{a.end(ends[0] if i == k else a.edges[0])}, "
+        f"{a.end(ends[1] if i == k else a.edges[-1])}] / {n}"
         for i, (a, n) in enumerate(zip(grid.group.axes, shape, strict=True))
     )
     return Cause("grid_end", text, f"a wider grid: `grid {more};`", numbers)

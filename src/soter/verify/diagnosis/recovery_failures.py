@@ -346,7 +346,7 @@ def _cells(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
         share = f"{outcome.share:.1%} of K ({outcome.cells})"
         text = f"with cells of {size} the size SC returns from {share}"
         more = ", ".join(
-            f"{a.name} in [{a.edges[0]!r}, {a.edges[-1]!r}] / {n}"
+            f"{a.name} in [{a.end(a.edges[0])}, {a.end(a.edges[-1])}] / {n}"
             for a, n in zip(given.group.axes, outcome.shape, strict=True)
         )
         yield Cause("cells", text, f"more cells: `grid {more};`", (("share_of_K", outcome.share),))

@@ -132,11 +132,11 @@ def _of_the_problem(
     for lost in (c for c in causes if c.kind == LOST):
         longer = changed_problems.longer_axes(problem, longer_of(lost, len(problem.states)))
         if longer.groups != problem.groups:
-            yield Remedy(f"a longer axis: `{_lines(longer)}`", longer)
+            yield Remedy(f"a longer axis: `{lines_of(longer)}`", longer)
     run = result.findings["P2a"].leaving
     if failing[0] == "P2a" and run is not None and not run.safe:
         at = run.names.index(run.axis)
-        said = f"no ends where runs leave: `{_lines(problem, at)}`"
+        said = f"no ends where runs leave: `{lines_of(problem, at)}`"
         yield Remedy(said, changed_problems.without_ends(problem, at))
     if failing[0] != "P2a":
         said = "neither `ttf` nor `safer`: left out, both are computed"
@@ -148,10 +148,10 @@ def _of_the_problem(
     if failing[0] != "P2a" and grids:
         smaller = replace(smaller_cells(problem, grids), declared_groups=())
         if cells_of(smaller) <= CELLS_MAX["P2a"]:
-            yield Remedy(f"more cells: `{_lines(smaller)}`", smaller)
+            yield Remedy(f"more cells: `{lines_of(smaller)}`", smaller)
 
 
-def _lines(problem: Problem, opened: int | None = None) -> str:
+def lines_of(problem: Problem, opened: int | None = None) -> str:
     """The `grid` lines of a problem, the axis of one state `open`."""
     return " ".join(
         f"grid {', '.join(_written(a, opened) for a in g.axes)};"
@@ -163,9 +163,10 @@ def _lines(problem: Problem, opened: int | None = None) -> str:
 def _written(axis: Axis, opened: int | None) -> str:
     edges = axis.edges[1:-1] if axis.unbounded else axis.edges
     edges = edges[:-1] if axis.open else edges
-    said = f"{axis.name} in [{edges[0]:.6g}, {edges[-1]:.6g}] / {len(edges) - 1}"
+    low, high = map(axis.end, (edges[0], edges[-1]))
+    said = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
     if axis.open:
-        return f"{said} open to {axis.edges[-1]:.6g}"
+        return f"{said} open to {axis.end(axis.edges[-1])}"
     return f"{said} open" if axis.unbounded or axis.state == opened else said
 
 

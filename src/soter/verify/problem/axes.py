@@ -129,11 +129,13 @@ class Axes:
         )
         cells = self.calculator.value(item.cells, "the number of cells") if item.cells else 1
         edges = self._edges(low, high, int(cells or 1), item)
+        written = tuple((v, e.span.text) for v, e in ((low, item.low), (high, item.high)))
         if item.unbounded:
             width = high - low
-            return Axis(state, name, (low - width, *edges, high + width), unbounded=True, unit=unit)
+            edges = (low - width, *edges, high + width)
+            return Axis(state, name, edges, unbounded=True, unit=unit, written=written)
         if item.open is None:
-            return Axis(state, name, edges, unit=unit)
+            return Axis(state, name, edges, unit=unit, written=written)
         end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)
         if not end - low < WIDEST * (high - low):
             self.diagnostics.error(
@@ -143,7 +145,8 @@ class Axes:
                 notes=("enclosures over such a cell say nothing",),
                 helps=("an end that no run passes, not far beyond what matters",),
             )
-        return Axis(state, name, (*edges, end), open=True, unit=unit)
+        written = (*written, (end, item.open.span.text))
+        return Axis(state, name, (*edges, end), open=True, unit=unit, written=written)
 
     def _edges(
         self, low: float, high: float, cells: int, item: typed.TypedGridAxis | None = None

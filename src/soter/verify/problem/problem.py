@@ -171,6 +171,12 @@ class Axis:
     """It is a full turn, and nothing reads how many of them its state has made."""
     unit: str = ""
     """As the program declares it for the state, for people."""
+    written: tuple[tuple[float, str], ...] = ()
+    """Ends that the program writes, each with its text."""
+
+    def end(self, value: float) -> str:
+        """An end as the program writes it, where it does: six digits of PI are no full turn."""
+        return dict(self.written).get(value, f"{value:.6g}")
 
     @property
     def reach(self) -> tuple[float, ...]:

@@ -13,7 +13,7 @@ from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis import changed_problems, tried_remedies
-from soter.verify.diagnosis.tried_remedies import in_order, remedies
+from soter.verify.diagnosis.tried_remedies import in_order, lines_of, remedies
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 
@@ -226,6 +226,15 @@ def test_no_refute_keeps_the_diagnosis(tmp_path: Path, capsys: pytest.CaptureFix
     assert found["verdict"] == "undecided"
     assert found["causes"]
     assert "(tried: every claim is proved)" in found["hint"]
+
+
+def test_an_end_that_stays_is_written_as_the_program_writes_it() -> None:
+    """Six digits of PI are no full turn."""
+    named = ("soter 1;", "soter 1;\nconst FULL: float = 1.8000000000000003;")
+    result = explained(changed(named, ("[0.2, 1.8]", "[0.2, FULL]"), OLD))
+    assert lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
+    longer = changed_problems.longer_axes(result.problem, {0: (0.1, 1.8000000000000003)})
+    assert lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
 
 
 def test_what_is_proved_is_not_tried() -> None:
