@@ -17,6 +17,8 @@ import numpy as np
 
 from soter.language.model.system import LEVELS_LEAST
 from soter.verify.claims.cell_boxes import holding
+from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.grid_refinement import cells_of
 from soter.verify.claims.results import Cause
 from soter.verify.diagnosis.experiments import (
     COARSE,
@@ -55,7 +57,6 @@ SCANNED = 800
 """Points of an axis at which `safer` is asked."""
 DECLARED = "the declared start"
 REST = "let SC come to rest where `safer` holds"
-OWN = "`ttf` and `safer` of your own: then the grid is refined where they fail"
 SIZES = ((1, "half"), (2, "a quarter of"), (3, "an eighth of"))
 
 
@@ -80,7 +81,8 @@ def recovery_causes(
         many = case.problem.levels
         text = f"`safer` is computed: S_{many - 2} of {many} levels, on the grid as it is declared"
         text += ", with 2 no more is shown" * (case.problem.levels_open and many > LEVELS_LEAST)
-        yield Cause("computed", text, OWN if not any(c.hint for c in causes) else "")
+        less = ", ".join(f"smaller {name}" for name in against(case))
+        yield Cause("computed", text, "" if any(c.hint for c in causes) else _cells_of(case) + less)
         return
     if any(c.kind in ("stays_away", "leaves", "pushed_out") for c in causes):
         if not failure.stuck:
@@ -327,6 +329,14 @@ def _wide_enough(case: Case, grid: GridProof) -> str:
         least.append(f"{need:.4g} in {axis.name}")
     wide = ", ".join(least)
     return f"a `safer` that is wider than twice the error and two cells ({wide}), or more cells"
+
+
+def _cells_of(case: Case) -> str:
+    """That more cells may show it, where those of half the size are too many for all trials."""
+    halved = cells_of(case.problem) * 2 ** max(len(g.axes) for g in case.problem.groups)
+    if halved <= CELLS_MAX["P2a"]:
+        return ""
+    return f"more cells (half the size, {halved:,}, is more than is looked at by itself), "
 
 
 def _cells(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]:
