@@ -9,6 +9,7 @@ most, and says where that was not enough.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,13 +58,15 @@ NAMES = {
     "no_pull": "SC only stops, and brings the plant to no place",
     "drift": "the flow leaves the grid under SC",
     LOST: "K is lost at an end of the grid",
-    "strength": "too much stands against SC",
     "no_run": "but no run of the model was seen to leave C",
+    "strength": "too much stands against SC",
     "weak": "with nothing against SC, too",
 }
 """Causes, the first of which that was found is named in the table."""
 ENDS = ("one_sided", "drift", LOST)
 """Causes beside which SC keeps nothing whatever stands against it: runs leave by that end."""
+OF_SC = ("strength", "weak")
+"""Causes that speak of SC, measured by sets."""
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes beside which strength is not looked at."""
 EMPTY = "K is empty"
@@ -138,6 +141,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: CpuBudget
             causes += _strength(case, grid, budget)
             causes += scaled(case, grid.found)
         causes += _simulated(search, gridded=grid is not None)
+        if any(c.kind == "no_run" for c in causes):  # SC is not to blame for what cells lose
+            causes = [replace(c, hint="") if c.kind in OF_SC else c for c in causes]
         order = [*NAMES, "undisturbed"]
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
     main = next((c for c in finding.causes if c.kind in NAMES), None)
@@ -250,7 +255,7 @@ def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]
     if best is None:
         return
     if not best.share:
-        text = f"even without {listed} SC keeps nothing ({best.cells})"
+        text = f"even without {listed} SC keeps nothing ({_on(best, grid)})"
         yield Cause("weak", text, "another SC")
         return
     low, high = 0, PRECISION
@@ -272,11 +277,17 @@ def _strength(case: Case, grid: GridProof, budget: CpuBudget) -> Iterator[Cause]
     fails = f"at {high / PRECISION:.0%} " + ("none was found" if high < PRECISION else "nothing")
     yield Cause(
         "strength",
-        f"with {at} SC keeps {best.share:.1%} of C, {fails} ({best.cells})"
+        f"with {at} SC keeps {best.share:.1%} of C, {fails} ({_on(best, grid)})"
         + (f"; {', '.join(alone)}" if alone else ""),
         f"a stronger SC, or smaller {listed}",
         (("part", low / PRECISION), ("fails_at", high / PRECISION), ("share_of_C", best.share)),
     )
+
+
+def _on(measured: InvariantShare, grid: GridProof) -> str:
+    """The cells of a measurement, and whether they are those of the program."""
+    coarser = measured.shape != grid.engine.shape
+    return measured.cells + ", coarser than the declared ones" * coarser
 
 
 def _and(words: tuple[str, ...], word: str = "and") -> str:

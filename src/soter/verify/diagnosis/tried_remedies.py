@@ -21,6 +21,7 @@ from soter.verify.claims.results import UNDECIDED
 from soter.verify.diagnosis import changed_problems
 from soter.verify.diagnosis.experiments import COARSE
 from soter.verify.diagnosis.grid_end_failures import LOST, longer_of
+from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError, UnboundedError
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import Cause, ModuleResult
+    from soter.verify.claims.results import Cause, LeavingRun, ModuleResult
     from soter.verify.problem.problem import Axis, Problem
 
     Tell = Callable[[str, float], None]
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 LEAST_S, OF_PROOF = 8.0, 1.0
 """CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
+PILOT, LONGER = 1_500, 4.0
+"""Cells on which AC in SC's place is set up for a run, and how often as long as SC's it is."""
 CHAIN_MAX = 3
 """So many changes are made together at most."""
 HOPELESS = ("wrap_around", "drift_of_all")
@@ -90,6 +93,15 @@ class Trials:
             return None
         return done if self.goes_on() else None
 
+    def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
+        """Whether the undisturbed run of a problem stays in C, and for longer than that one."""
+        done = self._done(changed_problems.merged(problem, PILOT))
+        if leaving is None or not done:
+            return False
+        model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
+        trace = run(model, model.start, next(patterns(model)), until_s, self.goes_on)
+        return not trace.left and trace.times[-1] > leaving.time_s[-1]
+
     def goes_on(self) -> bool:
         """Whether there is CPU time left."""
         return time.process_time() < self._until
@@ -119,7 +131,8 @@ def remedies(problem: Problem, failing: Sequence[str], result: ModuleResult) -> 
     causes = [cause for claim in ORDER for cause in result.findings[claim].causes]
     if not (failing[0] == "P2a" and any(c.kind in HOPELESS for c in causes)):
         yield from _of_the_problem(problem, failing, result, causes)
-    if failing[0] == "P2a" and not any(c.kind == "one_sided" for c in causes):
+    wall = any(c.kind == "one_sided" for c in causes)
+    if failing[0] == "P2a" and result.findings["P2a"].leaving is not None and not wall:
         names = problem.module.symbol.sc.name, problem.module.symbol.ac.name
         said = "`ac {}; sc {};`, if that is what was meant".format(*names)
         yield Remedy(said, changed_problems.exchanged(problem), exchanged=True)
@@ -133,9 +146,9 @@ def _of_the_problem(
         longer = changed_problems.longer_axes(problem, longer_of(lost, len(problem.states)))
         if longer.groups != problem.groups:
             yield Remedy(f"a longer axis: `{lines_of(longer)}`", longer)
-    run = result.findings["P2a"].leaving
-    if failing[0] == "P2a" and run is not None and not run.safe:
-        at = run.names.index(run.axis)
+    left = result.findings["P2a"].leaving
+    if failing[0] == "P2a" and left is not None and not left.safe:
+        at = left.names.index(left.axis)
         said = f"no ends where runs leave: `{lines_of(problem, at)}`"
         yield Remedy(said, changed_problems.without_ends(problem, at))
     if failing[0] != "P2a":
@@ -189,6 +202,8 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
     while going and left and len(helped) < CHAIN_MAX:
         going = False
         for remedy, tried in in_order(remedies(problem, left, result)):
+            if remedy.exchanged and not trials.stays(tried, result.findings["P2a"].leaving):
+                continue
             phase(f"{problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
             better = now == () or (as_it_is and now is not None and _better(now, left))

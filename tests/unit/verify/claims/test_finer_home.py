@@ -68,13 +68,13 @@ def text(*changes: tuple[str, str]) -> str:
     return source
 
 
-def verified(source: str) -> ModuleResult:
+def verified(source: str, *, explain: bool | None = None) -> ModuleResult:
     """On the declared cells: smaller ones, of K too, show more (`test_chosen_cells.py`)."""
     checked = check_file("slot.soter", source)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None)
     problem = replace(extract(flat, flat.modules[0]), cells_open=False)
-    return verify_module(problem, refute=False)
+    return verify_module(problem, refute=False, explain=explain)
 
 
 @pytest.fixture(scope="module")

@@ -27,6 +27,19 @@ def test_a_k_that_no_run_leaves_is_told_so(monkeypatch: pytest.MonkeyPatch) -> N
     assert dict(cause(module_result, "P2a", "no_run").numbers)["runs"] > 10
 
 
+@pytest.mark.parametrize("most", [4, 2], ids=["declared cells", "merged"])
+def test_sc_is_not_blamed_where_no_run_leaves(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "SIZES", ())
+    monkeypatch.setattr(empty_invariant, "COARSE", (most, most))
+    monkeypatch.setattr(empty_invariant, "RUNS_S", 0.5)
+    finding = explained(changed(("/ 320", "/ 4"))).findings["P2a"]
+    assert finding.text == "K is empty: but no run of the model was seen to leave C"
+    assert finding.hint == "`core` that says where to look for K (not tried)"
+    (measured,) = [c for c in finding.causes if c.kind in ("strength", "weak")]
+    assert ("coarser than the declared ones" in measured.text) == (most < 4)
+    assert not any("if that is what was meant" in text for text in finding.tried)
+
+
 def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(choice, "SIZES", ())
     monkeypatch.setattr(empty_invariant, "BUDGET_S", 0.0)

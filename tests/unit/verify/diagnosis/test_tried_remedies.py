@@ -11,9 +11,13 @@ import pytest
 import soter
 from soter.api import Program
 from soter.cli.main import main
+from soter.verify.claims import choice
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis import changed_problems, tried_remedies
 from soter.verify.diagnosis.tried_remedies import in_order, lines_of, remedies
+from soter.verify.grid import finer_home
+from unit.verify.claims.test_finer_home import text as slot_text
+from unit.verify.claims.test_finer_home import verified as slot_verified
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
 from unit.verify.problem.test_left_out_states import LANE
 
@@ -190,12 +194,27 @@ def test_controllers_in_each_other_s_place_are_told_also_where_a_run_refutes_the
 
 def test_an_sc_that_keeps_nothing_beside_an_ac_that_does_not_either_is_not_exchanged() -> None:
     neither = ("clamp(0.5 * (1.0 - level), -0.1, 0.1)", "-0.1")
-    *of_cells, in_vain = explained(changed(neither)).findings["P2a"].tried
-    assert all("cells of" in x for x in of_cells)
-    assert in_vain.endswith("`ac Hold; sc Learned;`, if that is what was meant")
+    finding = explained(changed(neither)).findings["P2a"]
+    assert finding.leaving is not None
+    assert finding.tried
+    assert all("cells of" in x for x in finding.tried)
+
+
+def test_under_a_computed_safer_nothing_is_advised_that_leads_in_a_circle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where smaller cells are too many to be tried that is said, and no `safer` is asked for."""
+    for claim in choice.CELLS_MAX:
+        monkeypatch.setitem(choice.CELLS_MAX, claim, 20)
+    monkeypatch.setattr(finer_home, "SIZES", ())
+    finding = slot_verified(slot_text(), explain=True).findings["P2b"]
+    assert [c.kind for c in finding.causes] == ["comes_back", "computed"]
+    assert finding.hint.startswith("more cells (half the size, 34, is more than is looked at")
+    assert finding.hint.endswith("smaller disturbances, smaller errors, smaller delays")
 
 
 def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(choice.CELLS_MAX, "P2b", 20)  # else smaller ones are chosen
     monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
     monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
     result = explained(changed(*COARSE, ("/ 16;", "/ 16; levels 3;")))
@@ -208,6 +227,7 @@ def test_what_has_few_cells_is_tried_first(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(tried_remedies, "COARSE", (4, 12))
     bold = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
     result = explained(changed(OLD, bold))
+    result.findings["P2a"].leaving = explained(changed(SWAPPED)).findings["P2a"].leaving
     seen = {}
     for failing in (("P2a", "ttf"), ("ttf",)):
         trials = in_order(remedies(result.problem, failing, result))
