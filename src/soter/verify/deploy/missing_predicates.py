@@ -393,6 +393,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         problem.plant_period_ns,
         problem.schemes,
         problem.states,
+        problem.initial,  # K is not made smaller where the start would be lost
         problem.controls,
         problem.disturbances,
         problem.errors,

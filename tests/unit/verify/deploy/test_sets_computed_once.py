@@ -81,6 +81,18 @@ def test_every_target_takes_the_same_sets(computed: list[str], tmp_path: Path) -
     assert computed == ["Guard"]
 
 
+def test_other_starts_may_have_other_sets(computed: list[str], tmp_path: Path) -> None:
+    """K is made smaller for P2b only where the start stays in it; a law is linear about a start."""
+    file = tmp_path / "cart.soter"
+    text = PROGRAM.replace("LAW", "").replace("state x: float;", "state x: float = FROM;")
+    text = text.replace("param TOP", "param FROM: float = 0.0 in [0.0, 2.0];\nparam TOP")
+    file.write_text(text, encoding="utf-8")
+    program = soter.load(file)
+    for start in (0.0, 1.0, 0.0):
+        missing_predicates.complete(program.declared("Guarded", {"FROM": start}))
+    assert computed == ["Guard", "Guard"]
+
+
 def test_other_numbers_are_other_sets(computed: list[str], tmp_path: Path) -> None:
     file = tmp_path / "cart.soter"
     file.write_text(PROGRAM.replace("LAW", ""), encoding="utf-8")
