@@ -127,10 +127,7 @@ class LeavingRun:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """What a run says of a module. `takeovers_per_min`: AC to SC; `ac_share`: of the time.
-
-    `table_bytes`: of what its DM looks up, 0 where its predicates are written.
-    """
+    """What a run says of a module. `ac_share`: of the time; `table_bytes`: 0 without tables."""
 
     takeovers_per_min: float
     ac_share: float

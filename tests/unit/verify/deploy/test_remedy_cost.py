@@ -10,6 +10,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
+from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.deploy import remedy_cost
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
@@ -28,6 +29,12 @@ OLD, YOUNG = ("max_age 100ms", "max_age 4s"), ("max_age 4s", "max_age 100ms")
 BOLD = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.21 || level > 1.79")
 EXTERN = "extern node Learned period 100ms { subscribes level; publishes pump; }"
 LEARNED = EXTERN.replace("extern ", "").replace("pump; }", "pump; step { publish pump = 0.1; } }")
+
+
+@pytest.fixture(autouse=True)
+def declared_cells(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Smaller cells are advised, not chosen."""
+    monkeypatch.setitem(CELLS_MAX, "P2b", 0)
 
 
 def cost_of(path: Path, text: str) -> RemedyCost:
