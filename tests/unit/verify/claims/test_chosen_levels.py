@@ -25,7 +25,7 @@ from unit.certificate import small_proofs
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from soter.verify.claims.results import ModuleResult
 
@@ -97,6 +97,14 @@ def table_of(folder: Path) -> bytes:
     """What the DM of a certificate holds."""
     (table,) = manifest_of(folder)["modules"][0]["tables"]
     return Path(folder, "cert", table["levels"]).read_bytes()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def declared_cells() -> Iterator[None]:
+    """Levels alone are chosen: smaller cells would show more of three."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(chooser.CELLS_MAX, "P2b", 0)
+        yield
 
 
 @pytest.fixture(scope="module")
