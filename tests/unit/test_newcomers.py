@@ -10,6 +10,7 @@ from bench.newcomers.flights import leaves
 from bench.newcomers.wrong_robots import edited
 from bench.newcomers.wrong_variants import Wrong
 
+from soter.verify.claims.choice import CELLS_MAX
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained
 
 COARSE = (
@@ -95,8 +96,9 @@ def test_a_flight_finds_what_leaves_and_only_that() -> None:
     ],
 )
 def test_advice_that_was_tried_is_followed_as_it_is_printed(
-    edits: tuple[tuple[str, str], ...],
+    edits: tuple[tuple[str, str], ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setitem(CELLS_MAX, "P2b", 0)  # smaller cells are advised, not chosen
     text = changed(*edits)
     hints = [f.hint for f in explained(text).findings.values() if f.hint and TRIED in f.hint]
     advice, _, outcome = hints[0].partition(TRIED)

@@ -56,6 +56,7 @@ def local(
     """A flow of two states and a command in [-1, 1], its rates as terms."""
     flow = object.__new__(LocalFlow)
     KeptEnds.__init__(flow, MODEL, (0, 1), kept)
+    flow.may_branch = False
     terms = Terms()
     x, y = (terms.input("state", n, exact(-4.0), exact(8.0)) for n in "xy")
     u = terms.input("box", "u", -ONE, ONE)

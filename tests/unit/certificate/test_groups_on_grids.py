@@ -20,6 +20,7 @@ from soter.certificate.grid.grid_group import (
 from soter.certificate.grid.group_claims import (
     GroupTables,
 )
+from soter.certificate.grid.resting import RESTS
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
 
@@ -61,22 +62,27 @@ def test_the_law_is_looked_at_on_the_cells_of_sc() -> None:
 
 def test_tables_are_read_where_they_are_named() -> None:
     def numbers(path: Any, shape: Any, kind: str) -> Any:
-        return ("numbers", path, shape, kind)
+        return core if path == "k" else ("numbers", path, shape, kind)
 
+    core = np.array([1, 2, 0, 1], dtype=np.uint8)
+    facts: Any = SimpleNamespace(at_rest=False)
     certificate: Any = SimpleNamespace(
         numbers=numbers, bits=lambda path, shape: ("bits", path, shape), count=lambda _: None
     )
     axes: Any = SimpleNamespace(states=(0,), grid=LINE)
     entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
-    got = GridGroup.read(certificate, None, entry, axes).tables  # type: ignore[arg-type]
+    got = GridGroup.read(certificate, facts, entry, axes).tables  # type: ignore[arg-type]
     shape = (4,)
-    assert got.core == ("numbers", "k", shape, "<u1")
+    assert got.core is core
+    assert not facts.at_rest
     assert got.free == ("bits", "r", shape)
     assert got.home == ("numbers", "q", shape, "<u1")
     assert got.rank == ("numbers", "w", shape, "<u2")
     assert got.rank_holds == ("numbers", "n", shape, "<u1")
     assert got.levels == [("bits", "s", shape), ("bits", "t", shape)]
-    bare = GridGroup.read(certificate, None, {"K": "k"}, axes).tables  # type: ignore[arg-type]
+    core[1] = RESTS
+    bare = GridGroup.read(certificate, facts, {"K": "k"}, axes).tables  # type: ignore[arg-type]
+    assert facts.at_rest
     assert (bare.free, bare.home, bare.rank, bare.rank_holds, bare.levels) == (None,) * 4 + ([],)
 
 

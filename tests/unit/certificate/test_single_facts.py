@@ -8,6 +8,7 @@ import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from soter.certificate.cells.cell_sets import Grid
@@ -171,17 +172,18 @@ def test_the_rate_of_a_scheme_leads_to_its_step(tmp_path: Path, scheme: str, ord
 
 @pytest.mark.parametrize("there", ["", "R", "Q", "W", "S", "RQWS"])
 def test_a_group_has_the_tables_that_its_entry_names(there: str) -> None:
+    core = np.ones(1, dtype=np.uint8)
     certificate: Any = SimpleNamespace(
         count=lambda _: None,
-        numbers=lambda name, *_: f"numbers {name}",
+        numbers=lambda name, *_: core if name == "K" else f"numbers {name}",
         bits=lambda name, _: f"bits {name}",
     )
     named: Any = {"S": ["S"], "W_N": "W_N"} | {n: n for n in "KRQW"}
     entry = {n: named[n] for n in ("K", *there, *(("W_N",) if "W" in there else ()))}
     axes: Any = SimpleNamespace(states=(0,), grid=Grid(((0.0, 1.0),)))
-    facts: Any = None
+    facts: Any = SimpleNamespace(at_rest=False)
     tables: Any = GridGroup.read(certificate, facts, entry, axes).tables
-    assert tables.core == "numbers K"
+    assert tables.core is core
     assert (tables.free, tables.home, tables.rank, tables.rank_holds) == (
         "bits R" if "R" in there else None,
         "numbers Q" if "Q" in there else None,
