@@ -71,7 +71,7 @@ def test_tables_are_read_where_they_are_named() -> None:
     )
     axes: Any = SimpleNamespace(states=(0,), grid=LINE)
     entry = {"K": "k", "R": "r", "Q": "q", "W": "w", "W_N": "n", "S": ["s", "t"]}
-    got = GridGroup.read(certificate, facts, entry, axes).tables  # type: ignore[arg-type]
+    got = GridGroup.read(certificate, facts, entry, axes).tables
     shape = (4,)
     assert got.core is core
     assert not facts.at_rest
@@ -81,7 +81,7 @@ def test_tables_are_read_where_they_are_named() -> None:
     assert got.rank_holds == ("numbers", "n", shape, "<u1")
     assert got.levels == [("bits", "s", shape), ("bits", "t", shape)]
     core[1] = RESTS
-    bare = GridGroup.read(certificate, facts, {"K": "k"}, axes).tables  # type: ignore[arg-type]
+    bare = GridGroup.read(certificate, facts, {"K": "k"}, axes).tables
     assert facts.at_rest
     assert (bare.free, bare.home, bare.rank, bare.rank_holds, bare.levels) == (None,) * 4 + ([],)
 
