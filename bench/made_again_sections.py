@@ -164,6 +164,7 @@ SMALL = {
     "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
     "soter verify: eight robots and the first advice": Small(apart=MINUTES),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
+    "soter verify: honest robots with a rest in the place of a grid": Small(apart=MINUTES),
     "soter verify: polytopes of drawn systems": Small("--systems 3", apart=MINUTES),
     "soter verify: robots that are not proved": Small(apart=MINUTES),
     "K against what survives an adversary": Small("--chains 1 none", apart=MINUTES),
