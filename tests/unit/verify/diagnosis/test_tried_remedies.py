@@ -96,7 +96,10 @@ def first_help(result: ModuleResult) -> str:
     return next(f.hint for n, f in result.findings.items() if not f.holds and f.hint)
 
 
-def test_fewer_levels_are_no_advice_where_the_program_says_how_many() -> None:
+def test_fewer_levels_are_no_advice_where_the_program_says_how_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(choice.CELLS_MAX, "P2b", 0)  # else smaller ones are chosen
     result = explained(changed(*COARSE, ("/ 16;", "/ 16; levels 3;")))
     assert [n for n, f in result.findings.items() if not f.holds] == ["P2b"]
     assert not any("levels" in text for text in result.findings["P2b"].tried)
