@@ -42,10 +42,14 @@ LARGER = (1.1, 1.6)
 
 @dataclass
 class Led:
-    """Y, by state, all that SC leads through from the box; `why` it is not shown, "": it is."""
+    """Y, by state, all that SC leads through from the box; `why` it is not shown, "": it is.
+
+    `astray`: a run that reads what is true and new is not back, so that younger reads are no help.
+    """
 
     ways: Box
     why: str = ""
+    astray: bool = False
 
 
 def ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
@@ -87,7 +91,7 @@ class _Search:
         if runs is not None and runs.astray:
             why = f"SC does not lead back into {into}: {self._run(runs.astray)}"
             announce(lambda: f"{self._name}: {why}")
-            return Led({}, why + self._instead(runs.reached))
+            return Led({}, why + self._instead(runs.reached), astray=True)
         todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
         parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
         while todo:

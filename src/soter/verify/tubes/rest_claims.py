@@ -41,13 +41,14 @@ class RestClaims:
     """What was found; a text where something is not shown, "" where it is.
 
     `ways`: Y, by state, of those that `moves` does not name. `box`: B. `cut`: that of the tubes
-    that show it, and of the check that flies.
+    that show it, and of the check that flies. `astray`: no younger read helps.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
     ways: dict[int, Interval] = field(default_factory=dict)
     answers: str = ""
     kept: str = ""
+    astray: bool = False
     moves: str = ""
     start: str = ""
     cut: int = PLAIN
@@ -145,7 +146,7 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims, progress: Progre
         return "`rest` holds nowhere in the sets of what it reads"
     claims.box = {s: box[s] for s in own}
     led = led_back(check, caller, box, own, progress)
-    claims.ways = led.ways
+    claims.ways, claims.astray = led.ways, led.astray
     return led.why
 
 

@@ -107,7 +107,7 @@ def verify_by_tubes(
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
         endless = _endless(check, claims)
-        asked = (refute or explain) and not endless
+        asked = (refute or explain) and not (endless or claims.astray)
         tried = _with_younger_reads(problem, progress) if asked else ""
         kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
         rest.hint = MOVES if not claims.kept else kept if claims.box else ""
