@@ -677,7 +677,8 @@ BENCHMARKS = (
     Benchmark(
         "soter verify: honest robots with a rest in the place of a grid",
         ("bench/newcomers/rest_attempt.py",),
-        "The same robots with a `rest` clause, and nothing else changed. Flights of those that are "
+        "The same robots with a `rest` clause, and nothing else changed but a `max_age` that "
+        "`verify` has tried with success, which the table then names. Flights of those that are "
         "proved begin in the corners and on a lattice of the box around rest, by a simulator that "
         "knows nothing of Soter; their ways are those of the certificate. `--folder`: other ones.",
     ),

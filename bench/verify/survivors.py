@@ -32,9 +32,8 @@ ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.newcomers.equations import robot_of, stacked  # noqa: E402 - needs the path
+from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
 from bench.newcomers.flights import Array, Booleans, Robot, moved  # noqa: E402
-from bench.newcomers.wrong_variants import FLOWN_S, STARTS  # noqa: E402
 
 from soter.language.front_end import check_file, system_of  # noqa: E402
 from soter.report.terminal_tables import table  # noqa: E402
@@ -48,27 +47,6 @@ if TYPE_CHECKING:
 
 PIECES, ROUNDS, UNTIL_S = 16, 60, 30.0
 """Pieces of a schedule, how often one is turned over, and the longest flight."""
-POLAR = Robot(
-    low=(20.0, -np.pi),
-    high=(300.0, np.pi),
-    safe=lambda x: x[0] < 300.0,
-    rates=lambda x, u, d: rows(
-        -13.0 * np.sin(x[1]) + d[0], u[0] - (13.0 * np.cos(x[1]) + d[1]) / np.maximum(x[0], 5.0)
-    ),
-    sc=lambda y: rows(
-        np.clip(13.0 / 60.0 + np.arctan(2.0 * (y[0] - 60.0) / 60.0) - y[1], -0.5, 0.5)
-    ),
-    ac=((0.5,),),
-    disturbed=((-1.0, 1.0), (-1.0, 1.0)),
-    errors=(1.5, 0.06),
-    age_s=0.1,
-    period_s=0.1,
-    step_s=0.05,
-    until_s=UNTIL_S,
-    pieces=2,
-    late_s=0.0,
-    maps=False,
-)
 ROBOTS = ("lift", "boat", "ground_avoidance", "dubins_polar")
 CHAIN = """soter 1;
 topic m: {{ p: float, v: float, a: float }} max_age {age}ms;
@@ -122,39 +100,16 @@ class Row:
         return self.both / self.survive if self.survive else 0.0
 
 
-def rows(*values: Array) -> Array:
-    """Values of n flights below each other."""
-    return stacked(list(values), max(np.size(value) for value in values))
-
-
-def chain(seed: int) -> tuple[str, Robot]:
-    """A mass behind a lag, drawn: its program and its equations."""
+def chain(seed: int) -> str:
+    """A mass behind a lag, drawn."""
     drawn = Random(seed)  # noqa: S311 - no secrets
     lag, most = round(drawn.uniform(3.0, 8.0), 2), drawn.choice((2.0, 4.0))
     kp = round(drawn.uniform(0.8, 2.0), 2)
     kv = round(drawn.uniform(1.2, 2.0) * kp**0.5, 2)
     w, error, age = drawn.choice((0.05, 0.2)), drawn.choice((0.01, 0.03)), drawn.choice((10, 40))
-    text = CHAIN.format(
+    return CHAIN.format(
         lag=lag, most=most, kp=kp, kv=kv, w=w, error=error, age=age, speed=most * 0.75
     )
-    robot = Robot(
-        low=(-2.0, -most * 0.75, -most),
-        high=(2.0, most * 0.75, most),
-        safe=lambda x: abs(x[0]) < 2.0,
-        rates=lambda x, u, d: rows(x[1], x[2] + d[0], lag * (u[0] - x[2])),
-        sc=lambda y: rows(np.clip(-kp * y[0] - kv * y[1], -most, most)),
-        ac=((most,),),
-        disturbed=((-w, w),),
-        errors=(error,) * 3,
-        age_s=age / 1000,
-        period_s=0.04,
-        step_s=0.02,
-        until_s=15.0,
-        pieces=1,
-        late_s=0.0,
-        maps=False,
-    )
-    return text, robot
 
 
 # ---------------------------------------------------------------- the adversary
@@ -172,7 +127,7 @@ def flown(robot: Robot, start: Array, schedule: Array) -> Array:
     )
     errors, count = np.array(robot.errors)[:, None], len(robot.disturbed)
     old = round(robot.age_s / robot.step_s)
-    steps = round(min(robot.until_s, UNTIL_S) / robot.step_s)
+    steps = round(robot.until_s / robot.step_s)
     past, x = [start], start
     closest = np.full(start.shape[1], np.inf)
     with np.errstate(all="ignore"):
@@ -240,10 +195,11 @@ def kept(problem: Problem) -> tuple[GridGroup, Booleans]:
     return engine, np.asarray(core != 0)
 
 
-def measured(name: str, text: str, robot: Robot, states: int) -> Row:
+def measured(name: str, text: str, states: int) -> Row:
     """One robot."""
     began, chance = time.process_time(), np.random.default_rng(0)
     engine, core = kept(problem_of(text))
+    robot = robot_of(text, UNTIL_S, {})
     low, high = (np.array(ends)[:, None] for ends in (robot.low, robot.high))
     start = low + (high - low) * chance.random((len(robot.low), states))
     start = start[:, robot.safe(start)]
@@ -278,12 +234,9 @@ def main(argv: list[str]) -> int:
         if not options.names or name in options.names:
             at = options.folder / f"{name}.soter"
             at = at if at.exists() else options.folder.parent / "cases/verdicts" / at.name
-            text = at.read_text()
-            of_text = name in FLOWN_S
-            robot = robot_of(text, FLOWN_S[name], STARTS.get(name, {})) if of_text else POLAR
-            asked.append((name, text, robot))
-    asked += [(f"chain {seed}", *chain(seed)) for seed in range(options.chains)]
-    found = [measured(*robot, options.states) for robot in asked]
+            asked.append((name, at.read_text()))
+    asked += [(f"chain {seed}", chain(seed)) for seed in range(options.chains)]
+    found = [measured(name, text, options.states) for name, text in asked]
     shown = []
     for r in found:
         share = f"{r.share:.2f}" if r.in_core else "no K"
