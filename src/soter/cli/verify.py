@@ -106,7 +106,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     warnings = program.diagnostics if program.ok else ()
     written: tuple[Path, ...] = ()
     try:
-        with ProgressBar(console) as progress:
+        with ProgressBar(console, timed=False) as progress:
             if args.synthesize:
                 written = program.synthesize(
                     args.output, module=args.module, system=args.system, params=dict(args.params)
