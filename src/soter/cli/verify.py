@@ -365,7 +365,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
     rows, said = [], dict[str, str]()
     for name, f in module.findings.items():
         again = len(f.text) >= LONG and said.setdefault(f.text, name) != name
-        text = f"as `{said[f.text]}`" if again else f.text
+        text = f"for the same reason as `{said[f.text]}`" if again else f.text
         rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), text))
     printed.table(("property", "verdict", "time", "how"), rows)
 
