@@ -92,7 +92,10 @@ def fields(name: str, value: str) -> dict[str, str]:
 
 def stacked(values: list[Any], n: int) -> Array:
     """Values of n flights below each other; a number stands for n equal ones."""
-    return np.array([np.broadcast_to(value, (n,)) for value in values], dtype=float)
+    rows = np.empty((len(values), n))
+    for row, value in zip(rows, values, strict=True):
+        row[:] = value
+    return rows
 
 
 def named(names: list[str], values: Array) -> dict[str, Array]:
