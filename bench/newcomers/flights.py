@@ -23,6 +23,8 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 Booleans = np.ndarray[Any, np.dtype[np.bool_]]
 DROPPED_EVERY = 20
 """Steps of SC."""
+MODES: Array = np.array(list(itertools.product((0.0, 1.0, 2.0), repeat=2)))
+"""Of disturbances and of errors, for `signs`."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,8 @@ class Robot:
     late_s: float
     """How late a command acts, at most."""
     maps: bool
+    in_c: str
+    """`rates`, `sc` and `safe` once more, as functions of C (`flights_in_c.py`)."""
 
 
 def lattice(robot: Robot, points: int) -> Array:
@@ -86,7 +90,7 @@ def left_by(robot: Robot, start: Array, late: bool, ac: int) -> Booleans:
     jump at the same times. Flights of a start that has left are dropped now and then.
     """
     random = np.random.default_rng(7)
-    d_mode, e_mode = np.array(list(itertools.product((0.0, 1.0, 2.0), repeat=2))).T
+    d_mode, e_mode = MODES.T
     mode, flight = (at.ravel() for at in np.indices((len(d_mode), start.shape[1])))
     middle, half = (
         np.array([(b + s * a) / 2 for a, b in robot.disturbed])[:, None] for s in (1, -1)
@@ -118,15 +122,3 @@ def left_by(robot: Robot, start: Array, late: bool, ac: int) -> Booleans:
                 mode, flight, x = mode[on], flight[on], x[:, on]
                 past, commands = ([each[:, on] for each in one] for one in (past, commands))
     return left
-
-
-def leaves(robot: Robot, own_sets: bool) -> tuple[int, int]:
-    """From how many starts some flight leaves `safe`, of how many; `own_sets`: AC begins each."""
-    ends = zip(robot.low, robot.high, strict=True)
-    start = lattice(robot, {1: 41, 2: 15, 3: 7, 4: 5}[sum(a < b for a, b in ends)])
-    left = np.zeros(start.shape[1], dtype=bool)
-    for late, ac in itertools.product((True, False), range(-1 + own_sets, len(robot.ac))):
-        rest = ~left
-        if rest.any():
-            left[rest] = left_by(robot, start[:, rest], late, ac)
-    return int(left.sum()), left.size
