@@ -650,7 +650,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "soter verify: robots made wrong",
-        ("bench/newcomers/wrong_robots.py",),
+        ("bench/newcomers/wrong_robots.py", "--cpu-s", "10"),
         "Six wrong variants of each of the same robots. That each is wrong is shown by flights "
         "that know nothing of Soter, from a lattice of `safe`: every start leaves it, or, where a "
         "variant has a `ttf` of its own, some start that leaves AC in control. `refuted`: "

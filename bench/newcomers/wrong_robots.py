@@ -39,7 +39,13 @@ if str(ROOT) not in sys.path:
 from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
 from bench.newcomers.first_attempt import kept, tool  # noqa: E402
 from bench.newcomers.flights_in_c import leaves  # noqa: E402
-from bench.newcomers.wrong_variants import FLOWN_S, STARTS, VARIANTS, Wrong  # noqa: E402
+from bench.newcomers.wrong_variants import (  # noqa: E402
+    FLOWN_S,
+    RIGHT,
+    STARTS,
+    VARIANTS,
+    Wrong,
+)
 
 NOTHING = Wrong("nothing", {})
 READERS = "equations", "flights", "flights_in_c"
@@ -117,18 +123,19 @@ def main(argv: list[str]) -> int:
     print("| robot | what is wrong | starts that leave `safe` | `soter verify` | CPU s |")
     print("|---|---|---|---|---|")
     for name in names:
-        right = (options.folder / f"{name}.soter").read_text()
-        for wrong in (NOTHING, *VARIANTS[name]):
-            text = edited(right, wrong)
+        stands, nothing = (options.folder / f"{name}.soter").read_text(), RIGHT.get(name, NOTHING)
+        for wrong in (nothing, *VARIANTS[name]):
+            text = edited(stands, nothing)
+            text = text if wrong is nothing else edited(text, wrong)
             of = flights_of(options, name, text, wrong)
-            answer = {} if wrong is NOTHING else answer_of(options, name, text)
+            answer = {} if wrong is nothing else answer_of(options, name, text)
             leaving, verdict, cpu_s = "not flown yet", "-", "-"
             if of:
                 leaving = f"{of['left']} of {of['starts']}"
-                told["right robots fly"] += wrong is NOTHING and of["left"] < of["starts"]
+                told["right robots fly"] += wrong is nothing and of["left"] < of["starts"]
                 shown = of["left"] >= (1 if wrong.left else of["starts"])
-                told["shown to be wrong"] += wrong is not NOTHING and shown
-                told["flown and not so"] += shown == (wrong is NOTHING)
+                told["shown to be wrong"] += wrong is not nothing and shown
+                told["flown and not so"] += shown == (wrong is nothing)
             if answer:
                 verdict, cpu_s = answer["verdict"], f"{answer['cpu_s']:.0f}"
                 told[verdict.partition(":")[0]] += 1
