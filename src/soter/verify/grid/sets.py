@@ -60,12 +60,14 @@ class Core:
     """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took.
 
     `vain`: cells that were followed for as many holds as may be, and never came back to K.
+    `spent`: K was given up, as more was done than may be.
     """
 
     witness: Bytes
     rounds: int
     steps: int
     vain: int = 0
+    spent: bool = False
 
     @property
     def cells(self) -> Bools:
@@ -269,11 +271,12 @@ class GridGroup(GridModel):
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", 0.0)  # nobody knows how many rounds are left
         lib.soter_reach_core_end(self.c, w)
-        if w.r.dirty_n:
+        spent = w.r.dirty_n > 0
+        if spent:
             witness[...] = 0
         witness[resting] = RESTS
         del rounds
-        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain))
+        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
     # ------------------------------------------------------------ tubes under all of U
 
