@@ -20,6 +20,7 @@ from soter.verify.claims import choice as chooser
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.deploy import missing_predicates
 from soter.verify.grid import claims as grid_claims
+from soter.verify.grid import sets
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -167,8 +168,10 @@ def test_where_holds_are_used_up_on_the_declared_cells_no_smaller_ones_are_tried
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a flow that is not linear; of a linear one, whose holds cost little, they are."""
-    monkeypatch.setattr(grid_claims, "HOLDS", 1)
     bent = CART.replace("der v = u + w", "der v = u + w - 0.01 * sin(x)")
+    assert verified(tmp_path, bent).cells == 100
+    monkeypatch.setattr(grid_claims, "HOLDS", 1)
+    monkeypatch.setattr(sets, "HOLDS_LEAST", 1)
     result = verified(tmp_path, bent)
     assert (result.verdict, result.cells) == ("undecided", 25)
     assert result.findings["P2a"].tried == []
