@@ -263,13 +263,15 @@ int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, in
   while (r->dirty_n > 0) {
     r->cursor = (int32_t)soter_crew_run(crew, r->cursor, r->dirty_n);
     SOTER_CHECK(r->cursor >= 0 && r->cursor <= r->dirty_n);
+    if (r->steps_max > 0 && r->steps[0] + r->steps[1] > r->steps_max) {
+      break; /* they only rise: it comes to this whoever looks at what, and when */
+    }
     if (r->cursor < r->dirty_n) {
       return 0;
     }
     soter_reach_settle(g, r, join);
     r->rounds++;
-    if ((r->vain_max > 0 && r->vain[0] + r->vain[1] > r->vain_max) ||
-        (r->steps_max > 0 && r->steps[0] + r->steps[1] > r->steps_max)) {
+    if (r->vain_max > 0 && r->vain[0] + r->vain[1] > r->vain_max) {
       break; /* at the end of a round, where it is the same whoever looked at what */
     }
   }

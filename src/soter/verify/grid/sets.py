@@ -44,6 +44,8 @@ RESTS = 255
 """That mark, of a cell which is kept without a chain: SC stands still there (`resting.py`)."""
 VAIN_LEAST = 100
 """So many cells may always be followed for nothing: it takes no time."""
+HOLDS_LEAST = 100_000
+"""So many holds may always be made for K: it takes 3 s of CPU time at most."""
 POOL_BYTES = 2**28
 SEGMENTS = 2
 SEGMENTS_MAX = 64
@@ -60,12 +62,14 @@ class Core:
     """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took.
 
     `vain`: cells that were followed for as many holds as may be, and never came back to K.
+    `spent`: K was given up, as more was done than may be.
     """
 
     witness: Bytes
     rounds: int
     steps: int
     vain: int = 0
+    spent: bool = False
 
     @property
     def cells(self) -> Bools:
@@ -196,7 +200,8 @@ class GridGroup(GridModel):
         end for nothing; with more of them K is given up, and none; 0: as many as there are.
         `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N; `members`:
         the cells of `allowed` that K may have, where that is not all of them. One of the two.
-        `holds`: so many a cell of `allowed` may be made on average; 0: any number.
+        `holds`: so many a cell of `allowed` may be made on average, or `HOLDS_LEAST` in all; 0: any
+        number.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
@@ -264,16 +269,18 @@ class GridGroup(GridModel):
         commands = np.empty(self.tiles * max(1, int(self.c.commands)), dtype=np.float64)
         w.known, w.command = self.pointer(known, "uint8_t *"), self.pointer(commands, "double *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
-        w.r.vain_max, w.r.steps_max = vain_max, holds * np.count_nonzero(allowed)
+        w.r.vain_max = vain_max
+        w.r.steps_max = max(HOLDS_LEAST, holds * np.count_nonzero(allowed)) if holds else 0
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", 0.0)  # nobody knows how many rounds are left
         lib.soter_reach_core_end(self.c, w)
-        if w.r.dirty_n:
+        spent = w.r.dirty_n > 0
+        if spent:
             witness[...] = 0
         witness[resting] = RESTS
         del rounds
-        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain))
+        return Core(witness, int(w.r.rounds), sum(w.r.steps), sum(w.r.vain), spent)
 
     # ------------------------------------------------------------ tubes under all of U
 

@@ -19,6 +19,8 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.claims import choice as chooser
 from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.deploy import missing_predicates
+from soter.verify.grid import claims as grid_claims
+from soter.verify.grid import sets
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -160,6 +162,20 @@ def test_where_no_cells_help_it_is_said_which_were_tried(
     result = verified(tmp_path, CART)
     assert result.findings["P2a"].tried == ["not: cells of half the size, as 100 are more than 99"]
     assert (result.verdict, result.cells) == ("undecided", 25)
+
+
+def test_where_holds_are_used_up_on_the_declared_cells_no_smaller_ones_are_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a flow that is not linear; of a linear one, whose holds cost little, they are."""
+    bent = CART.replace("der v = u + w", "der v = u + w - 0.01 * sin(x)")
+    assert verified(tmp_path, bent).cells == 100
+    monkeypatch.setattr(grid_claims, "HOLDS", 1)
+    monkeypatch.setattr(sets, "HOLDS_LEAST", 1)
+    result = verified(tmp_path, bent)
+    assert (result.verdict, result.cells) == ("undecided", 25)
+    assert result.findings["P2a"].tried == []
+    assert verified(tmp_path, CART).cells == 100
 
 
 def test_smaller_cells_are_chosen_where_they_show_p2b_and_what_flies_has_them(
