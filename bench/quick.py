@@ -33,7 +33,10 @@ import numpy as np
 import soter
 from soter.campaign.batch_flights import Fleet
 from soter.editor.overlay import Overlay
-from soter.gym import Protected
+from soter.gym import Protected, make_vec
+from soter.gym.batched_states import BatchedStates
+from soter.gym.compiled_system import CompiledEnvironment, Roles
+from soter.gym.memory_offsets import ObservedPart
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file
 from soter.report.terminal_tables import table
@@ -46,16 +49,22 @@ ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 sys.path[:0] = [str(ROOT), str(EXAMPLES / "mountain_car")]
 import cliff_env  # type: ignore[import-not-found]  # noqa: E402
-from bench.running.campaign_cost import LOOP_S, TARGET_S, loop_s  # noqa: E402
-from bench.running.gym_steps import bare_worlds, one, protected_worlds  # noqa: E402
+from bench.tubes.check_cost import loop_s  # noqa: E402
 
 DRONE = EXAMPLES / "drone"
+CLIFF = EXAMPLES / "mountain_car" / "cliff.soter"
 SECOND = 10**9
 TURNS = 5
+TARGET_S, LOOP_S = 60.0, 0.22
+"""Of 104 hours of the drone, on a machine on which `loop_s` gives LOOP_S."""
+BARE = """soter 1;
+import "{cliff}" as cliff;
+extern node Driver period 1s {{ publishes cliff.force; }}
+system Bare default {{ car: cliff.MountainCar; node Driver; until 999s; }}
+"""
 NODES = 1000
-ELSEWHERE = """measured elsewhere, in minutes each: `verify` and `recheck` of the examples
-(bench/recheck/beside_verify.py), sets beside hj-reachability
-(bench/verify/reach_sets.py), the explorer (bench/testing/two_threads.py, size.py, spin.py)"""
+ELSEWHERE = """measured elsewhere, in minutes: `verify` and `recheck` of the examples
+(bench/recheck/beside_verify.py)"""
 
 
 @dataclass(frozen=True)
@@ -146,6 +155,42 @@ def keystrokes() -> Iterator[Row]:
 # ---------------------------------------------------------------- learning
 
 
+def one(env: Any) -> Callable[[], object]:  # noqa: ANN401 - an environment
+    """A thousand steps of one environment."""
+    action = np.array([0.1], dtype=np.float32)
+    env.reset(seed=1)
+
+    def step() -> None:
+        for _ in range(1000):
+            _, _, ended, cut, _ = env.step(action)
+            if ended or cut:
+                env.reset(seed=1)
+
+    return step
+
+
+def protected_worlds(count: int, actions: Any) -> Callable[[], object]:  # noqa: ANN401 - an array
+    """A step of so many worlds behind the module."""
+    env = make_vec(CLIFF, count, copy=False)
+    env.reset(seed=1)
+    return lambda: env.step(actions)
+
+
+def bare_worlds(count: int, actions: Any) -> Callable[[], object]:  # noqa: ANN401 - an array
+    """The plant of the program in the same loop, its command from outside, no module."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bare.soter"
+        path.write_text(BARE.format(cliff=CLIFF), encoding="utf-8")
+        flat = soter.load(path).flat()
+    driver, car = flat.component("Driver"), flat.component("car")
+    topic = car.scope.topics[car.plant.drives[0][0]]  # type: ignore[union-attr]
+    made = CompiledEnvironment(flat, Roles(driver.index), {}, [ObservedPart(topic)])
+    worlds, nobody = BatchedStates(made, count), np.zeros(count, dtype=bool)
+    worlds.seeds[:] = np.arange(count)
+    worlds.begin(np.ones(count, dtype=bool))
+    return lambda: worlds.step(actions, nobody)
+
+
 def turns_of(ways: dict[str, Callable[[], object]], turns: int = 3 * TURNS) -> dict[str, float]:
     """Processor seconds of a call of each, in turns, medians."""
     times: dict[str, list[float]] = {name: [] for name in ways}
@@ -159,7 +204,7 @@ def turns_of(ways: dict[str, Callable[[], object]], turns: int = 3 * TURNS) -> d
 
 def learning(peer: str) -> Iterator[Row]:
     """Steps of environments."""
-    program = soter.load(EXAMPLES / "mountain_car" / "cliff.soter")
+    program = soter.load(CLIFF)
     protected = Protected(program, cliff_env.make())
     took = turns_of({"bare": one(cliff_env.make()), "protected": one(protected)})
     over = took["protected"] / took["bare"]
@@ -169,7 +214,7 @@ def learning(peer: str) -> Iterator[Row]:
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 1))
     took = turns_of(
         {
-            "protected": protected_worlds(count, actions, copy=False),
+            "protected": protected_worlds(count, actions),
             "bare": bare_worlds(count, actions),
         }
     )

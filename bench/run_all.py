@@ -79,12 +79,6 @@ BENCHMARKS = (
         "25 right at first, 13 misled, 3 silent. Target: 52 of 60, 2, 0: missed.",
     ),
     Benchmark(
-        "Diagnostics after a keystroke",
-        ("bench/newcomers/keystrokes.py",),
-        "`soter lsp` over standard input and output, asked by pytest-lsp's client. `processor` "
-        "is what the server computes for a key. At load 12 the first line was 163 ms.",
-    ),
-    Benchmark(
         "The drone's laps",
         ("bench/drone/laps.py",),
         "1,000 seeded laps per arm, wind and estimator errors drawn within their declared bounds. "
@@ -184,25 +178,6 @@ BENCHMARKS = (
         "run-time-assurance 1.18.6 (its filter is compiled by JAX, its call is not).",
     ),
     Benchmark(
-        "Docking in one to three directions, against run-time-assurance",
-        ("bench/running/docking_peer.py", "--peer", "peer/bin/python"),
-        "The same craft, ACs and period; a state outside of their zoo's constraint is counted ten "
-        "times a period. Theirs read the truth or what is measured, ours what is measured.",
-    ),
-    Benchmark(
-        "The decision module's time",
-        ("bench/real_time/dm_time.py",),
-        "One call of the generated C of a DM, predicates included, on the states of a run; "
-        "computed predicates read a table by halving.",
-    ),
-    Benchmark(
-        "The stack of the trusted part",
-        ("bench/c_code/stack_bounds.py",),
-        "What `soter build` prints: the most stack that a call of the typed interface may need, "
-        "from the compilers' own figures over the call graph, `-O2`. Not in it: what libc's "
-        "functions need, externs, plants.",
-    ),
-    Benchmark(
         "Images for a Cortex-M",
         ("bench/bare_metal/cortex_m.py",),
         "Flash, RAM and stack of images at `-Os`, and instructions under `qemu -icount`, the same "
@@ -218,26 +193,6 @@ BENCHMARKS = (
         ("bench/tubes/check_cost.py",),
         "The check of a DM that follows SC, compiled at `-O2` and asked of 2,000 estimates that "
         "are drawn in the ranges of the bench; the least of three calls each.",
-    ),
-    Benchmark(
-        "A check of rest beside tools for reach sets",
-        (
-            "bench/tubes/peers.py",
-            "--rtreach",
-            "peer/libRtreach.so",
-            "--immrax",
-            "peer/bin/python",
-        ),
-        "One question, on one core in one run: does a car that rolls out on a bend meet one of "
-        "twenty boxes? Model, horizon (1.75 s), estimate and errors are the same. `clear at`: how "
-        "near the first box may stand until the tool says no; `a decision`: the median of 200, a "
-        "centimetre before that. rtreach (pmusau17/rtreach_f1tenth, gcc -O3) rounds to nearest and "
-        "refines by halving its step until its time is up; immrax 0.3.4 (natural embedding, "
-        "compiled by JAX) follows its embedding by Euler's rule, whose own error is in no bound. "
-        "Both take the command as given; Soter's check has a window of any command as well (here "
-        "one command), ages and errors of what SC reads, and rounds outward. Target: ten times "
-        "faster than each: reached where rtreach is as near to a millimetre, not where it may be "
-        "some centimetres off, and not against immrax.",
     ),
     Benchmark(
         "A check of rest on a Cortex-M7",
@@ -293,24 +248,6 @@ BENCHMARKS = (
         "are of processors, of an installed package.",
     ),
     Benchmark(
-        "The time of soter verify",
-        ("bench/verify/time_to_verdict.py",),
-        "Whole processes, imports included; `cold` with an empty cache folder, so the engine, the "
-        "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
-    ),
-    Benchmark(
-        "What one more line of the cart costs",
-        ("bench/verify/line_costs.py", "--program", "cart"),
-        "CPU time of `soter build --target c`, whole processes that find the engine compiled and "
-        "nothing else, of a program and of the same with one change. `ttf` and `safer` are left to "
-        "be computed.",
-    ),
-    Benchmark(
-        "What one more line of a truck costs",
-        ("bench/verify/line_costs.py", "--program", "truck"),
-        "The same of a program on three axes, bench/verify/truck.soter.",
-    ),
-    Benchmark(
         "Honest modules of other kinds",
         ("bench/verify/generality.py", "--recheck"),
         "Ten small robots, cold: verify and recheck as whole processes. `standing` has no P2b and "
@@ -338,13 +275,6 @@ BENCHMARKS = (
         "program: those are proved, and the verdict has to name what is broken.",
     ),
     Benchmark(
-        "Sets on grids",
-        ("bench/verify/reach_sets.py",),
-        "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "
-        "`hj-reachability` on JAX (`pip install 'soter[bench-peers]'`), which approximates and "
-        "proves nothing; without it the comparison is left out.",
-    ),
-    Benchmark(
         "The generated program and the kernel",
         (
             "-m",
@@ -359,44 +289,6 @@ BENCHMARKS = (
         "undefined symbol of the malloc family; runs under ASan and UBSan "
         "(`-fsanitize=address,undefined -fno-sanitize-recover=all`) are clean and end in the "
         "interpreter's state.",
-    ),
-    Benchmark(
-        "The tool chain on the drone program",
-        ("bench/running/toolchain.py",),
-        "`soter check` is CPU time of the whole process; compile and load is wall time from source "
-        "text to a loaded program with imports done, `cold` with an empty cache; speed is virtual "
-        "time over wall time of system Protected on one core without a trace (plant 200 Hz, nodes "
-        "100 Hz and 200 Hz), beside the reference interpreter in the same run.",
-    ),
-    Benchmark(
-        "Campaigns",
-        ("bench/running/campaign_cost.py",),
-        "The whole drone with prepared plans (examples/drone/campaign.soter) through the batch "
-        "driver: 104 hours on one core, saves, two threads, flights of one instant, compilers, and "
-        "a campaign that is killed again and again. What campaigns found: docs/results.md.",
-    ),
-    Benchmark(
-        "Calls of simulate from Python",
-        ("bench/running/simulate_calls.py",),
-        "One `Program.simulate` after the other, wall time: what does not depend on the seed is "
-        "made once. Before, medians of later calls with the whole trace were 58 ms for the "
-        "mountain car, 2.7 ms for the cart, 50 ms for a lap of the drone and 322 ms for the "
-        "whole drone, whose planner is Python (most of what is left of it, with 32 MB of states "
-        "to hash and copy).",
-    ),
-    Benchmark(
-        "Protected steps of learners",
-        ("bench/running/gym_steps.py",),
-        "The mountain car as an environment, on one core: thousands of worlds in one call beside "
-        "the same plant and loop without a module, its map over NumPy arrays, and Gymnasium's own "
-        "vector; one environment beside the bare one; construction. Before, one protected step "
-        "took 58 us, and 64 environments of a large table two minutes to make.",
-    ),
-    Benchmark(
-        "Tables of data",
-        ("bench/verify/data_tables.py",),
-        "A node that reads rows of a table, from each kind of file; every line is two fresh "
-        "processes, with an empty cache folder and with what the first one compiled.",
     ),
     Benchmark(
         "The house",
@@ -514,12 +406,6 @@ BENCHMARKS = (
         "is claimed at all times, the inner one while the outer one is in AC.",
     ),
     Benchmark(
-        "A gentle stop below the drone's stop",
-        ("bench/drone/tower_comfort.py", "--flights", "40"),
-        "examples/drone/tower.soter beside the same stop alone, the same seeds. Jerk in m/s^3, "
-        "acceleration in m/s^2; `resume`: from a takeover to AC's next command.",
-    ),
-    Benchmark(
         "The drone's tower under faults",
         (
             *("-m", "soter", "campaign", "examples/drone/tower.soter"),
@@ -591,12 +477,6 @@ BENCHMARKS = (
         "outside of the model. Targets: 50 or more hit alone, none with it.",
     ),
     Benchmark(
-        "Certificates: checking them again",
-        ("bench/recheck/time_to_recheck.py",),
-        "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
-        "bits of random files flipped, seal and hashes left as they were.",
-    ),
-    Benchmark(
         "Certificates made wrong and sealed again",
         ("bench/recheck/corruptions.py", "--count", "1000"),
         "Sets enlarged, witnesses, bounds, times, grids and programs changed, every hash written "
@@ -633,12 +513,6 @@ BENCHMARKS = (
         "the grid that soter chooses and on one of a quarter of a millisecond. Then tests that say "
         "nothing: `without a word` counts those that are clean and told of nothing, `cries wolf` "
         "tests that could fail and are told as vacuous.",
-    ),
-    Benchmark(
-        "soter verify: eight robots and the first advice",
-        ("bench/newcomers/robots.py",),
-        "Robots that were written before any was verified, and committed so; where `verify` does "
-        "not prove one the first line of its advice is carried out, as data beside the robot says.",
     ),
     Benchmark(
         "soter verify: honest robots at the first attempt",
@@ -683,76 +557,11 @@ BENCHMARKS = (
         "knows nothing of Soter; their ways are those of the certificate. `--folder`: other ones.",
     ),
     Benchmark(
-        "soter test: wide steps",
-        ("bench/testing/wide.py",),
-        "100 tests with very many choices, topics, words, inputs or starts, each searched with "
-        "`--time 0.3` and in a process that gets SIGINT or SIGTERM in the middle of it. None can "
-        "be covered, so *clean* would be wrong.",
-    ),
-    Benchmark(
-        "soter test against SPIN",
-        ("bench/testing/spin.py",),
-        "Nine models, each with a Promela twin of the same configurations and verdict; one core, "
-        "exact storage, alternating runs. *none*: no reduction on either side; *default*: what "
-        "`soter test` chooses by itself, beside the best that SPIN has; *best*: the best that each "
-        "tool has for the model. `alternating_bit` and `skewed_buffer` were written when the rule "
-        "was done; `tank` and `crossing` were seen, and changed it.",
-    ),
-    Benchmark(
         "soter test: whole robots",
         ("bench/testing/whole_robots.py",),
         "Two robots of three modules each, by parts, each module as it is with the others as "
         "contracts; and the surveillance drone: its modules one at a time, and its whole by parts "
         "for its first 990 ms. Every mutant is one edit of a module, and has to be found.",
-    ),
-    Benchmark(
-        "soter test: size",
-        ("bench/testing/size.py",),
-        "One robot of a surveillance program (11 actors) and two (20 actors) that a property "
-        "joins: as `soter test` searches, undivided, and with the reductions that there were "
-        "before. Bytes are the most of table and frontier, and of all, for each configuration.",
-    ),
-    Benchmark(
-        "soter test: two threads",
-        ("bench/testing/two_threads.py", "--runs", "7"),
-        "One thread beside two, least of seven runs each, in turns: the same states, steps and "
-        "executions. `efficiency` is wall time on one thread over twice that on two, so the "
-        "machine has to be free. Target: 0.8 from a million states on.",
-    ),
-    Benchmark(
-        "soter test: three modules, one at a time",
-        ("bench/testing/contracts.py",),
-        "Planner, motion primitive and battery module in the small, 400 ms: each as it is among "
-        "the contracts of the others, then all three as they are, for 175 s at most; and a safe "
-        "controller that forgets to land. `states` are those that are stored: the reduction chosen "
-        "here keeps what lies between two ends of instants as well.",
-    ),
-    Benchmark(
-        "soter test: seeded bugs in float programs",
-        ("bench/testing/falsify.py", "--quick"),
-        "Twenty bugs whose sizes were fixed by directed schedules before any search; 10 s of CPU "
-        "time a search, three seeds; `unguided` is `falsify` without its guide. `known` is the "
-        "shortest execution that anything found.",
-    ),
-    Benchmark(
-        "soter test: what the reductions leave out",
-        ("bench/testing/reduction.py",),
-        "Configurations stored for the same verdict, with and without reduction: the "
-        "yardstick, then 2 to 10 nodes that share nothing, read each other in pairs, or stand in a "
-        "ring.",
-    ),
-    Benchmark(
-        "soter test: equal instances",
-        ("bench/testing/equal_instances.py",),
-        "Two, three and four robots that share a passage and a guard, told apart and taken as "
-        "equal: configurations stored, and time, for the same verdict. *fewer*: by how much, of "
-        "what all orders of so many robots could give at most.",
-    ),
-    Benchmark(
-        "soter test: memory",
-        ("bench/testing/memory.py",),
-        "Bytes of the table for each stored configuration, exact and as fingerprints, depth first "
-        "(a breadth-first table has one layer: see size).",
     ),
     Benchmark(
         "soter test against the brute-force enumerator",
@@ -794,13 +603,6 @@ BENCHMARKS = (
         "can (200,000 transitions).",
     ),
     Benchmark(
-        "Campaigns as device code",
-        ("bench/device/device_code.py",),
-        "The C of a small and of a large system as one file of C++, a world a thread: compiled for "
-        "a GPU by NVRTC and assembled by ptxas, without one being there; the same file compiled by "
-        "g++ and flown on the CPU, against campaigns.",
-    ),
-    Benchmark(
         "Delays of the trusted part",
         ("bench/real_time/delays.py",),
         "One node of the trusted part late or dead, every shipped module that is proved on sets, "
@@ -830,18 +632,6 @@ BENCHMARKS = (
         "wake-ups. Three quarters of an hour.",
     ),
     Benchmark(
-        "Tests that start processes, on a busy machine",
-        ("bench/hostile/process_tests.py", "--runs", "10", "--busy", "4"),
-        "Every test of `make test` that starts a process which is no compiler, ten times, beside "
-        "four processes that spin. Which those are is heard from Python in a run of all.",
-    ),
-    Benchmark(
-        "Processes that outlive their command",
-        ("bench/hostile/orphans.py", "--instants", "20"),
-        "Commands that start processes, killed at instants spread over the time they take. Externs "
-        "fork into sessions of their own; a compiler leaves its work to a child and never ends.",
-    ),
-    Benchmark(
         "ROS 1 under /clock",
         ("bench/ros/ros1_clock.py",),
         "Systems with their plants inside, built as packages of ROS 1, beside a master and a node "
@@ -857,12 +647,6 @@ BENCHMARKS = (
         "ROS 1: what is wrong on the wire",
         ("bench/ros/ros1_bad_input.py",),
         "The same programs without AC; right is SC's command, -0.25 m/s, or the law, 0.",
-    ),
-    Benchmark(
-        "ROS 1: the bridge beside a bare echo",
-        ("bench/ros/ros1_latency.py",),
-        "What comes between the two ways on a robot, the release that is waited for and the "
-        "actuators' turn of 0.5 ms, is the calendar's and not in it.",
     ),
     Benchmark(
         "The wire of ROS 2: samples",
@@ -949,17 +733,6 @@ BENCHMARKS = (
         "loop, below the module that is proved of each, and alone; held-out seeds.",
     ),
     Benchmark(
-        "Learned policies as nodes",
-        ("bench/running/policies.py",),
-        "Two ONNX files and three of Stable-Baselines3, beside onnxruntime with the same networks.",
-    ),
-    Benchmark(
-        "A policy in another process",
-        ("bench/real_time/remote_policy.py", "--seconds", "15"),
-        "From the observation in its channel to the action in its, a constant policy in Python. "
-        "The robot is C, and the other end of the pipe is Python.",
-    ),
-    Benchmark(
         "MAVLink: who dies beside an autopilot's double",
         ("bench/mavlink/peer_loss.py", "-n", "20"),
         "The package of examples/mavlink/geofence.soter beside a pymavlink peer that behaves as "
@@ -969,13 +742,6 @@ BENCHMARKS = (
         "MAVLink: what is wrong on the wire",
         ("bench/mavlink/bad_input.py",),
         "The same programs.",
-    ),
-    Benchmark(
-        "The playground, and what pages weigh",
-        ("bench/newcomers/page_weights.py",),
-        "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
-        "others use meanwhile: the load a core before each opening, and the same run in CPython, "
-        "say how much.",
     ),
     Benchmark(
         "Bugs of the fleet's leases",

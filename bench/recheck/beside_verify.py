@@ -8,7 +8,7 @@ checked in another one. Wall time, and processor time of all threads and childre
 `--certificates` they are written there, and one that is there already is checked, not made anew.
 Purpose: that everybody can wait for a re-check: `MOST_S` of processor time each, `MEDIAN_S` in the
 middle. (That it takes no longer than the proof was asked until decision 283.)
-Non-goals: whether changed certificates are noticed (`corruptions.py`, `time_to_recheck.py`).
+Non-goals: whether changed certificates are noticed (`corruptions.py`).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ random programs of that kind, are searched on their own grid and on one of a qua
 millisecond: where the finer one finds a violation, the own one must not be clean.
 
 Purpose: the other half of the first figure of issue 11, vacuous tests of issue 26.
-Non-goals: wide steps (wide.py).
+Non-goals: how fast it searches.
 """
 
 from __future__ import annotations

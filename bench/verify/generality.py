@@ -9,7 +9,7 @@ well. CPU is user and system time of the process and all its children; the targe
 idle cores, so half of it is what an idle machine may take at best. With `--recheck` a certificate
 is written and checked, also timed; `/ verify` is the CPU time of that over the one of the proof.
 Purpose: that a person's own module is proved, soon, and that P2b takes no longer than the rest.
-Non-goals: the shipped modules (`time_to_verdict.py`), wrong programs (`mutants.py`).
+Non-goals: the shipped modules (`beside_verify.py`), wrong programs (`mutants.py`).
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ Non-goals: deciding what `soter verify` says about them (`mutants.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
@@ -831,199 +830,6 @@ def car_loop(p: Params) -> Loop:
     )
 
 
-# ---------------------------------------------------------------- the drone's motion primitive
-
-
-DRONE_FILE = Path(__file__).resolve().parents[2] / "examples/drone/motion_primitive.soter"
-
-# (how the file says it, the number): what a mutant may change, and what the simulation reads.
-DRONE_NUMBERS = {
-    "B": (
-        "const B_ALONG: float = {}",
-        "const B_SIDE: float = {}",
-        "const B_UP: float = {}",
-    ),
-    "TAIL": (
-        "const TAIL_ALONG: float = {}",
-        "const TAIL_SIDE: float = {}",
-        "const TAIL_UP: float = {}",
-    ),
-    "CREEP": (
-        "const CREEP: float = {}",
-        "const CREEP_SIDE: float = {}",
-        "const CREEP_UP: float = {}",
-    ),
-}
-DRONE_SINGLE = {
-    "CREEP_GAIN": "const CREEP_GAIN: float = {}",
-    "SPEED_GAIN": "const SPEED_GAIN: float = {}",
-    "BEFORE": "const BEFORE: float = {}",
-    "REACTION": "const H: float = AGE + PERIOD + {}",
-}
-
-
-def drone_defaults() -> Params:
-    """The numbers as the shipped module has them."""
-    params: Params = {k: tuple(_said(x) for x in v) for k, v in DRONE_NUMBERS.items()}
-    params |= {k: _said(x) for k, x in DRONE_SINGLE.items()}
-    return params | {"SIGN": 1.0, "TTF": "fits", "SAFER": "fits", "BLIND": None, "ERRORS": 1.0}
-
-
-def _said(head: str, file: Path = DRONE_FILE) -> float:
-    """The number that follows `head` in the program."""
-    text = file.read_text(encoding="utf-8")
-    return float(text.split(head.removesuffix("{}"), 1)[1].split(";", 1)[0])
-
-
-def _first_tube() -> tuple[float, ...]:
-    """Length, radius, height, back, front of the first tube of the lap."""
-    text = DRONE_FILE.with_name("city.soter").read_text(encoding="utf-8")
-    goals = [
-        np.array([float(x) for x in part.split(")", 1)[0].split(",")])
-        for part in text.split("const GOALS: Vec3[4] = [", 1)[1].split("vec3(")[1:3]
-    ]
-    sizes = text.split("tube(GOALS[0], GOALS[1],", 1)[1].split(")", 1)[0].split(",")
-    return (float(np.linalg.norm(goals[1] - goals[0])), *(float(x) for x in sizes))
-
-
-def drone_text(p: Params) -> str:
-    """The shipped module with other numbers."""
-    text = DRONE_FILE.read_text(encoding="utf-8")
-    defaults = drone_defaults()
-
-    def put(before: str, after: str) -> None:
-        nonlocal text
-        assert text.count(before) == 1, before
-        text = text.replace(before, after)
-
-    def change(pattern: str, old: float, new: float) -> None:
-        if old != new:
-            head = pattern.removesuffix("{}")
-            at = text.index(head) + len(head)
-            said = text[at:].split(";", 1)[0]
-            put(f"{head}{said};", f"{head}{new!r};")
-
-    for key, patterns in DRONE_NUMBERS.items():
-        for pattern, old, new in zip(patterns, defaults[key], p[key], strict=True):
-            change(pattern, old, new)
-    for key, pattern in DRONE_SINGLE.items():
-        change(pattern, defaults[key], p[key])
-    if p["SIGN"] < 0.0:
-        put("return clamp(SPEED_GAIN *", "return clamp(-SPEED_GAIN *")
-    if p["TTF"] == "false":
-        put("{ return !Fits(m, H, 1.0); }", "{ return false; }")
-    if p["SAFER"] == "true":
-        put("{ return Fits(m, H_SAFER, 1.5); }", "{ return true; }")
-    if p["ERRORS"] == 0.0:
-        put("let room = n * E_Q;", "let room = 0.0 * n;")
-        put("let faster = w + n * E_V;", "let faster = w;")
-        put("let slower = w - n * E_V;", "let slower = w;")
-    if p["BLIND"] == "side":
-        put("&& FitsSide(m, tau, 1.0) &&", "&&")
-    if p["BLIND"] == "up":
-        put("&& FitsUp(m, tau, 1.0);", ";")
-    return text
-
-
-def drone_loops(p: Params) -> list[Loop]:
-    """One axis at a time, the others at rest on the centre line: along, side, up of the first tube.
-
-    States: p, q1, q2, q3, w of docs/drone.md in m and m/s, and p and w once more without error, so
-    that the law can tell what the error of an estimate was: q3 is off by e_p + T e_v.
-    """
-    iris, constant = DRONE_FILE.with_name("iris.soter"), "const {}: float = "
-    band, fast, wind, error_p, error_v = (
-        _said(constant.format(x), iris) for x in ("BAND", "FAST", "WIND", "ERROR_P", "ERROR_V")
-    )
-    turn = 1.03
-    lead = 2.0 / band + 1.0 / fast
-    d = turn * wind + _said(constant.format("RESIDUAL"))
-    e_p, e_v = turn * error_p, turn * error_v
-    length, radius, height, back, front = _first_tube()
-    ends = ((-back, length + front), (-radius, radius), (-height, height))
-    along, aback, side, up = (
-        _said(constant.format(x)) for x in ("W_ALONG", "W_BACK", "W_SIDE", "W_UP")
-    )
-    speeds = ((-aback, along), (-side, side), (-up, up))
-    controls = tuple(_said(constant.format(x)) for x in ("U_ALONG", "U_SIDE", "U_UP"))
-    targets = (length - p["BEFORE"], 0.0, 0.0)
-    h = 0.02 + p["REACTION"]
-
-    def axis(i: int) -> Loop:
-        u_max, (low, high), (slowest, fastest) = controls[i], ends[i], speeds[i]
-        blind = p["BLIND"] == ("along", "side", "up")[i]
-
-        def rate(x: Array, u: Array, w: Array) -> Array:
-            q = np.zeros_like(x)
-            q[4] = q[6] = u + w
-            q[3] = x[4] + lead * w
-            q[2] = fast * (x[3] - x[2]) + 2.0 / band * w
-            q[1] = band * (x[2] - x[1]) + 1.0 / band * w
-            q[0] = q[5] = band * (x[1] - x[0])
-            return q
-
-        def step(x: Array, u: Array, w: Array, tick: float) -> Array:
-            k1 = rate(x, u, w)
-            k2 = rate(x + 0.5 * tick * k1, u, w)
-            k3 = rate(x + 0.5 * tick * k2, u, w)
-            k4 = rate(x + tick * k3, u, w)
-            return x + tick / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-
-        def seen(y: Array) -> tuple[Array, Array]:
-            return y[3] + (y[0] - y[5]) + lead * (y[4] - y[6]), y[4]
-
-        def law(y: Array) -> Any:
-            q, w = seen(y)
-            creep = p["CREEP"][i]
-            wanted = np.clip(p["CREEP_GAIN"] * (targets[i] - q), -creep, creep)
-            return np.clip(p["SIGN"] * p["SPEED_GAIN"] * (wanted - w), -u_max, u_max)
-
-        def need(w: Array, tau: float) -> Any:
-            later = np.maximum(w + (u_max + d) * tau, 0.0)
-            reach = np.maximum((w + 0.5 * (u_max + d) * tau) * tau, 0.0)
-            return reach + later * later / (2.0 * p["B"][i]) + p["TAIL"][i]
-
-        def fits(y: Array, tau: float, n: float) -> Any:
-            q, w = seen(y)
-            if blind:
-                return np.ones(q.shape, dtype=bool)
-            room, speed = p["ERRORS"] * n * (e_p + lead * e_v), p["ERRORS"] * n * e_v
-            up, down = w + speed, w - speed
-            ahead = q + room + need(up, tau) <= high
-            behind = q - room - need(-down, tau) >= low
-            slow = (up + (u_max + d) * tau <= fastest) & (down - (u_max + d) * tau >= slowest)
-            return ahead & behind & slow
-
-        margin = 1.5 if i == 0 else 1.0
-        never = p["TTF"] == "false"
-        always = p["SAFER"] == "true"
-        return Loop(
-            step=step,
-            safe=lambda x: (x[0] >= low) & (x[0] <= high),
-            law=law,
-            ttf=lambda y: np.zeros(y.shape[1], dtype=bool) if never else ~fits(y, h, 1.0),
-            safer=lambda y: (
-                np.ones(y.shape[1], dtype=bool) if always else fits(y, h + 0.015, margin)
-            ),
-            start=np.zeros(7),
-            spread=np.zeros(7),
-            control=u_max,
-            disturbance=np.array(d),
-            errors=np.array([e_p, 0.0, 0.0, 0.0, e_v, 0.0, 0.0]),
-            tick_s=0.005,
-            dm_ticks=2,
-            sc_ticks=2,
-            age_ticks=2,
-        )
-
-    return [axis(i) for i in range(3)]
-
-
-def changed_axis(values: tuple[float, ...], axis: int, new: float) -> tuple[float, ...]:
-    """`values` with another one for `axis`."""
-    return tuple(new if i == axis else v for i, v in enumerate(values))
-
-
 # ---------------------------------------------------------------- all
 
 
@@ -1035,28 +841,14 @@ class Base:
     module: str
     defaults: Params
     text: Callable[[Params], str]
-    loops: Callable[[Params], list[Loop]]
-    """Closed loops: the module is bad if one of them is."""
+    loop: Callable[[Params], Loop]
     ticks: int
     """How long the falsifier runs."""
     mutants: tuple[tuple[str, Params], ...]
-    beside: Path | None = None
-    """A file in whose folder the text would stand, where it imports something."""
-
-    @property
-    def path(self) -> str:
-        """A name for the text."""
-        name = f"{self.name}.soter"
-        return name if self.beside is None else str(self.beside.with_name(f"mutant_{name}"))
 
     def attack(self, p: Params, runs: int, seed: int) -> Outcome:
-        """The first loop that comes to harm, or the last one."""
-        outcome = Outcome(0, 0, runs)
-        for loop in self.loops(p):
-            outcome = attack(loop, runs, self.ticks, seed)
-            if outcome.escapes or outcome.stuck:
-                break
-        return outcome
+        """What its simulation comes to."""
+        return attack(self.loop(p), runs, self.ticks, seed)
 
 
 SHARED: tuple[tuple[str, Params], ...] = (
@@ -1072,7 +864,7 @@ BASES: tuple[Base, ...] = (
         "SafeCart",
         CART_DEFAULTS,
         cart_text,
-        lambda p: [cart_loop(p)],
+        cart_loop,
         12_000,
         (
             *SHARED,
@@ -1104,7 +896,7 @@ BASES: tuple[Base, ...] = (
         "SafeTank",
         TANK_DEFAULTS,
         tank_text,
-        lambda p: [tank_loop(p)],
+        tank_loop,
         10_000,
         (
             *SHARED,
@@ -1129,7 +921,7 @@ BASES: tuple[Base, ...] = (
         "SafePole",
         PENDULUM_DEFAULTS,
         pendulum_text,
-        lambda p: [pendulum_loop(p)],
+        pendulum_loop,
         8_000,
         (
             *SHARED,
@@ -1157,7 +949,7 @@ BASES: tuple[Base, ...] = (
         "SafeLift",
         LIFT_DEFAULTS,
         lift_text,
-        lambda p: [lift_loop(p)],
+        lift_loop,
         2_000,
         (
             *SHARED,
@@ -1181,7 +973,7 @@ BASES: tuple[Base, ...] = (
         "SafeCar",
         CAR_DEFAULTS,
         car_text,
-        lambda p: [car_loop(p)],
+        car_loop,
         3_000,
         (
             *SHARED,
@@ -1195,32 +987,5 @@ BASES: tuple[Base, ...] = (
             ("SC pulls left", {"GOAL": -0.07}),
             ("safer never holds", {"TAU_SAFER": 40.0}),
         ),
-    ),
-    Base(
-        "drone",
-        "SafeMotionPrimitive",
-        drone_defaults(),
-        drone_text,
-        drone_loops,
-        6_000,
-        (
-            ("ttf is constant false", {"TTF": "false"}),
-            ("safer is constant true", {"SAFER": "true"}),
-            ("SC with the wrong sign", {"SIGN": -1.0}),
-            ("across: brakes with what there is not", {"B": (3.4, 9.0, 0.88)}),
-            ("up: brakes with what there is not", {"B": (3.4, 2.5, 4.0)}),
-            ("ttf forgets the side", {"BLIND": "side"}),
-            ("ttf forgets up and down", {"BLIND": "up"}),
-            ("errors and tails forgotten", {"ERRORS": 0.0, "TAIL": (0.0, 0.0, 0.0)}),
-            (
-                "no reaction, errors forgotten, no tails",
-                {"REACTION": -0.02, "ERRORS": 0.0, "TAIL": (0.0, 0.0, 0.0)},
-            ),
-            ("SC creeps beyond the end", {"BEFORE": -1.5}),
-            ("SC hovers: it only brakes", {"CREEP": (0.0, 0.0, 0.0)}),
-            ("SC is too soft", {"SPEED_GAIN": 0.8}),
-            ("SC goes back to before the tube", {"BEFORE": 15.5}),
-        ),
-        beside=DRONE_FILE,
     ),
 )

@@ -75,7 +75,7 @@ def examine(base: Base, name: str, changes: Params) -> Row:
     """Falsify, verify, replay."""
     changed = {**base.defaults, **changes}
     seen = falsify(base, changed)
-    checked = check_file(base.path, base.text(changed))
+    checked = check_file(f"{base.name}.soter", base.text(changed))
     assert checked.ok, (base.name, name, [d.message for d in checked.diagnostics.items])
     flat = system_of(checked, "Protected")
     began = time.perf_counter()

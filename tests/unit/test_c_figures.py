@@ -42,7 +42,6 @@ BRANCHING = {
     "c_coverage_loop.c firmware": "a list of calls",
     "c_coverage_loop.c leases": "a list of calls",
     "main.c main": "an example's loop, to be read whole",
-    "remote_policy_robot.c main": "a robot's loop, to be read whole",
     "fall_back.h compared": "the definition of a fall-back run, read beside docs/proof.md",
     "fall_back.h drawn_times": "the definition of a fall-back run, read beside docs/proof.md",
     "fall_back.h fall_back": "the definition of a fall-back run, read beside docs/proof.md",

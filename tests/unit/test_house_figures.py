@@ -145,9 +145,8 @@ ROOMS = {
         17,
         "one elaborator and what it places: a file a part of a system, found by its name",
     ),
-    "bench/tubes": (18, "a file an attack or a measurement, and what they fly"),
     "tests/generators": (75, "each makes one kind of input; nobody reads two of them at once"),
-    "tests/correct": (108, "a file a promise of the pages, found by its name"),
+    "tests/correct": (107, "a file a promise of the pages, found by its name"),
     "tests/unit/semantics": (18, "a file a room of src or a question to it, found by its name"),
     "tests/unit/report": (20, "as above"),
     "tests/unit/simulate": (17, "as above"),
@@ -224,7 +223,6 @@ REASONS = {
 
 LONG = {
     "tests/generators/induction_planners.py planner": "the text of a program with a few holes",
-    "bench/verify/mutant_models.py drone_loops": "the text of a program with a few holes",
     "bench/hostile/bad_input_samples.py formats": "a list of inputs",
     "examples/drone/demo.py main": "what it shows, in order",
     "examples/drone/figures.py figure_12c": "one picture",

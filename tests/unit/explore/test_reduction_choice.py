@@ -16,7 +16,6 @@ from soter.explore.engine.reduction_choice import between, explored, may_choose
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
-MODELS = ROOT / "bench" / "testing" / "spin_models"
 PROGRAMS = examples("SOTER_CHOICE_PROGRAMS", quick=12, long=200)
 DEFAULT = EngineSettings(closes=True)
 
@@ -31,7 +30,7 @@ def said(s: Searched) -> tuple[str, int, int]:
 
 
 def test_one_group_of_nodes_stores_what_lies_between() -> None:
-    engine = engine_of("bench/testing/spin_models/token_ring.soter", "SomebodyHasAToken")
+    engine = engine_of("tests/unit/explore/programs/token_ring.soter", "SomebodyHasAToken")
     found, ends = explored(engine, DEFAULT), engine.explore(DEFAULT)
     assert said(found) == said(ends)
     assert found.states > 10 * ends.states
@@ -46,7 +45,7 @@ def test_groups_that_share_nothing_are_combined() -> None:
 
 
 def test_steps_that_may_be_late_have_nobody_asleep() -> None:
-    engine = engine_of("bench/testing/spin_models/crossing.soter", "NeverOpen")
+    engine = engine_of("tests/unit/explore/programs/crossing.soter", "NeverOpen")
     found, plain = explored(engine, DEFAULT), engine.explore(EngineSettings(reduction="ample"))
     assert (found.states, found.transitions) == (plain.states, plain.transitions)
 
@@ -90,7 +89,7 @@ def test_whoever_asks_for_something_gets_it(asked: dict[str, object]) -> None:
 @pytest.mark.parametrize(
     ("program", "test", "closes"),
     [
-        ("bench/testing/spin_models/tank.soter", "NeverFull", False),
+        ("tests/unit/explore/programs/tank.soter", "NeverFull", False),
         ("examples/testing/three_modules.soter", "Battery", True),
     ],
 )
