@@ -12,7 +12,7 @@ from __future__ import annotations
 import inspect
 import reprlib
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterator, Mapping
 
 Test = Callable[..., None]
 Ids = Sequence[str] | Callable[[Any], object] | None
@@ -37,29 +37,34 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def all_rows(
     names: str | Sequence[str],
-    rows: Iterable[Any],
+    rows: Iterable[Any] | Callable[[], Iterable[Any]],
     *,
     ids: Ids = None,
 ) -> Callable[[Test], Test]:
     """The test is called with every row; where two tables stand over it, with all their pairs.
 
-    A row is a value for the one name, or a tuple of one for each. `ids`: the names of the rows,
+    A row is a value for the one name, or a tuple of one for each; `rows` that are dear to make may
+    be a function, which is called when the test is. `ids`: the names of the rows,
     or what gives that of a value.
     """
     columns = [names] if isinstance(names, str) else list(names)
-    values = [(row,) if isinstance(names, str) else tuple(row) for row in rows]
-    mine = [
-        Row(partial(_name, ids, k, row), dict(zip(columns, row, strict=True)))
-        for k, row in enumerate(values)
-    ]
+    make = list(rows).copy if isinstance(rows, Iterable) else rows
+
+    def mine() -> Iterator[Row]:
+        for number, row in enumerate(make()):
+            values = (row,) if isinstance(names, str) else row
+            arguments = dict(zip(columns, values, strict=True))
+            yield Row(partial(_name, ids, number, tuple(values)), arguments)
 
     def decorate(test: Test) -> Test:
-        inner, below = vars(test).get("table", (test, [Row(str, {})]))
-        both = [row.beside(other) for other in below for row in mine]
+        inner, below = vars(test).get("table", (test, lambda: [Row(str, {})]))
+
+        def both() -> list[Row]:
+            return [row.beside(other) for other in below() for row in mine()]
 
         @wraps(test)
         def whole(**fixtures: Any) -> None:
-            _tried(inner, both, fixtures)
+            _tried(inner, both(), fixtures)
 
         asked = inspect.signature(test)
         left = [p for name, p in asked.parameters.items() if name not in columns]

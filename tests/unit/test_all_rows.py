@@ -113,6 +113,23 @@ def test_rows_are_chosen_by_their_names(monkeypatch: pytest.MonkeyPatch) -> None
         chosen()
 
 
+def test_rows_that_are_dear_are_made_when_they_are_tried() -> None:
+    made = []
+
+    def rows() -> list[int]:
+        made.append("now")
+        return [1, 2]
+
+    @all_rows("number", rows)
+    def small(number: int) -> None:
+        assert number < 2
+
+    assert made == []
+    with pytest.raises(AssertionError, match=r"^1 of 2 rows\n2: "):
+        small()
+    assert made == ["now"]
+
+
 def test_a_table_without_rows_does_not_pass() -> None:
     @all_rows("word", [])
     def empty(word: str) -> None:

@@ -73,18 +73,21 @@ ITEMS_OF: dict[str, Collection[str]] = {
     "test": systems._TEST_ITEMS,
     "faults": faults.FAULT_ITEMS,
 }
-ELSEWHERE = [
-    (body, word, form)
-    for body in BODIES
-    for word, form in FORMS
-    if errors(BODIES[body].format(filled(form)))
-    and not any(form.startswith(w) for w in ("node", "topic", "system"))
-    and form.startswith(word)
-    and word not in ITEMS_OF.get(body, ())
-]
 
 
-@all_rows(("body", "word", "form"), ELSEWHERE)
+def elsewhere() -> list[tuple[str, str, str]]:
+    return [
+        (body, word, form)
+        for body in BODIES
+        for word, form in FORMS
+        if errors(BODIES[body].format(filled(form)))
+        and not any(form.startswith(w) for w in ("node", "topic", "system"))
+        and form.startswith(word)
+        and word not in ITEMS_OF.get(body, ())
+    ]
+
+
+@all_rows(("body", "word", "form"), elsewhere)
 def test_an_item_of_another_body_is_told_where_it_belongs(body: str, word: str, form: str) -> None:
     first, *_ = errors(BODIES[body].format(filled(form)))
     told = " ".join([first.message, *first.notes, *first.helps])
@@ -95,8 +98,9 @@ def test_an_item_of_another_body_is_told_where_it_belongs(body: str, word: str, 
 
 
 def test_many_items_of_other_bodies_were_tried() -> None:
-    assert len(ELSEWHERE) > 300
-    assert {body for body, _, _ in ELSEWHERE} == set(BODIES)
+    tried = elsewhere()
+    assert len(tried) > 300
+    assert {body for body, _, _ in tried} == set(BODIES)
 
 
 def test_a_brace_that_is_lost_before_an_item_is_still_told() -> None:
@@ -117,17 +121,20 @@ CLAUSES = (
     "max_age 20ms", "within 0.1", "queue 4", "hold 1s", "every 100ms", "phase 2ms",
     "period 10ms", "default", "delayed 5ms", "substeps 4", "drop_oldest",
 )  # fmt: skip
-BEHIND = [
-    (body, item, clause)
-    for body, items in ITEMS.items()
-    for item in items
-    for clause in CLAUSES
-    if errors(BODIES[body].format(f"{item} {clause};"))
-    and not (item == "node Lamp" and clause[:1] == "p")  # a node that is declared there
-]
 
 
-@all_rows(("body", "item", "clause"), BEHIND)
+def behind() -> list[tuple[str, str, str]]:
+    return [
+        (body, item, clause)
+        for body, items in ITEMS.items()
+        for item in items
+        for clause in CLAUSES
+        if errors(BODIES[body].format(f"{item} {clause};"))
+        and not (item == "node Lamp" and clause[:1] == "p")  # a node that is declared there
+    ]
+
+
+@all_rows(("body", "item", "clause"), behind)
 def test_a_clause_of_another_item_is_never_a_missing_semicolon(
     body: str, item: str, clause: str
 ) -> None:
