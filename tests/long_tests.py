@@ -109,10 +109,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     quick: list[pytest.Item] = []
     for item in items:
         file, test, line = _lines[item.nodeid]
-        has = {m for m in MARKERS if item.get_closest_marker(m) is not None}
+        marks = {mark.name for mark in item.iter_markers()}
+        has = marks.intersection(MARKERS)
         took, count = known.get(file, {}).get(test, ()), _counts[file][test]
-        whole = item.get_closest_marker("whole") is not None
-        if not whole and line >= durations.quick_lines(took, count):
+        if "whole" not in marks and line >= durations.quick_lines(took, count):
             has.add("long")
         why = [m for m in MARKERS if m in has and not _wanted(config, m)]
         _left_out.update(why[-1:])
@@ -130,7 +130,7 @@ def _count(items: list[pytest.Item]) -> None:
         tests = _counts.setdefault(file, {})
         _lines[item.nodeid] = (file, test, tests.get(test, 0))
         tests[test] = tests.get(test, 0) + 1
-        if any(item.get_closest_marker(m) is not None for m in MARKERS):
+        if any(mark.name in MARKERS for mark in item.iter_markers()):
             _marked.add(item.nodeid)
 
 

@@ -22,6 +22,7 @@ from long_tests import examples
 from soter.language.front_end import check_file, system_of
 from soter.native.cache import cache_dir
 from soter.simulate.run import NativeProgram, run_interpreted
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,7 +74,7 @@ def test_a_program_that_is_left_out_has_nothing_to_run(name: str) -> None:
     assert subjects_of(ROOT / name, 2) == []
 
 
-@pytest.mark.parametrize("path", files("tests/corners"), ids=lambda p: p.stem)
+@all_rows("path", files("tests/corners"), ids=lambda p: p.stem)
 def test_properties_of_a_corner_hold(path: Path) -> None:
     for s in subjects_of(path, INSTANTS):
         run = run_interpreted(s.system, s.until_ns, s.seed)

@@ -22,6 +22,7 @@ from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 from soter.targets.cortex_m.cortex_m_package import Replay, cortex_m_package
 from soter.targets.lateness_limits import takeovers
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -70,8 +71,8 @@ def here(system: System, limit: int, monkeypatch: pytest.MonkeyPatch) -> tuple[s
     return run.trace_sha256, trusted.hexdigest()
 
 
-@pytest.mark.parametrize("name", BOARDS)
-@pytest.mark.parametrize("kind", range(len(KINDS)), ids=KINDS)
+@all_rows("name", BOARDS)
+@all_rows("kind", range(len(KINDS)), ids=KINDS)
 def test_the_trusted_part_goes_on_and_sc_takes_over(
     kind: int, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ import processes
 from json_documents import MADE
 from soter.cli.main import COMMANDS, command_of
 from soter.cli.terminal.parser import HelpWantedError
+from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -130,7 +131,7 @@ def commands_of(text: str) -> list[str]:
     return [re.split(r"\s{2,}|\s#|[|>;&]", line)[0].strip() for line in lines]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)
+@all_rows("path", PAGES, ids=lambda p: p.name)
 def test_every_command_line_of_a_page_is_one(path: Path) -> None:
     wrong = []
     for line in commands_of(path.read_text(encoding="utf-8")):

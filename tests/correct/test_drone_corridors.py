@@ -13,6 +13,7 @@ import pytest
 import soter
 from generators.drone_corridors import Room, exact, fault_of, room, uncovered, written
 from generators.drone_covering import Onboard
+from tables import all_rows
 
 if TYPE_CHECKING:
     from generators.drone_corridors import Exact
@@ -149,7 +150,7 @@ def test_boxes_are_as_many_as_pieces_of_street_not_as_points(onboard: Onboard) -
 # ---------------------------------------------------------------- what is refused
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("plan", "reason"),
     [
         ([], "Empty"),

@@ -19,6 +19,7 @@ from generators.file_listing import files_in
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run
@@ -150,8 +151,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", HOSTILE)
+@all_rows("name", HOSTILE)
 def test_whatever_a_python_controller_does_is_a_gate_fault_on_both_engines(
     name: str, tmp_path: Path
 ) -> None:

@@ -16,6 +16,7 @@ import pytest
 
 import soter
 from generators.exploration_mappers import EXAMPLES, Mappers
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,8 +121,8 @@ def test_too_few_and_too_many_rays_are_refused_and_named(
     assert [v.kind for v in run.violation_list] == ["fault"]
 
 
-@pytest.mark.parametrize("bad", BAD)
-@pytest.mark.parametrize("everywhere", [True, False])
+@all_rows("bad", BAD)
+@all_rows("everywhere", [True, False])
 def test_a_range_that_is_none_frees_nothing_at_the_door(
     flown: Flown, with_a_ray_at_the_door: int, at_home: int, bad: float, everywhere: bool
 ) -> None:
@@ -131,8 +132,8 @@ def test_a_range_that_is_none_frees_nothing_at_the_door(
     assert not run.topic("mapper.doubt")[-1]
 
 
-@pytest.mark.parametrize("k", range(4))
-@pytest.mark.parametrize("bad", [nan, inf, -inf, 1e300])
+@all_rows("k", range(4))
+@all_rows("bad", [nan, inf, -inf, 1e300])
 def test_of_a_pose_that_is_none_no_scan_is_taken(
     flown: Flown, at_home: int, bad: float, k: int
 ) -> None:
@@ -170,8 +171,8 @@ def test_a_ray_that_is_no_range_says_no_more_than_one_that_hit_at_once(
         assert doubts[0] == doubts[1], "what is no range contradicts nothing"
 
 
-@pytest.mark.parametrize("k", range(4))
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
+@all_rows("k", range(4))
+@all_rows("bad", [nan, inf, -inf])
 def test_the_mapper_takes_no_scan_from_nowhere(mappers: Mappers, bad: float, k: int) -> None:
     pose = tuple(bad if n == k else value for n, value in enumerate(HOME))
     nothing = np.zeros((COUNT, COUNT), dtype=bool)

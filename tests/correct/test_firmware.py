@@ -26,6 +26,7 @@ from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.state_bytes import state_bytes
+from tables import all_rows
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"
 SHUTTLE = EXAMPLES / "wall" / "shuttle_firmware.soter"
@@ -307,7 +308,7 @@ def script(seed: int) -> list[tuple[str, tuple[float, ...], int, int]]:
     return [("start", (), origin, origin), *calls]
 
 
-@pytest.mark.parametrize("seed", range(LOOPS))
+@all_rows("seed", range(LOOPS))
 def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: int) -> None:
     lines: list[str] = []
     wanted: list[int | str | None] = []

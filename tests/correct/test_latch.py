@@ -22,6 +22,7 @@ from soter.cli.main import main
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.state_bytes import state_bytes
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -297,7 +298,7 @@ MISUSES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("misuse", MISUSES)
+@all_rows("misuse", MISUSES)
 def test_misuse_gives_no_control_back(
     misuse: Callable[[Robot], None], robots: Callable[[str], Robot]
 ) -> None:

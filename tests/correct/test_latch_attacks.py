@@ -14,6 +14,7 @@ import pytest
 
 from correct.test_latch import AGE, MS, TWO, Robot
 from generators.engine_comparison import compile_library, subject
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,8 +50,8 @@ class Operator:
         )
 
 
-@pytest.mark.parametrize("name", ["two", "odd"])
-@pytest.mark.parametrize("seed", range(12))
+@all_rows("name", ["two", "odd"])
+@all_rows("seed", range(12))
 def test_whatever_is_sent_control_comes_back_by_a_new_edge_alone(
     name: str, seed: int, robots: Callable[[str], Robot]
 ) -> None:

@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-import pytest
-
 from generators.explorer_agreement import compared, enumerated
 from soter.api.program import load
 from soter.core.steps import lower
@@ -17,6 +15,7 @@ from soter.language.evaluate.predicates.numbers_in_predicates import TOTAL, mayb
 from soter.language.front_end import check_file, system_of
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.simulate.run import NativeProgram, run_interpreted
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -184,7 +183,7 @@ def test_a_log_is_judged_as_the_run_was(tmp_path: Path) -> None:
 ENDS = (0.0, -0.0, 5e-324, 1e-308, 1e-9, 0.5, 1.0, 1.5, 3.0, 1e5, 1e9, 1e300, 1.7e308, math.inf)
 
 
-@pytest.mark.parametrize("name", sorted({*TOTAL, "pow"}))
+@all_rows("name", sorted({*TOTAL, "pow"}))
 def test_a_function_of_the_prelude_is_a_number_in_its_domain_and_keeps_a_nan(
     name: str, tmp_path: Path
 ) -> None:
@@ -223,7 +222,7 @@ system S default {{ p: P; module M; until 1s; }}
 """
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("ttf", "may"),
     [
         ("s.x + stop(s.v) > 8.0", False),

@@ -13,6 +13,7 @@ from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
+from tables import all_rows
 
 FOLDER = Path(__file__).parent
 PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
@@ -20,7 +21,7 @@ NOT_RUN = {"externs.soter"}  # nothing is bound; `test_bindings.py` runs externs
 INSTANTS_NS = 300_000_000
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_correct_program_gets_no_diagnostics(name: str) -> None:
     checked = check_file(str(FOLDER / name))
     assert render_all(checked.diagnostics.items) == ""

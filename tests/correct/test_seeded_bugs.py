@@ -9,6 +9,7 @@ from bench.testing import mutants as bench
 from bench.testing.mutant_models import CONTINUOUS, HARMLESS, MUTANTS, Mutant, Subject
 
 import soter
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -63,7 +64,7 @@ def test_an_example_that_is_violated_as_shipped_is_no_subject() -> None:
     assert bench.examine(m, 0).verdict == "NOT CLEAN AS SHIPPED"
 
 
-@pytest.mark.parametrize("m", EVERY, ids=lambda m: f"{m.subject.test}: {m.kind}")
+@all_rows("m", EVERY, ids=lambda m: f"{m.subject.test}: {m.kind}")
 def test_every_seeded_bug_changes_a_program_into_a_program(m: Mutant, tmp_path: Path) -> None:
     file = bench.changed(m, tmp_path)
     assert soter.load(file).ok

@@ -13,6 +13,7 @@ import processes
 from generators.file_listing import files_in
 from soter.diagnostics.render import render_all
 from soter.language.front_end import check_file
+from tables import all_rows
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CLEAN, VIOLATED, BOUND = 0, 3, 4
@@ -82,7 +83,7 @@ def _changed(folder: Path, old: str, new: str, where: str) -> None:
     file.write_text(text.replace(old, new), encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", [*SHIPPED, "drone/motion_primitive_test"])
+@all_rows("name", [*SHIPPED, "drone/motion_primitive_test"])
 def test_a_shipped_test_gets_no_diagnostics(name: str) -> None:
     checked = check_file(str(EXAMPLES / f"{name}.soter"))
     assert render_all(checked.diagnostics.items) == ""

@@ -20,6 +20,7 @@ from soter.language.elaborate.tests_and_faults import contract_stand_ins, distin
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -168,7 +169,7 @@ TELLING = (37, 177, 135, 236, 155, 26, 2, 109, 2, 206, 76, 56, 2, 45, 104, 76, 3
 """A program that each of them gets wrong."""
 
 
-@pytest.mark.parametrize(("mistake", "seed"), [*zip(MISTAKES, TELLING, strict=True)])
+@all_rows(("mistake", "seed"), [*zip(MISTAKES, TELLING, strict=True)])
 def test_a_mistake_in_what_is_told_apart_is_seen(
     mistake: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,14 +10,13 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pytest
-
 from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Diagnostics, Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
 from soter.language.front_end import CheckResult, check_file
 from soter.language.syntax.parser import parse
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -44,7 +43,7 @@ def same(one: Diagnostic, other: Diagnostic) -> bool:
     return (one.code, one.message) == (other.code, other.message)
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_help_that_is_an_edit_removes_the_error_and_brings_no_other(name: str) -> None:
     diagnostics = check_file(name).diagnostics.items
     for d in diagnostics:
@@ -198,7 +197,7 @@ def still_wrong(name: str, d: Diagnostic, verb: str, code: str) -> list[str]:
     return said
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_proposal_that_is_carried_out_leads_to_no_other_error_there(name: str) -> None:
     for d in check_file(name).diagnostics.items:
         titles = {f.title for f in d.fixes}

@@ -9,12 +9,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pytest
-
 from generators.file_listing import files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +37,7 @@ def check(name: str) -> CheckResult:
     return checked
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_wrong_program_gets_the_expected_diagnostics(
     name: str, golden: Callable[[str, str], None]
 ) -> None:
@@ -53,7 +52,7 @@ def test_a_wrong_program_gets_the_expected_diagnostics(
     golden(f"static_error/{Path(name).stem}.txt", render_all(diagnostics) + "\n")
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_message_is_written_like_the_others(name: str) -> None:
     for d in check(name).diagnostics.items:
         texts = [d.message, *d.notes, *d.helps, *(x.text for x in d.secondary)]

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.file_listing import files_below
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -210,14 +211,13 @@ def unsaid_exceptions(path: Path) -> list[str]:
     return offenders
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
 @pytest.mark.long
+@all_rows("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
 def test_functions_of_arrays_say_their_shapes(path: Path) -> None:
     assert unsaid_shapes(path) == []
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
+@all_rows("path", SOURCES, ids=lambda p: str(p.relative_to(SOTER)))
 def test_functions_that_raise_say_what(path: Path) -> None:
     assert unsaid_exceptions(path) == []
 

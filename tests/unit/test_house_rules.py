@@ -9,6 +9,7 @@ import pytest
 
 import processes
 from generators.file_listing import files_below
+from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted(
@@ -27,7 +28,7 @@ def _tracked() -> list[Path]:
     return [ROOT / n for n in names if (ROOT / n).is_file()]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT / "src" / "soter")))
+@all_rows("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT / "src" / "soter")))
 def test_a_module_opens_with_its_purpose(path: Path) -> None:
     said = re.match(r'r?"""(.+?)"""\n', path.read_text(encoding="utf-8"), re.DOTALL)
     assert said, "no docstring"

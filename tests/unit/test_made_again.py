@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tables import all_rows
+
 ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
@@ -87,8 +89,7 @@ def without_a_maker(page: str, text: str) -> Iterator[str]:
 PAGES_ASKED = sorted(p.name for p in DOCS.glob("*.md") if p.name not in NOT_ASKED)
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("page", PAGES_ASKED)
+@all_rows("page", PAGES_ASKED)
 def test_a_figure_of_a_page_has_a_command_that_makes_it_or_a_reason(page: str) -> None:
     text = (DOCS / page).read_text(encoding="utf-8")
     assert list(without_a_maker(page, text)) == []

@@ -10,8 +10,6 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pytest
-
 from generators.file_listing import files_below, files_in
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.explain import all_codes, explain
@@ -20,6 +18,7 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import refuse_forced
 from soter.verify.problem.extract import extract
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,7 +46,7 @@ def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
     return diagnostics
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_a_program_without_a_problem_gets_the_expected_diagnostic(
     name: str, golden: Callable[[str, str], None]
 ) -> None:
@@ -58,7 +57,7 @@ def test_a_program_without_a_problem_gets_the_expected_diagnostic(
     golden(f"static_error/verify/{Path(name).stem}.txt", render_all(diagnostics) + "\n")
 
 
-@pytest.mark.parametrize("code", CODES)
+@all_rows("code", CODES)
 def test_pages_of_these_codes_say_the_truth(code: str) -> None:
     page = explain(code)
     assert page is not None

@@ -15,6 +15,7 @@ from soter.api.assurance.hazard_traceability import Tracing
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.assurance.page import body
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -145,7 +146,7 @@ def test_a_row_about_an_assumption_that_nobody_derived_stays_open(
     assert item.why == "not known whether it is one: no certificate was accepted"
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("text", "messages"),
     [
         ("", ["1: the first line has no column `kind`"]),

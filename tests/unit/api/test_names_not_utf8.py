@@ -14,6 +14,7 @@ import pytest
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -50,7 +51,7 @@ CALLS: dict[str, Callable[[Program, Path], object]] = {
 }
 
 
-@pytest.mark.parametrize("what", CALLS)
+@all_rows("what", CALLS)
 def test_a_name_that_is_not_utf8_is_refused_with_a_code(tmp_path: Path, what: str) -> None:
     program = load(shutil.copy(CART, tmp_path / "cart.soter"))
     with pytest.raises(SoterError) as error:

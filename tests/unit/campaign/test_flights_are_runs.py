@@ -26,6 +26,7 @@ from soter.cli.main import main
 from soter.language.elaborate.derived_systems import with_faults
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
+from tables import all_rows
 
 if TYPE_CHECKING:
     from generators.flights_of_runs import Figures
@@ -75,9 +76,8 @@ def test_flights_of_random_systems(number: int, tmp_path: Path) -> None:
     compared(random_system(tmp_path, number), number, FLIGHTS[number % 4])
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("kind", stateful_externs.KINDS)
-@pytest.mark.parametrize("number", range(EXTERNS))
+@all_rows("kind", stateful_externs.KINDS)
+@all_rows("number", range(EXTERNS))
 def test_flights_of_c_that_keeps_something(kind: str, number: int, tmp_path: Path) -> None:
     system = stateful_externs.system(tmp_path, kind, number)
     place = list(stateful_externs.KINDS).index(kind)

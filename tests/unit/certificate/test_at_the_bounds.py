@@ -29,6 +29,7 @@ from soter.certificate.terms.arb_balls import (
 )
 from soter.certificate.terms.operations import grown
 from soter.certificate.terms.terms import NotRecheckedError, Terms
+from tables import all_rows
 
 # ---------------------------------------------------------------- numbers
 
@@ -45,7 +46,7 @@ def test_of_what_nothing_bounds_no_double_is_a_bound() -> None:
         assert above(x) == math.inf
 
 
-@pytest.mark.parametrize("name", sorted(UNIVARIATE))
+@all_rows("name", sorted(UNIVARIATE))
 def test_a_line_over_a_short_interval_says_nearly_all(name: str) -> None:
     for low in (0.25, 0.6, 1.2, 2.9):
         slope, offset, spread, least, most = UNIVARIATE[name](exact(low), exact(low + 1e-3))

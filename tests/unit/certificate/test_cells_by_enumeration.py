@@ -24,6 +24,7 @@ from soter.certificate.cells.cell_sets import (
 )
 from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.terms.arb_balls import exact
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -249,8 +250,8 @@ def test_a_block_around_what_is_wanted() -> None:
     assert block_index(block) == (slice(2, 5), slice(1, 5))
 
 
-@pytest.mark.parametrize("largest", [1, 3, 100])
-@pytest.mark.parametrize("seed", range(4))
+@all_rows("largest", [1, 3, 100])
+@all_rows("seed", range(4))
 def test_what_no_attempt_showed_is_left(largest: int, seed: int) -> None:
     """Attempts are made on blocks without cells around them that are not wanted, ever smaller."""
     draw = np.random.default_rng(seed)

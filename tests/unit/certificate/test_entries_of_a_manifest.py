@@ -25,6 +25,7 @@ from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.time.claimed_times import TIME_KEYS
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from tables import all_rows
 from unit.certificate.test_single_refusals import facts_of
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ WRONG: dict[str, Callable[[dict[str, Any]], object]] = {
 }
 
 
-@pytest.mark.parametrize("word", WRONG)
+@all_rows("word", WRONG)
 def test_another_figure_is_rejected(two: Facts, word: str) -> None:
     entry = copy.deepcopy(entry_of(two))
     WRONG[word](entry)

@@ -27,6 +27,7 @@ from soter.certificate.terms.compile_terms import compile_lines
 from soter.certificate.terms.operations import NotCertainError
 from soter.certificate.terms.straight_line import Builder
 from soter.certificate.terms.terms import NotRecheckedError, Proposition, Terms
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -80,7 +81,7 @@ def swirl(terms: Terms, x: Any, y: Any, u: Any) -> list[Any]:
 # ---------------------------------------------------------------- ends and boxes
 
 
-@pytest.mark.parametrize("kept", list(itertools.product((True, False), repeat=4)))
+@all_rows("kept", list(itertools.product((True, False), repeat=4)))
 def test_a_box_is_cut_at_kept_ends_alone(kept: tuple[bool, ...]) -> None:
     ends = KeptEnds(MODEL, (1, 0), [kept[:2], kept[2:]])  # type: ignore[list-item]
     box = [(-9.0, 7.0), (-5.0, 5.0)]
@@ -326,8 +327,8 @@ def test_a_span_too_long_for_the_rates_is_refused() -> None:
         integral_of(matrix([[25.5]]), ONE)
 
 
-@pytest.mark.parametrize("a", MATRICES)
-@pytest.mark.parametrize(("start", "end"), [(0, 1), (-1, 0), (-1, 2), (-2, 1)])
+@all_rows("a", MATRICES)
+@all_rows(("start", "end"), [(0, 1), (-1, 0), (-1, 2), (-2, 1)])
 def test_noise_is_what_the_greatest_rates_make_of_it(a: Any, start: int, end: int) -> None:
     """M: |a_ij| off the diagonal; on it a_ii forwards, -a_ii backwards, |a_ii| both ways."""
     flow = local(lag)

@@ -32,6 +32,7 @@ from soter.certificate.terms.rows import (
 )
 from soter.certificate.terms.straight_line import Builder
 from soter.certificate.terms.terms import NotRecheckedError
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -149,9 +150,9 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
     assert near < 10
 
 
-@pytest.mark.parametrize(("d", "early", "late"), [(0, 0, 0), (5, 0, 0), (10, 0, 0), (0, 2, 3),
+@all_rows(("d", "early", "late"), [(0, 0, 0), (5, 0, 0), (10, 0, 0), (0, 2, 3),
                                                   (10, 1, 0), (17, 4, 2)])  # fmt: skip
-@pytest.mark.parametrize("felt", [True, False])
+@all_rows("felt", [True, False])
 def test_how_many_commands_a_form_carries(d: int, early: int, late: int, felt: bool) -> None:
     flow: Any = SimpleNamespace(moves=[0] if felt else [], steps=lambda _: 1, ranges=[], apart=True)
     given = Times(Fraction(10), Fraction(d), Fraction(early), Fraction(late))

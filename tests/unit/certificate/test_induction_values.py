@@ -25,6 +25,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
+from tables import all_rows
 from unit.certificate import small_proofs
 from unit.certificate.test_recheck_induction import PLANNER, certificate
 
@@ -67,7 +68,7 @@ def test_ages_are_compared_with_what_constants_are(tmp_path: Path, age: str) -> 
     assert report.accepted, report.reason
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "said",
     [
         "0.1 - 0.07",

@@ -27,6 +27,7 @@ from soter.certificate.terms.arb_balls import (
     range_max0,
     smaller,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -154,8 +155,8 @@ def intervals(name: str) -> list[tuple[float, float]]:
     return [p for p in pairs if p[0] >= least]
 
 
-@pytest.mark.parametrize("name", sorted(UNIVARIATE))
-@pytest.mark.parametrize("radii", [(0.0, 0.0), (0.125, 0.125), (0.0, 0.2), (0.2, 0.0)])
+@all_rows("name", sorted(UNIVARIATE))
+@all_rows("radii", [(0.0, 0.0), (0.125, 0.125), (0.0, 0.2), (0.2, 0.0)])
 def test_lines_and_ranges_enclose(name: str, radii: tuple[float, float]) -> None:
     assert UNIVARIATE.keys() == EXACT.keys()
     for a, b in intervals(name):

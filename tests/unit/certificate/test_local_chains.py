@@ -23,6 +23,7 @@ from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.operations import NotCertainError
 from soter.certificate.terms.rows import product
+from tables import all_rows
 from unit.certificate import small_proofs
 from unit.verify.time.late_sc_runs import LateRuns
 
@@ -320,8 +321,8 @@ def test_chains_enclose_runs(
     assert min(shares) > 0.15, "what encloses everything says nothing"
 
 
-@pytest.mark.parametrize("forgotten_ms", [0, 60])
-@pytest.mark.parametrize("name", sorted(THINGS))
+@all_rows("forgotten_ms", [0, 60])
+@all_rows("name", sorted(THINGS))
 def test_chains_of_late_commands_enclose_runs(tmp_path: Path, name: str, forgotten_ms: int) -> None:
     """Commands act up to 100 ms late, every 20 ms; runs leave chains of reads that are younger."""
     thing = THINGS[name]
@@ -477,8 +478,8 @@ def test_two_commands_that_the_group_feels(tmp_path: Path, times: tuple[int, int
             assert spread > 0.15 * float(form[2 * axis + 1] - form[2 * axis])
 
 
-@pytest.mark.parametrize("name", sorted(THINGS))
-@pytest.mark.parametrize("pieces", [2, 8])
+@all_rows("name", sorted(THINGS))
+@all_rows("pieces", [2, 8])
 def test_free_phases_enclose_runs(tmp_path: Path, name: str, pieces: int) -> None:
     thing = THINGS[name]
     model = model_of(tmp_path, thing, 15, 20, 3)
@@ -538,7 +539,7 @@ def test_the_rest_of_a_series_is_counted() -> None:
 # ---------------------------------------------------------------- ends
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("der_x", "low", "high"),
     [
         ("push + 1.0 - sqrt(max(x + 2.0, 0.0))", True, True),  # 2 - 2 at the upper end
@@ -626,9 +627,9 @@ def crafted(depth: int, state: Floats, old: Floats) -> tuple[arb, ...]:
     return tuple(form)
 
 
-@pytest.mark.parametrize("pieces", [1, 3])
-@pytest.mark.parametrize("times", [(15, 20, 3), (50, 20, 2), (75, 20, 4)])
-@pytest.mark.parametrize("name", ["drag", "product", "linear"])
+@all_rows("pieces", [1, 3])
+@all_rows("times", [(15, 20, 3), (50, 20, 2), (75, 20, 4)])
+@all_rows("name", ["drag", "product", "linear"])
 def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, looked at thrice
     tmp_path: Path, name: str, times: tuple[int, int, int], pieces: int
 ) -> None:

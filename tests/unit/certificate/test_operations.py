@@ -22,6 +22,7 @@ from soter.certificate.terms.operations import (
     swept,
 )
 from soter.certificate.terms.straight_line import Builder, Function
+from tables import all_rows
 
 ENDS = (-2.5, -1.0, -0.25, 0.0, 0.5, 1.0, 3.0)
 INTERVALS = [(a, b) for a in ENDS for b in ENDS if a <= b]
@@ -107,9 +108,9 @@ def test_growth_is_the_integral() -> None:
     assert float(grown(arb(-0.05, 0.05), exact(1.0)).upper()) >= 1.0
 
 
-@pytest.mark.parametrize("own", [-2.0, -0.5, 0.5])
-@pytest.mark.parametrize("rest", [(-1.0, -0.8), (-0.2, 0.3), (0.1, 0.4), (0.8, 1.0)])
-@pytest.mark.parametrize("box", [(-1.0, -0.5), (-0.3, 0.4), (0.0, 0.1), (0.5, 1.0)])
+@all_rows("own", [-2.0, -0.5, 0.5])
+@all_rows("rest", [(-1.0, -0.8), (-0.2, 0.3), (0.1, 0.4), (0.8, 1.0)])
+@all_rows("box", [(-1.0, -0.5), (-0.3, 0.4), (0.0, 0.1), (0.5, 1.0)])
 def test_a_state_between_two_instants_is_in_the_swept_range(
     own: float, rest: tuple[float, float], box: tuple[float, float]
 ) -> None:
@@ -159,8 +160,8 @@ def test_a_form_of_another_length_is_refused() -> None:
             function(form)
 
 
-@pytest.mark.parametrize("known", [0.0, 1.0, -1.0])
-@pytest.mark.parametrize("name", ["add", "sub", "mul", "smaller", "larger"])
+@all_rows("known", [0.0, 1.0, -1.0])
+@all_rows("name", ["add", "sub", "mul", "smaller", "larger"])
 def test_what_needs_no_operation_is_left_out(name: str, known: float) -> None:
     """Sums with 0 and products with 0, 1 and -1 are known, of what nothing bounds as well."""
     make = Builder()

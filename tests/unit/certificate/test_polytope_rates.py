@@ -14,6 +14,7 @@ from soter.certificate.polytope.certificate_tables import ClaimedRates
 from soter.certificate.polytope.linear_with_noise import enclosed_flow
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.rechecker import recheck
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -129,8 +130,8 @@ def test_drag_that_drives_is_rejected(right: Path, tmp_path: Path) -> None:
     assert "not confirmed by its multipliers" in found.reason
 
 
-@pytest.mark.parametrize("name", RATES)
-@pytest.mark.parametrize("seed", range(3))
+@all_rows("name", RATES)
+@all_rows("seed", range(3))
 def test_the_rates_are_as_far_from_the_line_as_is_found(
     name: str, seed: int, tmp_path: Path
 ) -> None:

@@ -16,6 +16,7 @@ from soter.certificate.reading.module_facts import DiffersError, Facts
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
+from tables import all_rows
 from unit.certificate import small_proofs
 from unit.certificate.test_reading_by_evaluation import at, holds
 
@@ -150,7 +151,7 @@ system S { p: P; q: Q;"""
 Q = (("system S { p: P;", Z),)
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("pair", "there"),
     [
         (("gear: int", "gear: int"), False),
@@ -174,7 +175,7 @@ Q = (("system S { p: P;", Z),)
         ),
     ],
 )
-@pytest.mark.parametrize("inner", [False, True])
+@all_rows("inner", [False, True])
 def test_a_plant_is_part_of_the_problem_where_it_is_read(
     tmp_path: Path, pair: tuple[str, str], there: bool, inner: bool
 ) -> None:
@@ -448,8 +449,8 @@ def test_what_keeps_to_its_set_is_no_assumption(facts: Facts) -> None:
         assert [c.key for c in confirmed_of(own, {})] == ["set y"] * confirmed
 
 
-@pytest.mark.parametrize("function", ["sin", "exp", "clamp", "sign"])
-@pytest.mark.parametrize("place", ["SC", "safer", "plant"])
+@all_rows("function", ["sin", "exp", "clamp", "sign"])
+@all_rows("place", ["SC", "safer", "plant"])
 def test_bounds_of_functions_are_said(tmp_path: Path, function: str, place: str) -> None:
     of = {"clamp": "clamp({}, -1.0, 1.0)"}.get(function, f"{function}({{}})")
     pair = {

@@ -16,6 +16,7 @@ from soter.certificate.format.folder import (
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -150,7 +151,7 @@ def kinds() -> list[tuple[object, object, bool]]:
     return rows
 
 
-@pytest.mark.parametrize(("of", "value", "fine"), kinds())
+@all_rows(("of", "value", "fine"), kinds())
 def test_a_value_is_one_of_its_type(of: object, value: object, fine: bool) -> None:
     if fine:
         assert certificate_program._value(of, value, "x") is value

@@ -40,6 +40,7 @@ from soter.language.evaluate.statements import Environment, Evaluator
 from soter.language.front_end import check_file
 from soter.language.model.typed import VarRead
 from soter.language.model.types import FLOAT, ArrayType, ListType
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -226,8 +227,8 @@ def inputs_of(terms: Terms, *ends: tuple[float, float]) -> list[Linear]:
     return [terms.input("state", f"x{k}", exact(a), exact(b)) for k, (a, b) in enumerate(ends)]
 
 
-@pytest.mark.parametrize("rounded", [True, False])
-@pytest.mark.parametrize("name", BODIES)
+@all_rows("rounded", [True, False])
+@all_rows("name", BODIES)
 def test_code_is_what_it_computes(program: Any, name: str, rounded: bool) -> None:
     fun, terms = program.funs[f"f_{name}"], Terms()
     inputs = inputs_of(terms, (-6.0, 6.0), (-6.0, 6.0))

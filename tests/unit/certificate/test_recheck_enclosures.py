@@ -27,6 +27,7 @@ from soter.certificate.terms.straight_line import Builder, Function
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from soter.language.model import typed
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -117,7 +118,7 @@ def term_of(path: Path, name: str, terms: Terms) -> tuple[list[Linear], Linear]:
     return inputs, value
 
 
-@pytest.mark.parametrize("name", [*NAMES, "Vectors"])
+@all_rows("name", [*NAMES, "Vectors"])
 def test_a_function_stays_within_its_enclosure(program: Path, name: str) -> None:
     terms = Terms()
     inputs, value = term_of(program, name, terms)
@@ -254,7 +255,7 @@ def test_linear_combinations_cancel(tmp_path: Path) -> None:
     assert float(value.radius) < 1e-13
 
 
-@pytest.mark.parametrize("name", sorted(UNIVARIATE))
+@all_rows("name", sorted(UNIVARIATE))
 def test_lines_enclose_their_functions(name: str) -> None:
     exactly = {
         "max0": lambda x: max(x, 0.0),

@@ -20,6 +20,7 @@ from soter.certificate.time.derived_times import (
 )
 from soter.certificate.time.hand_back import handed_back
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from tables import all_rows
 from unit.certificate import small_proofs
 from unit.verify.towers import GENTLE, GRID, TOWER, WRONG_BELOW, changed
 
@@ -182,7 +183,7 @@ PROGRAMS = {
 }
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_another_program_than_was_proved_is_rejected(
     made: dict[str, Path], tmp_path: Path, name: str
 ) -> None:

@@ -14,6 +14,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -91,8 +92,8 @@ BESIDE: dict[str, Pairs] = {
 }
 
 
-@pytest.mark.parametrize("beside", BESIDE)
-@pytest.mark.parametrize(("latest", "late"), [(21, False), (22, True), (49, True), (499, True)])
+@all_rows("beside", BESIDE)
+@all_rows(("latest", "late"), [(21, False), (22, True), (49, True), (499, True)])
 def test_sc_that_acts_within_more_than_half_its_period_is_rechecked_on_cells_alone(
     tmp_path: Path, beside: str, latest: int, late: bool
 ) -> None:

@@ -18,6 +18,7 @@ from soter.api import recheck
 from soter.certificate.reading.linear_flows import TAYLOR, exponential
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.certificate.terms.terms import NotRecheckedError
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -121,8 +122,8 @@ MATRICES: dict[str, list[list[float]]] = {
 }
 
 
-@pytest.mark.parametrize("name", MATRICES)
-@pytest.mark.parametrize("width", [1, 10, 40])
+@all_rows("name", MATRICES)
+@all_rows("width", [1, 10, 40])
 def test_exponentials_over_long_spans_hold_those_of_every_instant(name: str, width: int) -> None:
     a: Any = [[exact(x) for x in row] for row in MATRICES[name]]
     n = len(a)

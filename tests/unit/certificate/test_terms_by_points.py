@@ -25,6 +25,7 @@ from soter.certificate.terms.terms import (
     Proposition,
     Terms,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -437,7 +438,7 @@ def drawn(terms: Terms, chance: np.random.Generator, pool: list[Pair]) -> Pair:
     return made[chance.integers(len(made))]()
 
 
-@pytest.mark.parametrize("seed", range(12))
+@all_rows("seed", range(12))
 def test_drawn_expressions_are_enclosed_and_at_points_they_are_numbers(seed: int) -> None:
     chance = np.random.default_rng(seed)
     terms, x, y = two_inputs()

@@ -24,6 +24,7 @@ from soter.certificate.time.derived_times import (
     releases,
 )
 from soter.certificate.time.module_times import _check_map
+from tables import all_rows
 
 LATER = 200
 """Everything has begun."""
@@ -325,8 +326,8 @@ def map_setting(**more: Any) -> tuple[Any, Any]:
     return SimpleNamespace(plants=[SimpleNamespace(period_ns=ns) for ns in steps]), setting
 
 
-@pytest.mark.parametrize("dm_reads", [False, True])
-@pytest.mark.parametrize(
+@all_rows("dm_reads", [False, True])
+@all_rows(
     ("more", "why"),
     [
         ({}, ""),

@@ -31,6 +31,7 @@ from soter.certificate.terms.terms import (
     negation,
     same,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -264,7 +265,7 @@ def test_how_much_inputs_move_what_is_compared() -> None:
         assert float(influence(terms, truth, inputs)) == most
 
 
-@pytest.mark.parametrize("seed", range(40))
+@all_rows("seed", range(40))
 def test_an_input_that_lacks_an_end_decides_what_is_only_so_there(seed: int) -> None:
     """A comparison that is decided holds of every value that the inputs may have."""
     chance = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ from soter.certificate.format.errors import (
     NotRecheckedError,
     RejectedError,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -239,9 +240,9 @@ def test_every_task_has_to_say_nothing(
         show("wrong", named=False)
 
 
-@pytest.mark.parametrize("above", [None, "a module"])
-@pytest.mark.parametrize(("first", "phase"), [(0, 0), (5, 0), (3, 3), (3, 4)])
-@pytest.mark.parametrize("tower", [1, 2])
+@all_rows("above", [None, "a module"])
+@all_rows(("first", "phase"), [(0, 0), (5, 0), (3, 3), (3, 4)])
+@all_rows("tower", [1, 2])
 def test_when_the_start_of_sc_is_asked_about(
     monkeypatch: pytest.MonkeyPatch, above: str | None, first: int, phase: int, tower: int
 ) -> None:

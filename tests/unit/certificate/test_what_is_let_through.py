@@ -19,6 +19,7 @@ from soter.certificate.time import claimed_times, sensor_paths
 from soter.certificate.time.claimed_times import DECLARED_KEYS, TIME_KEYS, compare_times
 from soter.certificate.time.derived_times import Clock, Effect, TopicPath
 from soter.language.model import typed as t
+from tables import all_rows
 from unit.certificate.test_problem_by_definition import facts_with, model_of
 from unit.certificate.test_reading_by_evaluation import holds
 from unit.certificate.test_single_refusals import claimed, controllers
@@ -126,8 +127,8 @@ def timed(horizon: object = None) -> tuple[Any, dict[str, int]]:
     return facts, times
 
 
-@pytest.mark.parametrize("key", TIME_KEYS)
-@pytest.mark.parametrize("horizon", [None, "declared"])
+@all_rows("key", TIME_KEYS)
+@all_rows("horizon", [None, "declared"])
 def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None) -> None:
     fixed = key in DECLARED_KEYS or (key == "H_ns" and horizon is not None)
     _, own = timed()

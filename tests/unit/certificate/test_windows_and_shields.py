@@ -16,6 +16,7 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.grid import estimates, inward_flow, sc_chains, shield
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
 from soter.certificate.terms.arb_balls import exact
+from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
 
 if TYPE_CHECKING:
@@ -40,10 +41,10 @@ def test_a_window_holds_its_share_of_all_runs() -> None:
     assert EVERY.taken(delay) == (-delay, 0)  # type: ignore[comparison-overlap]
 
 
-@pytest.mark.parametrize("jitter", [0, 2])
-@pytest.mark.parametrize("delay", [0, 3])
-@pytest.mark.parametrize("paths", [[1], [2], [1, 1], [0]])
-@pytest.mark.parametrize("linear", [True, False])
+@all_rows("jitter", [0, 2])
+@all_rows("delay", [0, 3])
+@all_rows("paths", [[1], [2], [1, 1], [0]])
+@all_rows("linear", [True, False])
 def test_into_which_windows_runs_are_told_apart(
     jitter: int, delay: int, paths: list[int], linear: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -42,6 +42,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -105,7 +106,7 @@ def test_a_fixed_struct_is_packed_by_name_and_reserves_zeros() -> None:
 # ---------------------------------------------------------------- types
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("low", "high", "c_type"),
     [
         (0, 255, "uint8_t"),

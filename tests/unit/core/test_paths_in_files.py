@@ -16,6 +16,7 @@ import pytest
 
 import soter
 from soter.mapping.read_mapping import mapping_of, read_mapping
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -164,9 +165,8 @@ RUN: dict[str, Callable[[Path, float], None]] = {
 }
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("engine", ["native", "interp"])
-@pytest.mark.parametrize("name", RUN)
+@all_rows("engine", ["native", "interp"])
+@all_rows("name", RUN)
 def test_files_of_a_program_are_those_beside_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, engine: str
 ) -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
-
 import soter
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -87,8 +86,7 @@ SAID: dict[str, tuple[list[tuple[str, str]], list[str]]] = {
 }  # fmt: skip
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", SAID)
+@all_rows("name", SAID)
 def test_what_is_said(tmp_path: Path, name: str) -> None:
     changes, codes = SAID[name]
     text = PROGRAM

@@ -6,14 +6,13 @@ import re
 from pathlib import Path
 from typing import get_args
 
-import pytest
-
 from generators.file_listing import files_below
 from soter.diagnostics.codes import Code
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source
 from soter.language.syntax.parser import parse
+from tables import all_rows
 
 ROOT = Path(__file__).parents[3]
 SYNTAX_CODES = [code for code in all_codes() if code[0] in "LS"]
@@ -32,7 +31,7 @@ def codes_of(text: str) -> list[str]:
     return [d.code for d in diagnostics.items]
 
 
-@pytest.mark.parametrize("code", all_codes())
+@all_rows("code", all_codes())
 def test_every_page_has_the_same_shape(code: str) -> None:
     page = explain(code)
     assert page is not None
@@ -46,13 +45,13 @@ def test_the_type_of_codes_is_closed_by_the_pages() -> None:
     assert sorted(get_args(Code)) == sorted(all_codes())
 
 
-@pytest.mark.parametrize("code", SYNTAX_CODES)
+@all_rows("code", SYNTAX_CODES)
 def test_wrong_example_of_a_syntax_page_gives_its_code(code: str) -> None:
     (wrong,) = examples(code, "soter,wrong")
     assert code in codes_of(wrong)
 
 
-@pytest.mark.parametrize("code", SYNTAX_CODES)
+@all_rows("code", SYNTAX_CODES)
 def test_mended_example_of_a_syntax_page_parses(code: str) -> None:
     (mended,) = examples(code, "soter")
     assert codes_of(mended) == []

@@ -17,6 +17,7 @@ from soter.diagram.layered_layout import Link, Spot, lay_out
 from soter.diagram.render import picture
 from soter.diagram.svg import draw
 from soter.language.front_end import check_file, system_of
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -132,7 +133,7 @@ def test_boxes_of_a_picture_do_not_cover_each_other(system: System) -> None:
             assert apart, (places[i], (left, top, wide, high))
 
 
-@pytest.mark.parametrize("seed", range(20))
+@all_rows("seed", range(20))
 def test_arrows_of_any_graph_run_from_box_to_box_layer_by_layer(seed: int) -> None:
     chance = random.Random(seed)  # noqa: S311 - not for secrets
     count = chance.randint(1, 14)

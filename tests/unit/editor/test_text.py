@@ -16,6 +16,7 @@ from soter.editor.documents import Documents
 from soter.editor.positions import Lines, path_of, uri_of
 from soter.language.front_end import check_file
 from soter.native import cached_verdicts
+from tables import all_rows
 
 WRONG = sorted((Path(__file__).resolve().parents[2] / "static_error").glob("**/*.soter"))
 START = lsp.Position(0, 0)
@@ -70,7 +71,7 @@ def test_a_fix_of_all_places_is_offered_at_each(served: Editor, tmp_path: Path) 
         assert edited(text, action.edit.changes[uri]) == text.replace("WALLS", "WALL")
 
 
-@pytest.mark.parametrize("path", WRONG, ids=lambda p: p.stem)
+@all_rows("path", WRONG, ids=lambda p: p.stem)
 def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
     documents = Documents(lambda *_: None)
     uri = uri_of(path)

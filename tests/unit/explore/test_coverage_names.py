@@ -28,11 +28,12 @@ from soter.language.model.types import (
     Type,
     leaves,
 )
+from tables import all_rows
 
 COLOUR = EnumType("Colour", ("RED", "GREEN"))
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("leaf", "names"),
     [
         (CoveredLeaf("t", BOOL, -math.inf, math.inf), ["t = false", "t = true"]),

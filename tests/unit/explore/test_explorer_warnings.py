@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
-
 import processes
 from soter.explore.engine.explorer_library import FLAGS, sources
 from soter.native.build import RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 
-@pytest.mark.parametrize("file", [f for f in sources() if f.suffix == ".c"], ids=lambda f: f.stem)
+@all_rows("file", [f for f in sources() if f.suffix == ".c"], ids=lambda f: f.stem)
 def test_a_file_of_the_explorer_has_no_warning(file: Path) -> None:
     include = (f"-I{RUNTIME}", *include_flags(*sources()))
     command = [*find().command, *STRICT, *WARNINGS, *FLAGS, *include, "-fsyntax-only", str(file)]

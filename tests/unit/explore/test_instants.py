@@ -13,6 +13,7 @@ from soter.api.program import load
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
+from tables import all_rows
 
 EXAMPLES = Path(__file__).parents[3] / "examples/testing"
 
@@ -43,9 +44,9 @@ def engine_of(test: str, **changed: int) -> Engine:
     return Engine(replace(system, test=plan))
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
-@pytest.mark.parametrize("reduction", ["instants", "all"])
-@pytest.mark.parametrize("test", ["Middle", "End", "Late"])
+@all_rows("strategy", ["bfs", "dfs"])
+@all_rows("reduction", ["instants", "all"])
+@all_rows("test", ["Middle", "End", "Late"])
 def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strategy: str) -> None:
     engine = engine_of(test)
     exploration = engine.explore(EngineSettings(strategy=strategy, reduction=reduction))
@@ -65,9 +66,9 @@ test T { system S; horizon 30ms; always y <= 3; }
 """
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
-@pytest.mark.parametrize("reduction", ["instants", "groups", "all"])
-@pytest.mark.parametrize("plainly", [False, True])
+@all_rows("strategy", ["bfs", "dfs"])
+@all_rows("reduction", ["instants", "groups", "all"])
+@all_rows("plainly", [False, True])
 def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
     strategy: str, reduction: str, plainly: bool
 ) -> None:

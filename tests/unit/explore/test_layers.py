@@ -11,6 +11,7 @@ import pytest
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.methods import REDUCTIONS
 from soter.language.front_end import check_file, system_of_test
+from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 HEAD = "soter 1; type Cell = int in [0, 9];"
@@ -77,8 +78,8 @@ def stored(engine: Engine, reduction: str, threads: int, memory: int) -> list[by
     return rows
 
 
-@pytest.mark.parametrize(("most", "words"), [("9", 1), ("999999999", 2)])
-@pytest.mark.parametrize("reduction", REDUCTIONS)
+@all_rows(("most", "words"), [("9", 1), ("999999999", 2)])
+@all_rows("reduction", REDUCTIONS)
 def test_threads_store_the_configurations_that_one_stores(
     reduction: str, most: str, words: int
 ) -> None:

@@ -7,6 +7,7 @@ import pytest
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.search_options import SearchOptions
+from tables import all_rows
 from unit.explore.random_walks import system_of_text
 
 TOLD = TraceHeader("small.soter", {})
@@ -89,8 +90,8 @@ def test_a_step_beside_another_part_off_the_grid() -> None:
     )
 
 
-@pytest.mark.parametrize("strategy", EXHAUSTIVE)
-@pytest.mark.parametrize("most", [1, 2, 3, 4])
+@all_rows("strategy", EXHAUSTIVE)
+@all_rows("most", [1, 2, 3, 4])
 def test_a_bound_that_ends_the_search_before_the_last_part(strategy: str, most: int) -> None:
     options = SearchOptions(strategy=strategy, max_states=most)
     assert explore_test(system_of_text(TWO_PARTS, "T"), options, TOLD).verdict != "exhausted"

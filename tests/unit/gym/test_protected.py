@@ -28,6 +28,7 @@ from soter.gym import compiled_system as compiled_module
 from soter.gym import vector as vector_module
 from soter.gym.array_mapping import action_space
 from soter.language.model.system import Bound, Topic
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -801,11 +802,9 @@ def test_an_action_space_that_does_not_fit_is_said(space: Any, words: str) -> No
 
 
 @pytest.mark.filterwarnings("ignore:the environment did what plant")
-@pytest.mark.parametrize("number", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("at", [3, 4])
-@pytest.mark.parametrize(
-    "options", [{}, {"alarm": False}, {"observe": lambda o: {"x": o[0], "v": o[1]}}]
-)
+@all_rows("number", [np.nan, np.inf, -np.inf])
+@all_rows("at", [3, 4])
+@all_rows("options", [{}, {"alarm": False}, {"observe": lambda o: {"x": o[0], "v": o[1]}}])
 def test_an_episode_is_cut_where_the_environment_shows_no_number(
     number: float, at: int, options: dict[str, Any]
 ) -> None:

@@ -13,6 +13,7 @@ from gym_cart import CART, Cart  # type: ignore[import-not-found]
 from soter.diagnostics.diagnostic import SoterError
 from soter.gym import Protected
 from soter.gym.python_methods import NO_NUMBERS
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +54,7 @@ class Shows(Cart):  # type: ignore[misc]
         return (self.made(np.float32(seen)), *others)
 
 
-@pytest.mark.parametrize("made", [*READ.values(), *CONVERTED.values()], ids=[*READ, *CONVERTED])
+@all_rows("made", [*READ.values(), *CONVERTED.values()], ids=[*READ, *CONVERTED])
 def test_arrays_mean_their_numbers_however_they_lie(made: Made) -> None:
     env, plain = (Protected(CART, Shows(m), alarm=False) for m in (made, np.float64))
     env.reset(seed=3)
@@ -77,7 +78,7 @@ def test_what_c_does_not_read_has_no_effect(arrays: dict[str, Made], read: bool)
         assert session.action.tolist() == [1.5 if read else 0.0], name
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "other",
     [
         None,

@@ -15,6 +15,7 @@ import pytest
 from generators.file_listing import files_in
 from long_tests import examples
 from soter.language.front_end import check_file
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -55,7 +56,7 @@ def test_a_misspelt_name_is_one_mistake(path: Path) -> None:
     assert counts[0] + counts[1] >= 0.75 * sum(counts.values()), counts
 
 
-@pytest.mark.parametrize("path", PROGRAMS, ids=lambda p: p.stem)
+@all_rows("path", PROGRAMS, ids=lambda p: p.stem)
 def test_a_lost_comma_or_semicolon_is_one_mistake(path: Path) -> None:
     tokens = TOKEN.findall(path.read_text(encoding="utf-8"))
     counts: Counter[int] = Counter()

@@ -15,6 +15,7 @@ from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
 from soter.language.load.data_files import MAX_DATA_BYTES
 from soter.language.load.loader import MAX_FILE_BYTES
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -180,7 +181,7 @@ GIANT = "1" * 400
 DEEP = "[" * 100_000
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "text",
     [
         "",
@@ -257,7 +258,7 @@ WITH_A_HUGE_SHAPE = npy([1.0, 2.0]).replace(b"(2,), }" + b" " * 8, b"(999999999,
 OF_LISTS_IN_LISTS = npy(np.zeros((10**6, *[1] * 30), dtype=bool))
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "content",
     [
         b"",

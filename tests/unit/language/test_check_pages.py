@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-
-import pytest
+from typing import TYPE_CHECKING
 
 from generators.file_listing import files_below, files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
+from tables import all_rows
+
+if TYPE_CHECKING:
+    import pytest
 
 ROOT = Path(__file__).parents[3]
 CODE = re.compile(r'"([A-Z][0-9]{3}|P1[abc]|P2[ab]|P3)"')
@@ -114,7 +117,7 @@ def test_every_code_is_reached_by_a_program_or_excused() -> None:
     assert used_codes() - ELSEWHERE - STATIC_ERRORS == set(NOT_STATIC)
 
 
-@pytest.mark.parametrize("code", OF_THE_CHECKER)
+@all_rows("code", OF_THE_CHECKER)
 def test_the_wrong_example_gives_the_code(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -124,7 +127,7 @@ def test_the_wrong_example_gives_the_code(
     assert diagnostics[0].severity is (Severity.WARNING if code[0] == "W" else Severity.ERROR)
 
 
-@pytest.mark.parametrize("code", OF_THE_CHECKER)
+@all_rows("code", OF_THE_CHECKER)
 def test_the_mended_example_is_clean(
     code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

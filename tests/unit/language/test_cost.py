@@ -7,6 +7,7 @@ import pytest
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import CheckResult, check_file
 from soter.language.model import typed
+from tables import all_rows
 
 LIMIT = 10**12
 
@@ -126,8 +127,8 @@ fun listed(n: int): int {
 """
 
 
-@pytest.mark.parametrize("name", ["sums", "moved", "both", "listed"])
-@pytest.mark.parametrize("argument", [-3, 0, 7, 100])
+@all_rows("name", ["sums", "moved", "both", "listed"])
+@all_rows("argument", [-3, 0, 7, 100])
 def test_no_execution_takes_more_than_the_bound(name: str, argument: int) -> None:
     step = f"let found = {name}({argument});"
     text = f"topic u: float;\nnode A period 10ms {{ publishes u; step {{ {step} }} }}"

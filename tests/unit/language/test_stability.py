@@ -9,6 +9,7 @@ import pytest
 
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.front_end import check_file, system_of
+from tables import all_rows
 
 PLANT = """soter 1;
 topic pull: float in [-1.0, 1.0];
@@ -43,7 +44,7 @@ def told(rates: list[str], method: str = "rk4", substeps: int = 1) -> list[tuple
     return [d.names for d in divergences]
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("rate", "method", "diverges"),
     [
         ("-1000.0 * x0", "rk4", True),

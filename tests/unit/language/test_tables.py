@@ -35,6 +35,7 @@ from soter.language.model.types import (
 from soter.native.compiler import WARNINGS
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.verify.tables.typed_tree_builder import Writer
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -71,7 +72,7 @@ def a_value(rng: random.Random, t: Type) -> Value:
     return rng.choice((t.low, t.high, 3, 0))
 
 
-@pytest.mark.parametrize("seed", range(60))
+@all_rows("seed", range(60))
 def test_a_table_holds_what_it_was_made_of(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311 - no secret
     element = a_type(rng)
@@ -89,7 +90,7 @@ def test_a_table_holds_what_it_was_made_of(seed: int) -> None:
         assert made != Table.of(element, values[1:])
 
 
-@pytest.mark.parametrize("seed", range(60))
+@all_rows("seed", range(60))
 def test_the_image_of_a_table_is_that_of_the_value(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311 - no secret
     element = rng.choice((a_type(rng), FLOAT, ArrayType(FLOAT, 3)))

@@ -38,6 +38,7 @@ from soter.language.model.types import (
     Type,
     Value,
 )
+from tables import all_rows
 
 VEC = RecordType((("x", FLOAT), ("y", FLOAT)), "Vec")
 POSE = RecordType((("p", VEC), ("n", INT)), "Pose")
@@ -201,7 +202,7 @@ WRONG: list[tuple[Type, Any, str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("t", "wrong", "path", "reason"), WRONG)
+@all_rows(("t", "wrong", "path", "reason"), WRONG)
 def test_a_wrong_shape_says_where_and_why(t: Type, wrong: object, path: str, reason: str) -> None:
     with pytest.raises(ValueShapeError) as caught:
         from_python(t, wrong)

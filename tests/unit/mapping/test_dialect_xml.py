@@ -18,6 +18,7 @@ from pymavlink.generator import mavparse
 from soter.mapping.dialect_xml import comment_text, dialect_xml
 from soter.mapping.mavlink_types import dialect_path, read_dialect, standard_dialects
 from soter.targets.mavlink.dialect_headers import dialect_headers
+from tables import all_rows
 
 MESSAGE = '<message id="54000" name="{name}">{inside}</message>'
 FIELD = '<field type="float" name="x" units="m">place</field>'
@@ -127,7 +128,7 @@ def test_no_device_is_read_and_nothing_too_large(tmp_path: Path) -> None:
         dialect_xml(tmp_path / "d0.xml")
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "wrong",
     [
         message(name="A { int"),

@@ -23,6 +23,7 @@ from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.stamp_source import StampSource
 from soter.mapping.topic_mapping import SignalSource
 from soter.mapping.units import UNITS, factor_between
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
@@ -330,7 +331,7 @@ WRONG: list[tuple[str, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("topic", "given", "text"), WRONG)
+@all_rows(("topic", "given", "text"), WRONG)
 def test_a_mistake_is_refused_in_words(system: Any, topic: str, given: Any, text: str) -> None:
     topics = {topic: {k: v for k, v in given.items() if v is not None}}
     assert any(text in message for message in told(system, {"topics": topics}))
@@ -429,7 +430,7 @@ def test_the_mapping_of_the_page_is_one(tmp_path: Path) -> None:
         assert read_mapping(tmp_path / "part.toml")
 
 
-@pytest.mark.parametrize("unit", UNITS)
+@all_rows("unit", UNITS)
 def test_the_page_names_every_unit(unit: str) -> None:
     page = (Path(__file__).resolve().parents[3] / "docs" / "mapping.md").read_text("utf-8")
     (units,) = re.findall(r"is that of the message: (.*?)\. The number", page, re.DOTALL)

@@ -16,6 +16,7 @@ from soter.mapping.message_types import (
 )
 from soter.mapping.standard_units import STANDARD_UNITS, standard_unit
 from soter.mapping.units import UNITS
+from tables import all_rows
 
 
 def named(name: str, **own: str) -> MessageType:
@@ -35,7 +36,7 @@ def test_a_type_has_its_name_in_ros1_and_in_ros2(name: str) -> None:
     assert message == named("nav_msgs/Odometry")
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("name", "path", "kind", "through"),
     [
         ("nav_msgs/Odometry", "pose.pose.position.x", "float64", ""),
@@ -134,7 +135,7 @@ def test_a_text_that_is_no_definition_is_refused() -> None:
         MessageTypes().add("Foo", "float64 x\n")
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("name", "path", "unit"),
     [
         ("nav_msgs/Odometry", "pose.pose.position.z", "m"),

@@ -23,6 +23,7 @@ from soter.mapping.topic_sources import SourcePromise, SourceTurns, early_turns
 from soter.targets.bridged_topics import bridged_topics, by_topic
 from soter.targets.redundant_sources_check import compared
 from soter.targets.ros.ros_packages import TOPIC
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -327,7 +328,7 @@ WRONG = [
 ]
 
 
-@pytest.mark.parametrize(("position", "said"), WRONG, ids=[said for _, said in WRONG])
+@all_rows(("position", "said"), WRONG, ids=[said for _, said in WRONG])
 def test_sources_that_do_not_fit_are_d015(vehicle: Any, position: Any, said: str) -> None:
     assert said in " ".join(refused(vehicle, position))
 

@@ -34,6 +34,7 @@ from soter.report.mcap_records import (
     DamagedMcapError,
     McapRecords,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.api import Program
@@ -161,8 +162,7 @@ TOLD = {
 }
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize(("name", "told"), TOLD.items())
+@all_rows(("name", "told"), TOLD.items())
 def test_what_contradicts_is_told_where_no_checksum_is(
     tmp_path: Path, name: str, told: str
 ) -> None:

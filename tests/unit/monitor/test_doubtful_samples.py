@@ -16,6 +16,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not install
 from generators.robot_logs import CART, MS, Recorded, flight, judge, odometry, refused, written
 from soter.api import load
 from soter.api.monitoring import log_explained
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,8 +44,8 @@ def table(folder: Path, every: float, unit: str, **motion: Any) -> LogJudgement:
     )
 
 
-@pytest.mark.parametrize("name", KINDS)
-@pytest.mark.parametrize(("since", "count"), [(0, 100), (41, 59), (80, 20)])
+@all_rows("name", KINDS)
+@all_rows(("since", "count"), [(0, 100), (41, 59), (80, 20)])
 def test_a_value_that_repeats_to_the_end_is_told(
     tmp_path: Path, name: str, since: int, count: int
 ) -> None:

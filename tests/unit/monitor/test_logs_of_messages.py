@@ -38,6 +38,7 @@ from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files import mcap_messages
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.typed_samples import samples_of
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -62,8 +63,8 @@ LEFT_OUT = [
 ]
 
 
-@pytest.mark.parametrize(("content", "why"), LEFT_OUT)
-@pytest.mark.parametrize("name", ["cdr.mcap", "json.mcap", "plain.bag", "protobuf.mcap"])
+@all_rows(("content", "why"), LEFT_OUT)
+@all_rows("name", ["cdr.mcap", "json.mcap", "plain.bag", "protobuf.mcap"])
 def test_a_message_that_says_nothing_is_left_out_counted_and_named(
     tmp_path: Path, name: str, content: dict[str, Any], why: str
 ) -> None:
@@ -207,9 +208,8 @@ def test_messages_of_another_type_are_told(tmp_path: Path, name: str) -> None:
     assert "the mapping says `nav_msgs/Odometry`" in told
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", KINDS)
-@pytest.mark.parametrize(
+@all_rows("name", KINDS)
+@all_rows(
     ("field", "told"),
     [
         ("pose.pose.positon.x", "has no `pose.pose.positon.x`"),
@@ -277,7 +277,7 @@ GOOD = robot_logs.cdr(flight(1)[0])
 EMPTIES = b"std_msgs/Empty[1000000000] all\n" + b"=" * 80 + b"\nMSG: std_msgs/Empty\n"
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("encoding", "schema", "data", "told"),
     [
         ("cbor", (ODOM, "ros2msg", b""), b"", "are `cbor`, not json: json, cdr, ros1 and protobuf"),

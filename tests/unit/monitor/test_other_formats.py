@@ -17,6 +17,7 @@ from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import bounded_unpack
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,7 +41,7 @@ OTHERS = [
 ]
 
 
-@pytest.mark.parametrize(("name", "head", "told"), OTHERS)
+@all_rows(("name", "head", "told"), OTHERS)
 def test_a_file_of_another_format_is_told_what_converts_it(
     tmp_path: Path, name: str, head: bytes, told: str
 ) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from tables import all_rows
 
 
 def times(seed: int, n: int = 60) -> np.ndarray:
@@ -28,8 +29,8 @@ def test_a_slope_is_that_of_the_parabola_of_least_squares(seed: int) -> None:
     assert tried > 50
 
 
-@pytest.mark.parametrize("n", [2, 3, 4, 60])
-@pytest.mark.parametrize("window", [0.01, 0.5, 100.0])
+@all_rows("n", [2, 3, 4, 60])
+@all_rows("window", [0.01, 0.5, 100.0])
 def test_a_parabola_has_its_own_slope_whatever_the_window(n: int, window: float) -> None:
     t = times(3, n) + 1e6  # far from the beginning of time
     u = t - t[0]

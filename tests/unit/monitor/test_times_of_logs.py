@@ -16,6 +16,7 @@ from generators.robot_logs import CART, MS, T0, TYPED, WRITERS, Recorded, flight
 from long_tests import some
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -61,8 +62,7 @@ def arrivals(*times_ms: int) -> list[Recorded]:
 STEP = [20, 30, 40, 50, 60, 70, 80, 90, 100, 110, 75, 85, 95, 105, 115, 125]
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("name", ALL)
+@all_rows("name", ALL)
 def test_a_clock_that_was_set_back_is_told_with_where_and_how_much(
     tmp_path: Path, name: str
 ) -> None:

@@ -31,6 +31,7 @@ from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
 from soter.cli.terminal.log_judgement import NOT_READ, NOTHING, verdict_of
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -89,10 +90,8 @@ def test_a_channel_that_falls_silent_is_too_old_until_another_ends(
     assert 0.0 < module.judged_share < 0.3
 
 
-@pytest.mark.parametrize("spoilt", [blinded, early, ahead])
-@pytest.mark.parametrize(
-    "name", ["flight.csv", "cdr.mcap", "protobuf.mcap", "lz4.bag", "ros2_message"]
-)
+@all_rows("spoilt", [blinded, early, ahead])
+@all_rows("name", ["flight.csv", "cdr.mcap", "protobuf.mcap", "lz4.bag", "ros2_message"])
 def test_a_sensor_that_dies_for_good_is_too_old_until_its_log_ends(
     tmp_path: Path, name: str, spoilt: Callable[[Recorded], Recorded]
 ) -> None:
@@ -155,8 +154,8 @@ def test_a_time_from_the_messages_ends_as_much_later_as_the_log_does(tmp_path: P
     assert judgement.to_s == pytest.approx(8.0 + 0.92), "0.92 s after the ninth message"
 
 
-@pytest.mark.parametrize("name", ["flight.csv", "cdr.mcap", "plain.bag"])
-@pytest.mark.parametrize(("at", "x"), [(22, 50.0), (3, 50.0), (39, 50.0), (22, 1e9)])
+@all_rows("name", ["flight.csv", "cdr.mcap", "plain.bag"])
+@all_rows(("at", "x"), [(22, 50.0), (3, 50.0), (39, 50.0), (22, 1e9)])
 def test_a_sample_outside_that_no_step_reads_counts(
     tmp_path: Path, name: str, at: int, x: float
 ) -> None:

@@ -22,6 +22,7 @@ from soter.policy.network import (
     answer,
 )
 from soter.policy.sb3_file import read_sb3
+from tables import all_rows
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -87,7 +88,7 @@ def network_of(seed: int) -> Network:
     return Network(sizes[0], (*layers, Clipped(-bounds, bounds)))
 
 
-@pytest.mark.parametrize("seed", range(40))
+@all_rows("seed", range(40))
 def test_the_bound_holds_for_any_order_of_sums(seed: int) -> None:
     network, rng = network_of(seed), np.random.default_rng(seed)
     low = np.full(network.inputs, -5.0)

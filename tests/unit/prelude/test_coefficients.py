@@ -13,6 +13,7 @@ from prelude_source import comment_above, constants, public_functions, text  # t
 from soter_functions import SIGNATURES  # type: ignore[import-not-found]
 
 from soter.language.prelude.function_error_bounds import BOUNDS
+from tables import all_rows
 
 STATED = {
     "ANGLE_MAX": 1.0e5,
@@ -62,7 +63,7 @@ def test_all_public_functions_are_tested() -> None:
     assert public_functions() == set(SIGNATURES)
 
 
-@pytest.mark.parametrize("name", BOUNDS)
+@all_rows("name", BOUNDS)
 def test_comment_states_the_bound(name: str) -> None:
     bound, comment = BOUNDS[name], comment_above(name)
     if bound.ulps:

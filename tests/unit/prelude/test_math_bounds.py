@@ -25,6 +25,7 @@ from mpmath import mp, mpf
 from soter_functions import SCALARS, soter_function  # type: ignore[import-not-found]
 
 from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
+from tables import all_rows
 
 SAMPLES = int(os.environ.get("SOTER_PRELUDE_SAMPLES", "250"))
 
@@ -58,7 +59,7 @@ def test_error_stays_within_bound(name: str) -> None:
     print(f"{name}: {float(worst):.3f} of the bound at {worst_at}")
 
 
-@pytest.mark.parametrize("name", HARDEST)
+@all_rows("name", HARDEST)
 def test_hardest_known_cases_come_near_the_bound(name: str) -> None:
     """A bound far above anything ever met would be no information."""
     function, bound = soter_function(name), BOUNDS[name]
@@ -108,7 +109,7 @@ def test_reduction_meets_the_nearest_multiples_of_half_pi() -> None:
         assert mpf(2) ** -68.5 < gaps[nearest] < mpf(2) ** -68.4
 
 
-@pytest.mark.parametrize("base", range(2, 40))
+@all_rows("base", range(2, 40))
 def test_whole_powers_that_fit_are_exact(base: int) -> None:
     power = soter_function("pow")
     exponent = 0
@@ -119,7 +120,7 @@ def test_whole_powers_that_fit_are_exact(base: int) -> None:
         exponent += 1
 
 
-@pytest.mark.parametrize("exponent", [*range(-1074, 1024, 7), -1074, -1022, -1023, 1023])
+@all_rows("exponent", [*range(-1074, 1024, 7), -1074, -1022, -1023, 1023])
 def test_powers_of_two_are_exact(exponent: int) -> None:
     assert soter_function("pow")(2.0, float(exponent)) == math.ldexp(1.0, exponent)
 

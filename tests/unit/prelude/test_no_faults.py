@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from soter_functions import SIGNATURES, components, flat_call  # type: ignore[import-not-found]
 
+from tables import all_rows
+
 LARGEST = math.nextafter(math.inf, 0.0)
 LEAST = 5e-324
 MAGNITUDES = (
@@ -33,13 +35,13 @@ def _check(name: str, arguments: tuple[float, ...]) -> None:
         assert any(math.isnan(r) for r in result), f"{name}{arguments} = {result}"
 
 
-@pytest.mark.parametrize("name", [n for n in SIGNATURES if components(n) <= 2])
+@all_rows("name", [n for n in SIGNATURES if components(n) <= 2])
 def test_all_special_arguments(name: str) -> None:
     for arguments in itertools.product(SPECIAL, repeat=components(name)):
         _check(name, arguments)
 
 
-@pytest.mark.parametrize("name", [n for n in SIGNATURES if components(n) > 2])
+@all_rows("name", [n for n in SIGNATURES if components(n) > 2])
 def test_many_special_arguments(name: str) -> None:
     rng = seeded(name)
     for _ in range(2000):

@@ -9,6 +9,7 @@ import pytest
 from soter_functions import SIGNATURES, components, flat_call, soter_function  # type: ignore[import-not-found]
 
 from soter.language.front_end import check_file
+from tables import all_rows
 
 INF, NAN, PI = math.inf, math.nan, math.pi
 LARGEST = math.nextafter(INF, 0.0)
@@ -116,9 +117,7 @@ def _bits(x: float) -> bytes:
     return struct.pack("<d", NAN if math.isnan(x) else x)
 
 
-@pytest.mark.parametrize(
-    ("name", "case"), [(n, c) for n, cases in CASES.items() for c in cases], ids=str
-)
+@all_rows(("name", "case"), [(n, c) for n, cases in CASES.items() for c in cases], ids=str)
 def test_special_value(name: str, case: tuple[float, ...]) -> None:
     arguments, expected = case[: components(name)], case[components(name) :]
     computed = flat_call(name, arguments)
@@ -141,7 +140,7 @@ def test_odd_functions_are_odd_in_every_bit(name: str) -> None:
         assert _bits(function(-x)) == _bits(-function(x))
 
 
-@pytest.mark.parametrize("name", SIGNATURES)
+@all_rows("name", SIGNATURES)
 def test_constants_may_call_it(name: str) -> None:
     values = {"float": "0.5", "Vec2": "vec2(0.5, 1.0)", "Vec3": "vec3(0.5, 1.0, 2.0)"}
     values["Quat"] = "quat(0.5, 1.0, 2.0, 3.0)"

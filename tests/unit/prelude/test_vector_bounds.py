@@ -16,6 +16,7 @@ from mpmath import mpf
 from soter_functions import SIGNATURES, VECTORS, components, flat_call  # type: ignore[import-not-found]
 
 from soter.language.prelude.function_error_bounds import BOUNDS, UNIT_ROUNDOFF
+from tables import all_rows
 
 if TYPE_CHECKING:
     import random
@@ -164,7 +165,7 @@ def test_every_public_vector_function_has_a_bound() -> None:
     assert set(BOUNDS) <= set(SIGNATURES)
 
 
-@pytest.mark.parametrize("name", BOUNDS)
+@all_rows("name", BOUNDS)
 def test_domain_has_an_interval_for_every_component(name: str) -> None:
     domain = BOUNDS[name].domain
     assert len(domain) == components(name)

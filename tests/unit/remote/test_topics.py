@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.remote.topics import Topic, Topics, _type, parsed, topics_of
 from soter.targets.channel_document import number_of_layout
 from soter.targets.firmware import described
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +43,7 @@ def code_of(call: Callable[[], object]) -> tuple[str, str]:
 # ---------------------------------------------------------------- values
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("topic", "given", "back"),
     [
         ("wish", 0.25, 0.25),
@@ -69,7 +70,7 @@ def test_values_come_back_as_they_were(
     assert not isinstance(back, float) or math.copysign(1, read) == math.copysign(1, back)
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("topic", "given", "words"),
     [
         ("wish", math.nan, "wish: nan is no finite number"),
@@ -155,7 +156,7 @@ def test_a_topic_goes_by_its_name_and_a_wrong_one_is_told_with_what_is_like_it(
 # ---------------------------------------------------------------- channels.json
 
 
-@pytest.mark.parametrize("seed", range(40))
+@all_rows("seed", range(40))
 def test_a_type_is_read_back_from_its_description(seed: int) -> None:
     choose = Seeded(seed)
     maker = TypeMaker(choose, Namer(choose, 20))

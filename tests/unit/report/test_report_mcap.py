@@ -30,6 +30,7 @@ from soter.report.mcap_log import (
     to_json,
     write_mcap,
 )
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -252,7 +253,7 @@ def test_equal_times_keep_the_order_of_the_channels(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("value", "text"),
     [
         (math.nan, '"NaN"'),

@@ -13,6 +13,7 @@ from cffi import FFI
 import processes
 from soter.native.build import RUNTIME
 from soter.native.compiler import STRICT, WARNINGS, find
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -75,7 +76,7 @@ def told(code: tuple[Any, Any], **changed: int) -> tuple[int, str, float, str]:
     return library.soter_module_level(facts), ffi.string(room).decode(), margin, armed
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("changed", "level", "sentence", "armed"),
     [
         ({"mode": 1}, OK, "AC has control", "yes"),

@@ -11,6 +11,7 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model.system import modules_above
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.observer_records import StepOutcome
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
@@ -80,8 +81,8 @@ def test_every_module_starts_in_sc_and_the_topmost_sc_has_control() -> None:
     assert [m.name for m in modules_above(d.system, 2)] == ["High.Middle", "High"]
 
 
-@pytest.mark.parametrize("order", [DMS, DMS[::-1], (DMS[1], DMS[0], DMS[2])])
-@pytest.mark.parametrize("unsafe", range(8))
+@all_rows("order", [DMS, DMS[::-1], (DMS[1], DMS[0], DMS[2])])
+@all_rows("unsafe", range(8))
 def test_the_topmost_module_in_sc_has_control_whoever_decides_first(
     order: tuple[str, ...], unsafe: int
 ) -> None:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-
-import pytest
+from typing import TYPE_CHECKING
 
 import soter
 from soter.language.evaluate.limits_from_predicates import limits
@@ -12,6 +11,10 @@ from soter.language.front_end import check_file, system_of
 from soter.report.run.result_wording import headline
 from soter.simulate.outputs import to_report
 from soter.simulate.outputs.to_report import report_page
+from tables import all_rows
+
+if TYPE_CHECKING:
+    import pytest
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 PROGRAM = """soter 1;
@@ -32,7 +35,7 @@ rta M {{ ac A; sc B; period 20ms; safe {safe}; ttf m.x > 1.0; safer m.x < 0.0; }
 """
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("safe", "expected"),
     [
         ("Inside(m)", {("m.x", -10.0), ("m.x", 10.0)}),

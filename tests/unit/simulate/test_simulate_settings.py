@@ -13,6 +13,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.durations import WrongTextError, duration_ns
 from soter.simulate.run_settings import until_ns
+from tables import all_rows
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,7 @@ def test_a_length_of_time_is_exact(given: float | str, ns: int) -> None:
     assert duration_ns(given) == ns
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "given",
     [
         "",

@@ -14,6 +14,7 @@ from soter.native.stack_bound import StackBound
 from soter.targets.cortex_m.board import BOARDS, board_names, board_of, read_board
 from soter.targets.cortex_m.cortex_m_package import linker_script
 from soter.targets.cortex_m.image import build_image, missing_tools, require_stack
+from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"
@@ -49,7 +50,7 @@ def test_nothing_else_knows_a_board() -> None:
         assert knowing == [], name
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("old", "new", "words"),
     [
         (

@@ -10,6 +10,7 @@ import pytest
 from generators.dds_programs import PROGRAM, SEEN_FIELDS, mapping, package
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -244,7 +245,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
+@all_rows("name", BAD)
 def test_a_mapping_that_does_not_fit_is_refused_and_nothing_is_written(
     tmp_path: Path, name: str
 ) -> None:

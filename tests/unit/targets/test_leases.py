@@ -22,6 +22,7 @@ from soter.targets.lateness_limits import ages_of
 from soter.targets.leases import lease_times
 from soter.verify.problem.extract import extract
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,7 +91,7 @@ class Written:
         self.armed, self.over = True, False
 
 
-@pytest.mark.parametrize("seed", range(20))
+@all_rows("seed", range(20))
 def test_actuators_obey_what_is_written(seed: int) -> None:
     chance = Random(seed)  # noqa: S311 - a test
     c, written = Lease(LAW, 7), Written(7)

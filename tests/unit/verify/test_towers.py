@@ -9,6 +9,7 @@ import pytest
 
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
+from tables import all_rows
 from unit.verify.towers import GRID, TOWER, WRONG_ABOVE, WRONG_BELOW, changed
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def test_what_a_hand_back_asks_of_h_counts_where_it_is_more(tmp_path: Path) -> N
     assert _why(tmp_path, long, "Inner") == ""
 
 
-@pytest.mark.parametrize("name", WRONG_BELOW)
+@all_rows("name", WRONG_BELOW)
 def test_a_wrong_module_below_is_not_proved(tmp_path: Path, name: str) -> None:
     changes, why = WRONG_BELOW[name]
     said = _why(tmp_path, changed(changes), "Inner")

@@ -11,6 +11,7 @@ from soter.certificate.flights.flight_check import flights_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log
+from tables import all_rows
 from unit.certificate.flights.logged_flights import (
     MS,
     TEXT,
@@ -304,7 +305,7 @@ TAMPERED: dict[str, tuple[str, Callable[[Flight], object], int, str]] = {
 }
 
 
-@pytest.mark.parametrize("name", TAMPERED)
+@all_rows("name", TAMPERED)
 def test_what_was_changed_is_named(train: Path, tmp_path: Path, name: str) -> None:
     modes, change, time_ms, reason = TAMPERED[name]
     flight = Flight(modes)
@@ -434,7 +435,7 @@ ODD: dict[str, list[object]] = {
 }
 
 
-@pytest.mark.parametrize(("name", "value"), [(n, v) for n, vs in ODD.items() for v in vs])
+@all_rows(("name", "value"), [(n, v) for n, vs in ODD.items() for v in vs])
 def test_what_nobody_writes_is_refused_or_named(
     train: Path, tmp_path: Path, name: str, value: object
 ) -> None:

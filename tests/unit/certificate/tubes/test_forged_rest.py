@@ -14,6 +14,7 @@ import pytest
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.tubes import check_rest
 from soter.certificate.tubes.check_rest import recheck_rest
+from tables import all_rows
 from unit.certificate.tubes.rest_entries import entry, flat_of
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ def right() -> tuple[Any, dict[str, Any]]:
     return train()
 
 
-@pytest.mark.parametrize("name", CONSTANTS)
+@all_rows("name", CONSTANTS)
 def test_other_constants_than_those_of_the_program_are_seen(
     name: str, right: tuple[Any, dict[str, Any]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,7 +228,7 @@ def without(parts: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(check_rest, part, lambda *_: None)
 
 
-@pytest.mark.parametrize("name", PROGRAMS)
+@all_rows("name", PROGRAMS)
 def test_rest_is_not_confirmed_of_programs_that_do_not_keep_it(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -11,6 +11,7 @@ from flint import arb
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.terms import Terms
 from soter.certificate.tubes.slopes import NoSlopeError, slope
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +40,7 @@ def over(name: str, low: float, high: float) -> arb:
     return slope(terms, terms.function(name, x), next(iter(x.terms)))
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@all_rows("name", FUNCTIONS)
 def test_a_slope_holds_between_any_two_places(name: str) -> None:
     draw, f = random.Random(name), FUNCTIONS[name]  # noqa: S311
     for _ in range(50):

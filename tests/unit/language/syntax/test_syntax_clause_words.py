@@ -14,6 +14,7 @@ from soter.language.syntax import clause_words, foreign_items
 from soter.language.syntax.clause_words import PLACES
 from soter.language.syntax.parser import parse
 from soter.language.syntax.parsing import faults, nodes, plants, systems, verification
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -45,7 +46,7 @@ def filled(form: str) -> str:
     return form.replace("{ ... }", "{ step { } }" if form.startswith("node") else "{ }")
 
 
-@pytest.mark.parametrize(("word", "form"), FORMS)
+@all_rows(("word", "form"), FORMS)
 def test_what_a_word_is_told_to_look_like_is_soter(word: str, form: str) -> None:
     assert word in form
     assert any(not errors(body.format(filled(form))) for body in BODIES.values())
@@ -72,18 +73,21 @@ ITEMS_OF: dict[str, Collection[str]] = {
     "test": systems._TEST_ITEMS,
     "faults": faults.FAULT_ITEMS,
 }
-ELSEWHERE = [
-    (body, word, form)
-    for body in BODIES
-    for word, form in FORMS
-    if errors(BODIES[body].format(filled(form)))
-    and not any(form.startswith(w) for w in ("node", "topic", "system"))
-    and form.startswith(word)
-    and word not in ITEMS_OF.get(body, ())
-]
 
 
-@pytest.mark.parametrize(("body", "word", "form"), ELSEWHERE)
+def elsewhere() -> list[tuple[str, str, str]]:
+    return [
+        (body, word, form)
+        for body in BODIES
+        for word, form in FORMS
+        if errors(BODIES[body].format(filled(form)))
+        and not any(form.startswith(w) for w in ("node", "topic", "system"))
+        and form.startswith(word)
+        and word not in ITEMS_OF.get(body, ())
+    ]
+
+
+@all_rows(("body", "word", "form"), elsewhere)
 def test_an_item_of_another_body_is_told_where_it_belongs(body: str, word: str, form: str) -> None:
     first, *_ = errors(BODIES[body].format(filled(form)))
     told = " ".join([first.message, *first.notes, *first.helps])
@@ -94,8 +98,9 @@ def test_an_item_of_another_body_is_told_where_it_belongs(body: str, word: str, 
 
 
 def test_many_items_of_other_bodies_were_tried() -> None:
-    assert len(ELSEWHERE) > 300
-    assert {body for body, _, _ in ELSEWHERE} == set(BODIES)
+    tried = elsewhere()
+    assert len(tried) > 300
+    assert {body for body, _, _ in tried} == set(BODIES)
 
 
 def test_a_brace_that_is_lost_before_an_item_is_still_told() -> None:
@@ -116,17 +121,20 @@ CLAUSES = (
     "max_age 20ms", "within 0.1", "queue 4", "hold 1s", "every 100ms", "phase 2ms",
     "period 10ms", "default", "delayed 5ms", "substeps 4", "drop_oldest",
 )  # fmt: skip
-BEHIND = [
-    (body, item, clause)
-    for body, items in ITEMS.items()
-    for item in items
-    for clause in CLAUSES
-    if errors(BODIES[body].format(f"{item} {clause};"))
-    and not (item == "node Lamp" and clause[:1] == "p")  # a node that is declared there
-]
 
 
-@pytest.mark.parametrize(("body", "item", "clause"), BEHIND)
+def behind() -> list[tuple[str, str, str]]:
+    return [
+        (body, item, clause)
+        for body, items in ITEMS.items()
+        for item in items
+        for clause in CLAUSES
+        if errors(BODIES[body].format(f"{item} {clause};"))
+        and not (item == "node Lamp" and clause[:1] == "p")  # a node that is declared there
+    ]
+
+
+@all_rows(("body", "item", "clause"), behind)
 def test_a_clause_of_another_item_is_never_a_missing_semicolon(
     body: str, item: str, clause: str
 ) -> None:
@@ -208,7 +216,7 @@ SHUFFLED = [
 ]
 
 
-@pytest.mark.parametrize(("body", "head", "order", "clauses", "end"), SHUFFLED)
+@all_rows(("body", "head", "order", "clauses", "end"), SHUFFLED)
 def test_clauses_out_of_order_get_the_line_in_order(
     body: str, head: str, order: tuple[str, ...], clauses: tuple[str, ...], end: str
 ) -> None:
@@ -242,8 +250,8 @@ def test_a_statement_in_a_plant_is_the_equation_that_was_meant(wrong: str, right
     assert mended == f"soter 1;\n{BODIES['plant'].format(right)}\n"
 
 
-@pytest.mark.parametrize("body", ["plant", "rta", "system", "test", "verify", "faults"])
-@pytest.mark.parametrize("statement", ["if x { y = 1; }", "for i in 0..3 { y = i; }", "return x;"])
+@all_rows("body", ["plant", "rta", "system", "test", "verify", "faults"])
+@all_rows("statement", ["if x { y = 1; }", "for i in 0..3 { y = i; }", "return x;"])
 def test_only_a_node_is_told_of_its_step(body: str, statement: str) -> None:
     problems = errors(BODIES[body].format(statement))
     if body in ("system", "test") and statement[:3] == "for":
@@ -300,7 +308,7 @@ def test_every_item_of_the_table_has_an_example() -> None:
     assert {(body.split()[0], item) for body, item in EXAMPLES} == known
 
 
-@pytest.mark.parametrize(("body", "example", "item", "word"), WORDS)
+@all_rows(("body", "example", "item", "word"), WORDS)
 def test_an_item_of_another_tool_is_read_as_the_one_that_is_meant(
     body: str, example: str, item: str, word: str
 ) -> None:
@@ -349,7 +357,7 @@ def test_the_bodies_are_told_apart_by_their_items() -> None:
     assert clause_words.body_of((), 0) == "top"
 
 
-@pytest.mark.parametrize(("word", "form"), FORMS)
+@all_rows(("word", "form"), FORMS)
 def test_what_belongs_into_a_verify_block_is_shown_in_one(word: str, form: str) -> None:
     """Also where the `;` behind it is missing."""
     homes = [h for h in PLACES[word] if h.where == "in the `verify` block of an `rta`"]

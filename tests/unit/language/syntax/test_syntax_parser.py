@@ -11,6 +11,7 @@ import pytest
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
 from soter.language.syntax import tree
+from tables import all_rows
 from work import work_of
 
 if TYPE_CHECKING:
@@ -127,7 +128,7 @@ def test_spans_give_line_and_column(parsed: Parsed) -> None:
     assert statement.value.span.text == "(x + 1.0) * 2.0"
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("text", "meaning"),
     [
         ("a + b + c", "((a+b)+c)"),

@@ -8,6 +8,7 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
 from soter.language.syntax.parser import parse
+from tables import all_rows
 
 TOP = [
     ("const float A = 3.0;", "const A: float = 3.0;"),
@@ -191,7 +192,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("around", "wrong", "right"), CASES)
+@all_rows(("around", "wrong", "right"), CASES)
 def test_a_phrase_of_another_language_gets_the_edit_that_makes_it_soter(
     around: str, wrong: str, right: str
 ) -> None:
@@ -232,7 +233,7 @@ ADVISED = [
 ]
 
 
-@pytest.mark.parametrize(("around", "wrong", "said"), ADVISED)
+@all_rows(("around", "wrong", "said"), ADVISED)
 def test_a_phrase_without_a_counterpart_is_told_what_to_do(
     around: str, wrong: str, said: str
 ) -> None:

@@ -6,13 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import pytest
-
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.language.syntax import tree
 from soter.language.syntax.printer import WIDTH_MAX, format_source, print_expr
 from soter.language.syntax.tokens import lex
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,7 +123,7 @@ def test_a_file_with_errors_is_left_alone() -> None:
     assert diagnostics.has_errors
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("before", "after"),
     [
         ("soter 1;", "soter 1;\n"),
@@ -159,7 +158,7 @@ def test_small_cases(before: str, after: str) -> None:
     assert formatted(after) == after
 
 
-@pytest.mark.parametrize(
+@all_rows(
     "text",
     [
         "a",

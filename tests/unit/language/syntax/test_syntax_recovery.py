@@ -8,6 +8,7 @@ import pytest
 
 from soter.diagnostics.render import render_all
 from soter.language.syntax import tree
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -237,14 +238,14 @@ SLIPS = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "code"), SLIPS)
+@all_rows(("old", "new", "code"), SLIPS)
 def test_one_slip_gives_one_error(parsed: Parsed, old: str, new: str, code: str) -> None:
     assert old in CART
     _, problems = parsed(CART.replace(old, new, 1))
     assert [p.code for p in problems] == [code]
 
 
-@pytest.mark.parametrize(("old", "new", "code"), SLIPS)
+@all_rows(("old", "new", "code"), SLIPS)
 def test_no_name_is_lost_to_a_slip(parsed: Parsed, old: str, new: str, code: str) -> None:
     del code
     file, _ = parsed(CART.replace(old, new, 1))

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import pytest
-
 from soter.diagnostics.source import Source
 from soter.language.syntax.tokens import EOF, SOFT, lex, string_value, visible
+from tables import all_rows
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +53,7 @@ def test_tokens_and_comments_cover_all_text_but_white_space() -> None:
     assert "".join(left).split() == []
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("text", "code", "message"),
     [
         ("@", "L001", "unexpected character `@`"),
@@ -84,7 +83,7 @@ def test_text_that_is_no_token_gets_one_error(text: str, code: str, message: str
     assert [(p.code, p.message) for p in problems] == [(code, message)]
 
 
-@pytest.mark.parametrize(
+@all_rows(
     ("text", "help_"),
     [
         ("1.", "write `1.0`"),

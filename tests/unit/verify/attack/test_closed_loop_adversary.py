@@ -24,6 +24,7 @@ from bench.adversary.random_modules import Face, Module, PathNode, Times, of_jso
 
 import soter
 from soter.language.front_end import check_file
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -124,7 +125,7 @@ def test_runs_can_be_had_again() -> None:
     assert first == second
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@all_rows("family", FAMILIES)
 def test_modules_of_every_family_are_programs(family: str) -> None:
     for seed in range(4):
         drawn = module(seed, family)

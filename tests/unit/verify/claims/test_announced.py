@@ -11,6 +11,7 @@ import pytest
 import soter
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.cli.main import main
+from tables import all_rows
 from unit.certificate.test_polytope_certificates import PROGRAM as HALF_SPACES
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.induction.test_induction import PLANNER
@@ -92,9 +93,8 @@ STAGES = {
 }
 
 
-@pytest.mark.whole
-@pytest.mark.parametrize("stage", STAGES)
-@pytest.mark.parametrize("error", [NotRecheckedError("no"), MemoryError("no"), RejectedError("no")])
+@all_rows("stage", STAGES)
+@all_rows("error", [NotRecheckedError("no"), MemoryError("no"), RejectedError("no")])
 def test_each_stage_is_gone_through(
     stage: str, error: Exception, results: dict[str, ModuleResult], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,7 @@ from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WOR
 from soter.verify.module_methods import module_method
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
 from soter.verify.problem.extract import extract
+from tables import all_rows
 from unit.certificate.small_proofs import facts_of
 
 EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
@@ -36,8 +37,8 @@ def test_a_problem_that_is_verified_twice_rests_on_the_same(name: str) -> None:
     assert problem.assumptions == before
 
 
-@pytest.mark.parametrize("first", WORSE)
-@pytest.mark.parametrize("second", WORSE)
+@all_rows("first", WORSE)
+@all_rows("second", WORSE)
 def test_a_verdict_is_the_worst_of_what_it_rests_on(first: str, second: str) -> None:
     finding = Finding(first, text="why", hint="mend it")
     finding.rest_on(second, "another reason")

@@ -21,6 +21,7 @@ from generators.python_enclosures import seeded
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.native.build import CHECK_FAILED
 from soter.verify.enclose.prelude import ENCLOSED
+from tables import all_rows
 
 if TYPE_CHECKING:
     import random
@@ -358,8 +359,8 @@ WHERE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("far", [1.0, 1.0e9])
-@pytest.mark.parametrize("name", sorted(ENCLOSED))
+@all_rows("far", [1.0, 1.0e9])
+@all_rows("name", sorted(ENCLOSED))
 def test_functions_of_the_prelude_hold(library: Any, name: str, far: float) -> None:
     """Exact, and as far off as the prelude may be; also where that were much further."""
     ffi, lib = library

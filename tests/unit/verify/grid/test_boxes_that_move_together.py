@@ -18,6 +18,7 @@ import pytest
 from soter.native.vector_instructions import vector_flags
 from soter.verify.enclose.engine_library import ReachLibrary
 from soter.verify.grid.sets import GridGroup, GridInputs
+from tables import all_rows
 from unit.verify.grid.small_enclosure_units import QUICK, linear_source
 from unit.verify.grid.test_grid_enclosures import MS
 
@@ -172,7 +173,7 @@ CASES = [(name, max(LANES)) for name in FLOWS] + [
 ]
 
 
-@pytest.mark.parametrize(("name", "lanes"), CASES)
+@all_rows(("name", "lanes"), CASES)
 def test_boxes_move_together_as_alone(name: str, lanes: int) -> None:
     flow, rng = FLOWS[name], np.random.default_rng(3)
     chains = Chains(flow.engine(LANES[lanes]))

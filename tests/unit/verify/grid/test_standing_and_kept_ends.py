@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from soter.verify.grid.sets import GridGroup, GridInputs
+from tables import all_rows
 from unit.verify.grid.sampled_sc_runs import Sampled
 from unit.verify.grid.small_enclosure_units import END, SIGNATURE, _source, corner, linear
 from unit.verify.grid.test_grid_sets import inside
@@ -152,7 +153,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("edge", "delay", "jitter", "error"), CASES)
+@all_rows(("edge", "delay", "jitter", "error"), CASES)
 def test_no_run_leaves_a_core_of_what_stands_below_an_edge(
     edge: float, delay: int, jitter: int, error: float
 ) -> None:
@@ -328,9 +329,9 @@ def test_an_end_is_kept_with_the_error_of_the_scheme_or_not_at_all() -> None:
 # ---------------------------------------------------------------- one way
 
 
-@pytest.mark.parametrize("times", [(0, 0), (15, 4)])
-@pytest.mark.parametrize("little", [1e-2, 1e-5, 1e-9])
-@pytest.mark.parametrize("up", [True, False])
+@all_rows("times", [(0, 0), (15, 4)])
+@all_rows("little", [1e-2, 1e-5, 1e-9])
+@all_rows("up", [True, False])
 def test_an_end_stays_where_no_push_goes_there_and_moves_with_the_least_one(
     times: tuple[int, int], little: float, *, up: bool
 ) -> None:

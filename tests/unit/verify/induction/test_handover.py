@@ -13,6 +13,7 @@ from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import texts
+from tables import all_rows
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,7 +39,7 @@ def test_a_node_that_asks_before_it_changes_a_box(tmp_path: Path) -> None:
     assert shown(tmp_path, handover()) == ["", ""]
 
 
-@pytest.mark.parametrize("name", CHANGES)
+@all_rows("name", CHANGES)
 def test_a_node_that_does_not_keep_its_guard(tmp_path: Path, name: str) -> None:
     """In one view at least: a guard of one wall is one for that wall."""
     if name == "for less time":

@@ -31,6 +31,7 @@ from soter.verify.polytope.proofs import (
     find_core,
     prove,
 )
+from tables import all_rows
 
 highspy = pytest.importorskip("highspy")
 
@@ -252,14 +253,14 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG)
+@all_rows("name", WRONG)
 def test_a_wrong_claim_is_not_proved(name: str) -> None:
     sets, _ = proved(0, 0)
     with pytest.raises(NotProvedError):
         prove(WRONG[name](sets))
 
 
-@pytest.mark.parametrize("name", WRONG)
+@all_rows("name", WRONG)
 def test_nor_with_the_multipliers_of_the_right_one(name: str) -> None:
     sets, multipliers = proved(0, 0)
     with pytest.raises((NotProvedError, ValueError)):

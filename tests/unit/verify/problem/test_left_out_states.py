@@ -19,6 +19,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
+from tables import all_rows
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:
@@ -175,7 +176,7 @@ class Drawn:
         return found
 
 
-@pytest.mark.parametrize("seed", range(20))
+@all_rows("seed", range(20))
 def test_of_drawn_states_prover_and_rechecker_leave_out_what_nothing_reads(
     tmp_path: Path, seed: int
 ) -> None:

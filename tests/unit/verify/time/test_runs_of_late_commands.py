@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from soter.verify.grid.sets import GridGroup, GridInputs
+from tables import all_rows
 from unit.verify.grid.small_enclosure_units import car, corner, linear, linear_source, pendulum
 from unit.verify.time.late_sc_runs import LateRuns
 
@@ -108,8 +109,8 @@ LATE: list[Callable[[LateRuns], LateRuns]] = [
 ]
 
 
-@pytest.mark.parametrize("late", range(len(LATE)))
-@pytest.mark.parametrize("system", [CARS, SPIRALS, PENDULUMS], ids=["car", "spiral", "pendulum"])
+@all_rows("late", range(len(LATE)))
+@all_rows("system", [CARS, SPIRALS, PENDULUMS], ids=["car", "spiral", "pendulum"])
 def test_runs_of_late_commands_stay_in_images_and_tubes(system: LateRuns, late: int) -> None:
     runs = LATE[late](system)
     engine = engine_of(runs)

@@ -15,6 +15,7 @@ from generators.schedule_systems import Compared, compare, in_the_limit, multipl
 from soter.verify.problem.problem import Times
 from soter.verify.time.problem_times import in_words
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from tables import all_rows
 
 SYSTEMS = 200
 TEN = Releases(10)
@@ -107,7 +108,7 @@ BY_HAND: dict[str, tuple[Schedule, dict[str, int]]] = {
 }
 
 
-@pytest.mark.parametrize("name", BY_HAND)
+@all_rows("name", BY_HAND)
 def test_a_corner_worked_out_by_hand(name: str) -> None:
     schedule, expected = BY_HAND[name]
     reached = EverySchedule(schedule).enumerate()
@@ -163,7 +164,7 @@ def test_no_single_run_exceeds_the_enumeration() -> None:
     assert short < 0.3 * total
 
 
-@pytest.mark.parametrize("name", BLIND)
+@all_rows("name", BLIND)
 def test_a_model_that_forgets_something_is_seen(name: str) -> None:
     tell, expected = BLIND[name]
     unseen = set(expected)

@@ -11,6 +11,7 @@ from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
 from soter.verify.enclose.scheme_error import scheme_error, scheme_weight
 from soter.verify.verify_module import verify_module
+from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult
@@ -162,8 +163,8 @@ def test_measuring_ends_where_no_axis_has_an_inside() -> None:
     assert (finding.verdict, bool(finding.causes)) == ("undecided", True)
 
 
-@pytest.mark.parametrize("order", [1, 4])
-@pytest.mark.parametrize("seed", range(8))
+@all_rows("order", [1, 4])
+@all_rows("seed", range(8))
 def test_the_error_holds_one_step_whatever_the_units(seed: int, order: int) -> None:
     rng = np.random.default_rng(seed)
     n, h = int(rng.integers(1, 4)), 0.01

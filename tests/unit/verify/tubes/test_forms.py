@@ -14,6 +14,7 @@ import pytest
 
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.tubes.generated_functions import Caller
+from tables import all_rows
 from unit.verify.tubes.soter_forms import (
     FORMS,
     SIZES,
@@ -122,7 +123,7 @@ def size_of(rng: random.Random) -> float:
     )
 
 
-@pytest.mark.parametrize("name", [n for n in CALLS if n not in ("widened", "range", "share")])
+@all_rows("name", [n for n in CALLS if n not in ("widened", "range", "share")])
 def test_an_operation_holds_the_value_and_what_a_program_rounds_it_to(
     library: Library, name: str
 ) -> None:
@@ -166,7 +167,7 @@ def test_an_operation_holds_the_value_and_what_a_program_rounds_it_to(
 WILD = (0.0, -0.0, 5e-324, 1e-310, 1e-163, 1e-107, 1.0, 1e5, 1e107, 1e163, 1e299, 1.7e308, math.inf)
 
 
-@pytest.mark.parametrize("name", [n for n in CALLS if n not in ("widened", "range", "share")])
+@all_rows("name", [n for n in CALLS if n not in ("widened", "range", "share")])
 def test_wild_numbers_are_held_or_nothing_is_said(library: Library, name: str) -> None:
     """Denormal, huge and endless forms: no end is ever NaN, or too near."""
     rng = random.Random(f"wild {name}")  # noqa: S311 - drawn examples

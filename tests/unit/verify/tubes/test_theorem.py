@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.schedule_systems import _drawn
+from tables import all_rows
 from unit.verify.tubes.executions import Mode
 from unit.verify.tubes.fallback_runs import Check, Times
 from unit.verify.tubes.judged_commands import Judge, JudgedExecutions
@@ -127,7 +128,7 @@ def test_the_recorded_modules_of_alpha_have_either_part_larger() -> None:
     assert larger == [-1, 1]
 
 
-@pytest.mark.parametrize("name", VARIANTS)
+@all_rows("name", VARIANTS)
 def test_a_naive_variant_is_unsafe_and_the_conditions_exclude_it(name: str) -> None:
     naive, by_the_page = VARIANTS[name]()
     assert naive == VIOLATED
