@@ -1,4 +1,4 @@
-"""A robot's program as numpy functions, read from its text.
+"""A robot's program as numpy functions, and as functions of C, read from its text.
 
 Purpose: `robot_of`: plant, SC, times, bounds and `safe` of a program of the shape of
 `../shared/robots`: one plant, one module; SC's step is of `let` and `publish`; a `? :` has no
@@ -49,9 +49,14 @@ def condition(text: str) -> str:
     return " | ".join(ways)
 
 
+def joined(expression: str) -> str:
+    """With the name `pose_y` for `pose.y`."""
+    return re.sub(r"([A-Za-z]\w*)\.(?=[A-Za-z])", r"\1_", expression)
+
+
 def compiled(expression: str) -> Callable[[Names], Any]:
     """Its value, of the values of names; `pose.y` is the name `pose_y`."""
-    text = re.sub(r"([A-Za-z]\w*)\.(?=[A-Za-z])", r"\1_", expression)
+    text = joined(expression)
     text = re.sub(
         r"([^?(),]+)\?([^:]+):([^,()]+)",
         lambda c: f"where({condition(c[1])}, {c[2]}, {c[3]})",
@@ -92,7 +97,10 @@ def fields(name: str, value: str) -> dict[str, str]:
 
 def stacked(values: list[Any], n: int) -> Array:
     """Values of n flights below each other; a number stands for n equal ones."""
-    return np.array([np.broadcast_to(value, (n,)) for value in values], dtype=float)
+    rows = np.empty((len(values), n))
+    for row, value in zip(rows, values, strict=True):
+        row[:] = value
+    return rows
 
 
 def named(names: list[str], values: Array) -> dict[str, Array]:
@@ -100,12 +108,17 @@ def named(names: list[str], values: Array) -> dict[str, Array]:
     return dict(zip(names, values, strict=True))
 
 
+def steps_of(body: str) -> list[tuple[str, str]]:
+    """Names and their values, in the order of a node's step."""
+    steps: list[tuple[str, str]] = []
+    for word, name, value in re.findall(r"(let|publish) (\w+) = (\{[^}]*\}|[^;]+);", body):
+        steps += (fields(name, value) if word == "publish" else {name: value}).items()
+    return steps
+
+
 def sc_of(body: str, reads: list[str], writes: list[str], given: Names) -> Callable[[Array], Array]:
     """SC's step: of what is measured, in the order of `reads`, the commands."""
-    steps = []
-    for word, name, value in re.findall(r"(let|publish) (\w+) = (\{[^}]*\}|[^;]+);", body):
-        parts = fields(name, value) if word == "publish" else {name: value}
-        steps += [(part, compiled(of)) for part, of in parts.items()]
+    steps = [(name, compiled(value)) for name, value in steps_of(body)]
 
     def step(seen: Array) -> Array:
         names = {**given, **named(reads, seen)}
@@ -129,6 +142,35 @@ def rates_of(
         return stacked([equation(names) for equation in equations], x.shape[1])
 
     return rates
+
+
+def function_in_c(
+    head: str, reads: Mapping[str, list[str]], lines: list[tuple[str, str]], ends: str
+) -> str:
+    """A function of C: `reads` are the arrays that hold the values of names."""
+    places = [(n, f"{at}[{i}]") for at, names in reads.items() for i, n in enumerate(names)]
+    body = "".join(f"  double {name} = {joined(of)};\n" for name, of in places + lines)
+    return f"static {head} {{\n{body}  {ends}\n}}\n"
+
+
+def in_c(
+    plant: str, body: str, safe: str, names: tuple[list[str], list[str], list[str]], given: Names
+) -> str:
+    """`rates`, `sc` and `safe` of C; `names`: states, what is measured of each, commands."""
+    states, reads, writes = names
+    right = dict(re.findall(r"(?:der|next) (\w+) = ([^;]+);", plant))
+    rates = "".join(f"out_[{i}] = {joined(right[state])}; " for i, state in enumerate(states))
+    commands = "".join(f"out_[{i}] = {name}; " for i, name in enumerate(writes))
+    const = "const double *"
+    of = {"x_": states, "u_": writes, "d_": re.findall(r"disturbance (\w+)", plant)}
+    return (
+        "".join(f"static const double {name} = {value!r};\n" for name, value in given.items())
+        + function_in_c(f"void rates({const}x_, {const}u_, {const}d_, double *out_)", of, [], rates)
+        + function_in_c(
+            f"void sc({const}x_, double *out_)", {"x_": reads}, steps_of(body), commands
+        )
+        + function_in_c(f"int safe({const}x_)", {"x_": reads}, [], f"return {joined(safe)};")
+    )
 
 
 def held(bounds: list[tuple[float, float]]) -> tuple[tuple[float, ...], ...]:
@@ -167,7 +209,8 @@ def robot_of(text: str, until_s: float, starts: Ends) -> Robot:
         ends[key] = [of if of is not None else old for of, old in zip(two, ends[key], strict=True)]
     within = dict(re.findall(r"([\w.]+) within ([\d.]+)", plant))
     errors = {name.replace(".", "_"): float(error) for name, error in within.items()}
-    safe = compiled(found(r"safe ([^;]+);", module))
+    safe_text = found(r"safe ([^;]+);", module)
+    safe = compiled(safe_text)
     late = re.findall(r"acts within (\w+);", module)
     step_s = seconds(sc_period)
     return Robot(
@@ -188,4 +231,5 @@ def robot_of(text: str, until_s: float, starts: Ends) -> Robot:
         pieces=math.ceil(step_s / seconds(plant_period) - 1e-9),
         late_s=seconds(late[0]) if late else 0.0,
         maps=bool(re.search(r"\bnext ", plant)),
+        in_c=in_c(plant, sc, safe_text, (states, reads, writes), given),
     )

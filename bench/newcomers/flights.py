@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Booleans = np.ndarray[Any, np.dtype[np.bool_]]
+DROPPED_EVERY = 20
+"""Steps of SC."""
+MODES: Array = np.array(list(itertools.product((0.0, 1.0, 2.0), repeat=2)))
+"""Of disturbances and of errors, for `signs`."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,8 @@ class Robot:
     late_s: float
     """How late a command acts, at most."""
     maps: bool
+    in_c: str
+    """`rates`, `sc` and `safe` once more, as functions of C (`flights_in_c.py`)."""
 
 
 def lattice(robot: Robot, points: int) -> Array:
@@ -61,9 +67,9 @@ def lattice(robot: Robot, points: int) -> Array:
     return states[:, robot.safe(states)]
 
 
-def signs(mode: Array, count: int, held: Array, random: np.random.Generator) -> Array:
-    """-1 or 1 of `count` bounded things of each flight: all low, all high, or jumping (`held`)."""
-    jumps = random.random((count, len(mode))) < 0.05
+def signs(mode: Array, held: Array, random: np.random.Generator) -> Array:
+    """-1 or 1 of each bounded thing, in each mode: all low, all high, or jumping (`held`)."""
+    jumps = random.random(held.shape) < 0.05
     return np.where(mode < 2, 2.0 * mode - 1.0, np.where(jumps, -held, held))
 
 
@@ -80,46 +86,39 @@ def moved(robot: Robot, x: Array, u: Array, d: Array) -> Array:
 def left_by(robot: Robot, start: Array, late: bool, ac: int) -> Booleans:
     """Which of the starts leave `safe` in some flight; `ac` < 0: SC at once.
 
-    `late`: what is read is as old, and commands act as late, as they may.
+    `late`: what is read is as old, and commands act as late, as they may. In one mode all flights
+    jump at the same times. Flights of a start that has left are dropped now and then.
     """
     random = np.random.default_rng(7)
-    modes = np.array(list(itertools.product((0, 1, 2), (0, 1, 2))), dtype=float)
-    d_mode, e_mode = np.repeat(modes, start.shape[1], axis=0).T
-    x = np.tile(start, len(modes))
-    middle = np.array([(a + b) / 2 for a, b in robot.disturbed])[:, None]
-    half = np.array([(b - a) / 2 for a, b in robot.disturbed])[:, None]
+    d_mode, e_mode = MODES.T
+    mode, flight = (at.ravel() for at in np.indices((len(d_mode), start.shape[1])))
+    middle, half = (
+        np.array([(b + s * a) / 2 for a, b in robot.disturbed])[:, None] for s in (1, -1)
+    )
     errors = np.array(robot.errors)[:, None]
-    d_signs, e_signs = np.ones((len(half), x.shape[1])), np.ones((len(errors), x.shape[1]))
+    d_signs, e_signs = (np.ones((len(of), len(d_mode))) for of in (half, errors))
     old = round(robot.age_s / robot.step_s) if late else 0
     dead = round(robot.late_s / robot.step_s) if late else 0
     own = max(round((robot.age_s + robot.late_s + robot.period_s) / robot.step_s), 1)
-    past, commands = [x], []
-    left = np.zeros(x.shape[1], dtype=bool)
+    x = start[:, flight]
+    past, commands = [x], list[Array]()
+    left = np.zeros(start.shape[1], dtype=bool)
     with np.errstate(all="ignore"):
         for k in range(round(robot.until_s / robot.step_s)):
-            d_signs = signs(d_mode, len(d_signs), d_signs, random)
-            e_signs = signs(e_mode, len(e_signs), e_signs, random)
-            seen = past[max(len(past) - 1 - old, 0)] + errors * e_signs
-            held = np.array(robot.ac[ac])[:, None] * np.ones((1, x.shape[1]))
+            d_signs = signs(d_mode, d_signs, random)
+            e_signs = signs(e_mode, e_signs, random)
+            seen = past[max(len(past) - 1 - old, 0)] + (errors * e_signs)[:, mode]
+            held = np.array(robot.ac[ac])[:, None].repeat(len(mode), axis=1)
             commands.append(held if ac >= 0 and k < own else robot.sc(seen))
             u = commands[max(len(commands) - 1 - dead, 0)]
-            x = moved(robot, x, u, middle + half * d_signs)
+            x = moved(robot, x, u, (middle + half * d_signs)[:, mode])
             past.append(x)
             del past[: max(len(past) - 1 - old, 0)], commands[: max(len(commands) - 1 - dead, 0)]
-            left |= ~robot.safe(x)
-            some = np.any(left.reshape(len(modes), -1), axis=0)
-            if some.all():
-                break
-    return np.asarray(some)
-
-
-def leaves(robot: Robot, own_sets: bool) -> tuple[int, int]:
-    """From how many starts some flight leaves `safe`, of how many; `own_sets`: AC begins each."""
-    ends = zip(robot.low, robot.high, strict=True)
-    start = lattice(robot, {1: 41, 2: 15, 3: 7, 4: 5}[sum(a < b for a, b in ends)])
-    left = np.zeros(start.shape[1], dtype=bool)
-    for late, ac in itertools.product((False, True), range(-1 + own_sets, len(robot.ac))):
-        rest = ~left
-        if rest.any():
-            left[rest] = left_by(robot, start[:, rest], late, ac)
-    return int(left.sum()), left.size
+            left[flight[~robot.safe(x)]] = True
+            if k % DROPPED_EVERY == 0:
+                if left.all():
+                    break
+                on = ~left[flight]
+                mode, flight, x = mode[on], flight[on], x[:, on]
+                past, commands = ([each[:, on] for each in one] for one in (past, commands))
+    return left

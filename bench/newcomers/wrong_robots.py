@@ -4,7 +4,7 @@
         [--simulate] [--refute] [--cpu-s S] [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a variant changes one thing of a robot's program: SC, an error, a disturbance, a time, a
-set, an equation. That it is wrong is shown first, by `flights.py`, which knows nothing of Soter:
+set, an equation. That it is wrong is shown first, by flights that know nothing of Soter:
 from *every* state of a lattice of `safe` some flight of SC, or of AC until the DM may act and SC
 then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in control.
 Then the proof of `soter verify` is asked, without its advice, and, but with `--refute`, without its
@@ -38,10 +38,17 @@ if str(ROOT) not in sys.path:
 
 from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
 from bench.newcomers.first_attempt import kept, tool  # noqa: E402
-from bench.newcomers.flights import leaves  # noqa: E402
-from bench.newcomers.wrong_variants import FLOWN_S, STARTS, VARIANTS, Wrong  # noqa: E402
+from bench.newcomers.flights_in_c import leaves  # noqa: E402
+from bench.newcomers.wrong_variants import (  # noqa: E402
+    FLOWN_S,
+    RIGHT,
+    STARTS,
+    VARIANTS,
+    Wrong,
+)
 
 NOTHING = Wrong("nothing", {})
+READERS = "equations", "flights", "flights_in_c"
 
 
 def edited(text: str, wrong: Wrong) -> str:
@@ -84,7 +91,7 @@ def cpu_now_s() -> float:
 
 def flights_of(options: argparse.Namespace, name: str, text: str, wrong: Wrong) -> dict[str, Any]:
     """How it flies, {} where there is no time left."""
-    reader = "".join((HERE / f"{file}.py").read_text() for file in ("equations", "flights"))
+    reader = "".join((HERE / f"{file}.py").read_text() for file in READERS)
     about = text, reader, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
     goes_on = cpu_now_s() < options.cpu_s
     return kept(options.kept, about, partial(flown, name, text, wrong) if goes_on else None)
@@ -116,18 +123,19 @@ def main(argv: list[str]) -> int:
     print("| robot | what is wrong | starts that leave `safe` | `soter verify` | CPU s |")
     print("|---|---|---|---|---|")
     for name in names:
-        right = (options.folder / f"{name}.soter").read_text()
-        for wrong in (NOTHING, *VARIANTS[name]):
-            text = edited(right, wrong)
+        stands, nothing = (options.folder / f"{name}.soter").read_text(), RIGHT.get(name, NOTHING)
+        for wrong in (nothing, *VARIANTS[name]):
+            text = edited(stands, nothing)
+            text = text if wrong is nothing else edited(text, wrong)
             of = flights_of(options, name, text, wrong)
-            answer = {} if wrong is NOTHING else answer_of(options, name, text)
+            answer = {} if wrong is nothing else answer_of(options, name, text)
             leaving, verdict, cpu_s = "not flown yet", "-", "-"
             if of:
                 leaving = f"{of['left']} of {of['starts']}"
-                told["right robots fly"] += wrong is NOTHING and of["left"] < of["starts"]
+                told["right robots fly"] += wrong is nothing and of["left"] < of["starts"]
                 shown = of["left"] >= (1 if wrong.left else of["starts"])
-                told["shown to be wrong"] += wrong is not NOTHING and shown
-                told["flown and not so"] += shown == (wrong is NOTHING)
+                told["shown to be wrong"] += wrong is not nothing and shown
+                told["flown and not so"] += shown == (wrong is nothing)
             if answer:
                 verdict, cpu_s = answer["verdict"], f"{answer['cpu_s']:.0f}"
                 told[verdict.partition(":")[0]] += 1

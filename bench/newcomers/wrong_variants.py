@@ -1,6 +1,7 @@
 """What is changed in each robot, as edits of its program: whatever flies is read from the text.
 
-Purpose: `VARIANTS`: six wrong ones of each program of `../shared/robots`; `FLOWN_S`, `STARTS`.
+Purpose: `VARIANTS`: six wrong ones of each program of `../shared/robots`; `FLOWN_S`, `STARTS`,
+`RIGHT`.
 Non-goals: flying (`flights.py`), reading (`equations.py`), asking Soter (`wrong_robots.py`).
 """
 
@@ -163,7 +164,7 @@ VARIANTS = {
         Wrong("readings 3 s old", {"max_age 40ms": "max_age 3s"}),
     ),
     "motor": (
-        Wrong("SC drives on", {"m.i - clamp(": "m.i + clamp("}),
+        Wrong("SC drives on", {"m.i - clamp(": "m.i + clamp("}, 1.0),
         Wrong(
             "SC shorts the wrong way",
             {"0.0302 * m.w - 0.2 * m.i - clamp(0.01 * m.w, -3.0, 3.0)": "6.0 * m.i"},
@@ -171,7 +172,7 @@ VARIANTS = {
         Wrong("SC holds 40 A", {"- 0.2 * m.i - clamp(0.01 * m.w, -3.0, 3.0)": "+ 0.299 * 40.0"}),
         Wrong("a load that SC does not hold", {"in [-0.05, 0.05]": "in [-1.0, 1.0]"}),
         Wrong("the current is measured within 60 A", {"m.i within 0.1": "m.i within 60.0"}),
-        Wrong("readings 3 ms old", {"max_age 100us": "max_age 3ms"}),
+        Wrong("readings 3 ms old", {"max_age 40us": "max_age 3ms"}),
     ),
     "oven": ovens(),
     "pendulum": (
@@ -214,3 +215,5 @@ STARTS: dict[str, Ends] = {
     "emergency_brake": {"seen.v": (0.0, None)},
 }
 """Where flights begin inside of the grid: no car drives backwards."""
+RIGHT = {"motor": Wrong("nothing but readings 40 us old", {"max_age 100us": "max_age 40us"})}
+"""What is changed in a robot first: as it stands AC may leave from everywhere, one way or other."""

@@ -1,12 +1,14 @@
 """Axes that wrap around, of drawn plants, against an adversary and against axes of five turns.
 
     .venv/bin/python bench/verify/wrapping.py [--systems 300] [--wide 3] [--json FILE]
+        [--kept .soter/wrapping]
 
 Purpose: for each plant of `tests/generators/turning_systems.py` K on one turn of headings. *Wrong*:
 SC, flown in doubles from states of K up to 2,000 turns away, with errors, ages and pushes at their
 limits, does not keep one of them safe. For every third one the same program with an axis of five
 turns, which does not wrap: *lost* are cells of its middle turn that are not in K. *Counted*: the
-same program with one place where somebody counts turns; it may not wrap.
+same program with one place where somebody counts turns; it may not wrap. Answers are kept, by plant
+and sources: the next call goes on.
 Non-goals: the re-checker (tests/unit/certificate/test_axes_around_a_turn.py).
 """
 
@@ -16,10 +18,11 @@ import argparse
 import json
 import math
 import sys
-import time
+from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +31,11 @@ for folder in (ROOT, ROOT / "tests"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
-from generators.turning_systems import Drawn, counted  # noqa: E402 - needs the path
+from bench.newcomers.first_attempt import kept as kept_answer  # noqa: E402 - needs the path
+from bench.newcomers.first_attempt import tool  # noqa: E402
+from bench.newcomers.wrong_robots import cpu_now_s  # noqa: E402
+
+from generators.turning_systems import Drawn, counted  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
 from soter.verify.enclose import engine_library  # noqa: E402
 from soter.verify.enclose.compiled_enclosures import library_of  # noqa: E402
@@ -57,6 +64,7 @@ class Row:
     lost: int = 0
     counted: int = 0
     counted_wraps: int = 0
+    cpu_s: float = 0.0
 
 
 def problem_of(text: str) -> Problem:
@@ -71,8 +79,9 @@ def kept(problem: Problem) -> tuple[GridGroup, NDArray[np.bool_]]:
     return engine, engine.core(engine.constraint()).cells
 
 
-def looked_at(row: Row, seed: int, wide: int) -> None:
-    """One plant."""
+def looked_at(seed: int, wide: bool) -> dict[str, Any]:
+    """One plant: a `Row`; `wide`: with an axis of five turns."""
+    row, began = Row(), cpu_now_s()
     drawn, chance = Drawn(seed), np.random.default_rng(seed)
     problem = problem_of(drawn.text(CELLS))
     engine, core = kept(problem)
@@ -92,12 +101,14 @@ def looked_at(row: Row, seed: int, wide: int) -> None:
         fine = drawn.flown(x, chance, HOLDS, problem.times.delay_sc * 1e-9)
         row.flown += RUNS
         row.wrong += int((~fine).sum())
-    if wide and seed % wide == 0 and not drawn.from_zero:
+    if wide and not drawn.from_zero:
         _, long = kept(problem_of(drawn.text(CELLS, turns=5)))
         middle = long[..., 2 * CELLS : 3 * CELLS]
         row.wide += 1
         row.wide_cells += int(middle.sum())
         row.lost += int((middle & ~core).sum())
+    row.cpu_s = cpu_now_s() - began
+    return asdict(row)
 
 
 def main() -> int:
@@ -106,18 +117,24 @@ def main() -> int:
     parser.add_argument("--systems", type=int, default=300)
     parser.add_argument("--wide", type=int, default=3)
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "wrapping")
     options = parser.parse_args()
     engine_library.UNIT_LEVEL = "-O1"  # the same bits, and many small modules are compiled
-    row, began = Row(), time.process_time()
+    drawing = ROOT / "tests" / "generators" / "turning_systems.py"
+    reader = tool() + "".join(file.read_text() for file in (Path(__file__), drawing))
+    found = Counter[str]()
     for seed in range(options.systems):
-        looked_at(row, seed, options.wide)
+        wide = bool(options.wide) and seed % options.wide == 0
+        about = (str((seed, wide)), reader)
+        found.update(kept_answer(options.kept, about, partial(looked_at, seed, wide)))
+    row = Row(**found)
     print(
         f"{row.systems} drawn plants, {row.wraps} with an axis that wraps around, a K of {row.kept}"
     )
     print(f"wrong: {row.wrong} of {row.flown:,} runs from K; target 0")
     print(f"lost: {row.lost} of {row.wide_cells:,} cells that {row.wide} axes of five turns keep")
     print(f"{row.counted} where somebody counts turns, {row.counted_wraps} wrap; target 0")
-    print(f"{time.process_time() - began:.0f} s of CPU")
+    print(f"{row.cpu_s:.0f} s of CPU")
     if options.json:
         options.json.write_text(json.dumps(asdict(row), indent=1))
     return int(bool(row.wrong or row.counted_wraps))

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 from bench.newcomers.equations import robot_of
 from bench.newcomers.first_attempt import TRIED, followed
-from bench.newcomers.flights import leaves
+from bench.newcomers.flights import lattice, left_by
+from bench.newcomers.flights_in_c import jumping, leaves, left_in_c, library
 from bench.newcomers.wrong_robots import edited
 from bench.newcomers.wrong_variants import Wrong
 
 from soter.verify.claims.choice import CELLS_MAX
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 COARSE = (
     ("  ttf level < 0.25 || level > 1.75;\n", ""),
@@ -51,6 +58,7 @@ rta Aeb {
 }
 system S default { c: Car; module Aeb; always c.truth.gap > 0.0; }
 """
+WEAK = changed(("clamp(0.5 * (1.0 - level), -0.1, 0.1)", "-0.1"))
 
 
 def test_what_flies_is_what_the_program_says() -> None:
@@ -83,8 +91,21 @@ def test_a_flight_finds_what_leaves_and_only_that() -> None:
     """A tank that SC fills or empties by more than what leaks; and one where it cannot."""
     left, starts = leaves(robot_of(TANK, 60.0, {"level": (0.3, 1.7)}), own_sets=False)
     assert (left, starts) == (0, 41)
-    weak = changed(("clamp(0.5 * (1.0 - level), -0.1, 0.1)", "-0.1"))
-    assert leaves(robot_of(weak, 60.0, {}), own_sets=False) == (39, 39)
+    assert leaves(robot_of(WEAK, 60.0, {}), own_sets=False) == (39, 39)
+
+
+@pytest.mark.parametrize("program", [CAR, WEAK])
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("ac", [-1, 0])
+def test_flights_in_c_leave_where_those_of_numpy_do(
+    program: str, late: bool, ac: int, tmp_path: Path
+) -> None:
+    robot = replace(robot_of(program, 3.0, {}), age_s=0.5)
+    start = lattice(robot, 7)
+    left = left_in_c(robot, start, late, ac, library(robot, str(tmp_path)), jumping(robot))
+    assert left.tolist() == left_by(robot, start, late, ac).tolist()
+    assert left.any()
+    assert not left.all()
 
 
 @pytest.mark.parametrize(

@@ -90,8 +90,8 @@ def _world(facts: Facts) -> Said:
             "any absolutely continuous solution of its differential equation, with any rate "
             "between those on both sides where its right-hand side jumps"
             if facts.at_rest
-            else "the one solution of its differential equation, whose right-hand side is "
-            "Lipschitz in the state"
+            else "the only solution of its differential equation (where the right-hand side "
+            "jumps: with any rate between those on both sides)"
         )
         yield "scheme", f"the plant is {which}; not the simulator's scheme"
     for p in facts.parameters:

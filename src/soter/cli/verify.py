@@ -106,7 +106,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     warnings = program.diagnostics if program.ok else ()
     written: tuple[Path, ...] = ()
     try:
-        with ProgressBar(console) as progress:
+        with ProgressBar(console, timed=False) as progress:
             if args.synthesize:
                 written = program.synthesize(
                     args.output, module=args.module, system=args.system, params=dict(args.params)
@@ -365,7 +365,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
     rows, said = [], dict[str, str]()
     for name, f in module.findings.items():
         again = len(f.text) >= LONG and said.setdefault(f.text, name) != name
-        text = f"as `{said[f.text]}`" if again else f.text
+        text = f"for the same reason as `{said[f.text]}`" if again else f.text
         rows.append((name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), text))
     printed.table(("property", "verdict", "time", "how"), rows)
 

@@ -2,7 +2,7 @@
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
 `passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a
-line about how long it will take, for whoever shows one.
+line about how long it will take, for whoever shows one. `lasting`: such a time in words.
 Non-goals: how far it is: those who know call their `progress`.
 """
 
@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+MINUTES_FROM_S = 90.0
+"""Less is said in seconds."""
 
 _listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
 _current: ContextVar[str] = ContextVar("current", default="")
@@ -44,6 +47,12 @@ def announce(text: Callable[[], str]) -> None:
     announcer = _announcer.get()
     if announcer is not None and (line := text()):
         announcer(line)
+
+
+def lasting(seconds: float, to_s: int = 1) -> str:
+    """A time that is estimated, in one style of units: `to_s` seconds are told apart."""
+    minutes = seconds >= MINUTES_FROM_S
+    return f"{seconds / 60:.0f} min" if minutes else f"{to_s * round(seconds / to_s)} s"
 
 
 @contextmanager

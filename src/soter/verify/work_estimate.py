@@ -13,7 +13,7 @@ import time
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import announce
+from soter.diagnostics.current_phase import announce, lasting, passing_phase
 from soter.verify.claims.grid_refinement import cells_of
 from soter.verify.diagnosis.changed_problems import merged
 from soter.verify.grid.sets import UnboundedError
@@ -34,14 +34,15 @@ GROWTH = (1.0, 1.2)
 """Exponents of the cells between which the time is taken to grow."""
 FROM_S = 20.0
 """Less is not said."""
-WHOLE_S = 90.0
-"""Less is said in tens of seconds, more in minutes."""
+TO_S = 10
+"""Seconds that are told apart."""
 
 
 def announce_work(problem: Problem, settle: Settle) -> None:
     """Say how much work the sets of a problem are. `settle`: a case of a problem, computed."""
     if cells_of(problem) >= FROM_CELLS:
-        announce(lambda: _said(problem, _estimate(problem, settle)))
+        with passing_phase(f"{problem.name}: how long it will take"):
+            announce(lambda: _said(problem, _estimate(problem, settle)))
 
 
 def _estimate(problem: Problem, settle: Settle) -> float:
@@ -69,7 +70,5 @@ def _said(problem: Problem, seconds: float) -> str:
         return ""
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]
     axes = sum(len(g.axes) for g in problem.groups)
-    minutes = round(seconds / 60)
-    about = f"{minutes} min" if seconds >= WHOLE_S else f"{10 * round(seconds / 10)} s"
     many = "1 axis" if axes == 1 else f"{axes} axes"
-    return f"{problem.name}: {many} of {' and '.join(shapes)} cells: about {about}"
+    return f"{problem.name}: {many} of {' and '.join(shapes)} cells: about {lasting(seconds, TO_S)}"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.grid.grid_group import BLOCKS, SMALL, blocks
+from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, blocks
 from soter.certificate.groups import LOOK
 
 SIDE = 70
@@ -48,3 +48,13 @@ def test_cells_that_are_not_followed_cost_little() -> None:
     assert steps.max() > 100 * steps.min()
     looks = told(None, np.full((SIDE, SIDE), 100, dtype=np.uint8))
     assert looks[len(looks) // 2 - 1] > 0.99
+
+
+def test_of_many_cells_the_share_moves_in_small_steps() -> None:
+    """Of 24 blocks the first one of a lift's 268,800 cells was done after ten minutes."""
+    shares: list[float] = []
+    case = CaseCheck(None, [], set(), {}, shares.append, 1)  # type: ignore[arg-type]
+    grid = Grid(tuple(tuple(float(x) for x in range(n + 1)) for n in (80, 60, 56)))
+    case.tasks += blocks("nothing", grid, lambda _: iter(()))
+    case._show()
+    assert np.diff([0.0, *shares]).max() <= 2 * BLOCK / (80 * 60 * 56)

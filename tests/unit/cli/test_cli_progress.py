@@ -184,6 +184,37 @@ def test_what_is_left_is_never_more_than_was_said(clock: list[float]) -> None:
     assert said == ["10", "8", "3", "2"]
 
 
+def test_what_is_left_is_said_in_the_units_of_what_is_announced(clock: list[float]) -> None:
+    terminal = Terminal()
+    with ProgressBar(console(terminal)) as show:
+        assert show is not None
+        clock[0] = 67.0
+        show(0.1)
+        assert "  10 min left" in shown(terminal)
+        clock[0] = 600.0
+        show(0.9)
+        assert "  67 s left" in shown(terminal)
+
+
+def test_a_proof_whose_stages_are_no_shares_of_its_time_reckons_nothing_from_them(
+    here: Path, clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is announced ("about 24 min") is then the only estimate."""
+    lines = []
+    tell = ProgressBar._show_share
+
+    def told(bar: ProgressBar, share: float) -> None:
+        clock[0] += 1.0
+        tell(bar, share)
+        lines.append(bar._line())
+
+    assert here.exists()
+    monkeypatch.setattr(ProgressBar, "_show_share", told)
+    assert main(["verify", "cart.soter"]) == 0
+    assert any("%" in line for line in lines)
+    assert not any("left" in line for line in lines)
+
+
 def test_once_all_that_is_counted_is_done_nothing_stands_at_a_hundred(clock: list[float]) -> None:
     """As in a build, which compiles what it has made: what is done now, and since when."""
     terminal = Terminal()

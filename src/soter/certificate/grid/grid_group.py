@@ -49,7 +49,9 @@ if TYPE_CHECKING:
     from soter.language.model import typed
 
 BLOCKS = 24
-"""Into how many blocks a grid is dealt out to the processors."""
+"""Into how many blocks a grid is dealt out to the processors, at least."""
+BLOCK = 1_000
+"""Cells of a block of a larger one, about: how far a re-check is is told block by block."""
 SMALL = 4_000
 """Cells; a smaller grid is not worth it."""
 CELLS_TRIED = 3
@@ -413,7 +415,7 @@ def blocks(
     `holds`, of the grid's shape: for how many holds each is followed; None: for less than one.
     """
     cells = int(np.prod(grid.shape))
-    for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
+    for block in parts(grid.whole, max(BLOCKS, cells // BLOCK) if cells > SMALL else 1):
         work = LOOK * volume(block)
         if holds is not None:
             work += float(holds[tuple(slice(a, b) for a, b in block)].sum(dtype=np.float64))

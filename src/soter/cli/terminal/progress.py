@@ -15,7 +15,7 @@ from threading import Event, Thread
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.console import is_terminal
-from soter.diagnostics.current_phase import listening_to_phases
+from soter.diagnostics.current_phase import lasting, listening_to_phases
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,8 +106,10 @@ class ProgressBar(LineOfProgress):
     never rises: where it turns out to be more than was said nothing is said of it.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, *, timed: bool = True) -> None:
+        """`timed`: equal shares take about as long; else nothing follows of what is left."""
         super().__init__(console)
+        self._timed = timed
         self._phase = ""
         self._furthest = 0.0
         self._share_began = self._phase_began = self._told = self._began
@@ -164,10 +166,10 @@ class ProgressBar(LineOfProgress):
     def _remaining(self) -> str:
         """How long it may still take, reckoned when the last share was told."""
         share, now = self._furthest, time.perf_counter()
-        if not 0.001 < share < 1.0:
+        if not (self._timed and 0.001 < share < 1.0):
             return ""
         left_s = (self._told - self._share_began) * (1.0 / share - 1.0) - (now - self._told)
         if left_s <= 0.0 or left_s > self._left_s:
             return ""
         self._left_s = left_s
-        return f"{left_s:.0f} s left"
+        return f"{lasting(left_s)} left"

@@ -46,6 +46,10 @@ OPEN = (UNDECIDED, REFUTED)
 """A run says that something fails, and not by how much, or why SC does not come back."""
 ORDER = ("ttf", "safer", "start", "P2b")
 HINTS = 3
+GIVEN_ALL_THE_SAME = (
+    "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
+    "wherever `safer` holds, so that has to be safe"
+)
 
 
 def margins(done: Sequence[Case], result: ModuleResult, budget: CpuBudget) -> None:
@@ -102,6 +106,8 @@ def _of_claim(case: Case, failure: Failure, grid: GridProof, budget: CpuBudget) 
             otherwise = list(scaled(case, part))
             yield from otherwise or grid_ends(case, PointModel(case), failure, grid, budget)
             yield from _inclusion(case, failure.claim, engine, part)
+        if failure.claim == "safer" and (clause := case.problem.module.symbol.stays):
+            yield Cause("asked_all_the_same", GIVEN_ALL_THE_SAME.format(clause))
     elif failure.claim == "start":
         yield from start_margins(case, engine, part)
     elif failure.stuck or (part.home is not None and not part.home.any()):

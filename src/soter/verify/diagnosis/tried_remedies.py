@@ -218,7 +218,7 @@ def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
     first, told = result.findings[failing[0]], "; ".join
     if helped:
         first.remedied = None if left else problem
-        then = f"{', '.join(left)} still not" if left else "every claim is proved"
+        then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
         first.tried.append(f"with {told(helped)}: {then}")
         otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
         first.hint = f"{'; and '.join(helped)} (tried: {then}){otherwise}"

@@ -334,9 +334,13 @@ def of_those_above(results: Sequence[ModuleResult]) -> None:
 
 
 def at_the_start(done: Sequence[Case]) -> str:
-    """A line where AC cannot have control at the start: the state is not in `safer` yet."""
+    """A line where AC cannot have control at the start: the state is not in `safer` yet.
+
+    None where no K, or where a computed `safer` holds nowhere: nothing is waited for.
+    """
     for case in done:
-        if not case.problem.starts_with(case.parameter) or case.failed("P2a"):
+        empty = case.failed("P2a") or (case.problem.computed and case.failed("safer"))
+        if empty or not case.problem.starts_with(case.parameter):
             continue
         if any(p.waits_at_start(case) for p in case.proofs) or _refused_at_start(case):
             return "at the start `safer` does not hold: SC has control until the state is there"

@@ -27,8 +27,8 @@ class Assumption:
 
 SCHEME = Assumption(
     "scheme",
-    "the plant is the one solution of its differential equation, whose right-hand side is "
-    "Lipschitz in the state; not the simulator's scheme",
+    "the plant is the only solution of its differential equation (where the right-hand side jumps: "
+    "with any rate between those on both sides); not the simulator's scheme",
 )
 """Of a proof that is about the differential equation alone."""
 EVERY_SOLUTION = Assumption(

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from soter.certificate.assumptions import assumptions_of
 from soter.language.elaborate.views import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
 from soter.verify.module_methods import module_method
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
 from soter.verify.problem.extract import extract
+from unit.certificate.small_proofs import facts_of
 
 EXAMPLES = Path(__file__).resolve().parents[4] / "examples"
 
@@ -68,3 +70,51 @@ def test_what_shares_its_key_with_another_cannot_be_shown() -> None:
 def test_what_a_proof_adds_stands_once() -> None:
     together = Assumption("together u, v", "both at one instant")
     assert remaining([FRESH], added=[together, together], shown=()) == (FRESH, together)
+
+
+JUMPS = """soter 1;
+topic seen: { x: float, v: float } max_age 100ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant Slider period 50ms {
+  reads push;
+  drives seen = { x: x, v: v };
+  state x: float;
+  state v: float;
+  der x = -x + v * v;
+  der v = v > 0.0 ? push - 0.5 : push + 0.5;
+}
+node Any period 100ms { subscribes seen; publishes push; step { publish push = -seen.v; } }
+node Calm period 100ms { subscribes seen; publishes push; step { publish push = -seen.v; } }
+rta M {
+  ac Any; sc Calm; period 100ms;
+  safe abs(seen.v) < 2.0;
+  WITH
+}
+system S { s: Slider; module M; until 1s; }
+"""
+"""Friction that jumps at v = 0, and a state beside it that reads v."""
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "verify { grid seen.x in [-5.0, 5.0] / 9, seen.v in [-2.0, 2.0] / 9; }",
+        "verify { grid seen.x in [-5.0, 5.0] / 9; grid seen.v in [-2.0, 2.0] / 9; }",
+        "rest abs(seen.v) < 0.7 within 2s;",
+    ],
+    ids=("one group", "a product", "tubes"),
+)
+def test_of_a_plant_that_jumps_it_is_assumed_what_may_be_so(how: str, tmp_path: Path) -> None:
+    """Prover and re-checker: that it has one solution, not that its rates are Lipschitz."""
+    program = tmp_path / "slider.soter"
+    program.write_text(JUMPS.replace("WITH", how))
+    checked = check_file(str(program))
+    assert checked.ok, checked.diagnostics
+    flat = system_of(checked, None)
+    (seen,) = systems_by_view(flat, flat.modules[0])
+    every = extract(*seen).assumptions, assumptions_of(facts_of(program, "S", "M"))
+    (ours,), (theirs,) = ([a.text for a in some if a.key == "scheme"] for some in every)
+    assert ours == theirs
+    assert "only solution" in ours
+    assert "jumps" in ours
+    assert "Lipschitz" not in ours

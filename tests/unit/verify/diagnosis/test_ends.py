@@ -40,3 +40,17 @@ def test_an_end_that_is_one_of_safe_is_no_matter_of_the_grid() -> None:
     module_result = explained(changed((TTF, "ttf level < 0.232 || level > 1.768;")))
     assert module_result.findings["ttf"].verdict == "undecided"
     assert "grid_end" not in kinds(module_result, "ttf")
+
+
+def test_where_ac_need_not_come_back_it_is_said_why_safer_is_asked_all_the_same() -> None:
+    """`recover never` makes no proof of `safer` easier: the DM gives control where it holds."""
+    wrong = (SAFER, "safer level > 0.2;"), (SAFE, "safe level > 0.2;")
+    never = ("/ 320;", "/ 320; recover never;")
+    for pairs in (wrong, (*wrong, never)):
+        module_result = explained(changed(*pairs))
+        assert module_result.findings["safer"].verdict == "undecided"
+        assert ("asked_all_the_same" in kinds(module_result, "safer")) == (never in pairs)
+        assert "asked_all_the_same" not in kinds(module_result, "ttf")
+    why = cause(module_result, "safer", "asked_all_the_same").text
+    assert "`recover never`" in why
+    assert "wherever `safer` holds" in why

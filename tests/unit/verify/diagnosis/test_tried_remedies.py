@@ -183,6 +183,16 @@ def test_several_changes_are_tried_together_and_told_together() -> None:
     assert explained(changed(*PREDICATES)).verdict == "proved"
 
 
+def test_what_helps_and_does_not_suffice_says_what_it_shows() -> None:
+    """SC cannot be back so soon, whatever else is changed; young reads show the rest."""
+    soon = ("/ 320;", "/ 320; recover within 10ms;")
+    result = explained(changed(("max_age 100ms", "max_age 9s"), soon))
+    said = first_help(result)
+    assert "of `level` (tried: all but P2b proved)" in said
+    young = explained(changed(soon))
+    assert {n for n, f in young.findings.items() if not f.holds} == {"P2b"}
+
+
 def test_controllers_in_each_other_s_place_are_told_also_where_a_run_refutes_them(
     tmp_path: Path,
 ) -> None:

@@ -16,7 +16,7 @@ from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest rea
 from soter.verify.command import modules_of, problems_of, verify
 from soter.verify.diagnosis.vacuity import HARDLY
 from soter.verify.verify_module import verify_module
-from unit.verify.diagnosis.tank_modules import TANK, changed
+from unit.verify.diagnosis.tank_modules import TANK, changed, explained
 from unit.verify.towers import changed as changed_tower
 
 if TYPE_CHECKING:
@@ -194,6 +194,20 @@ def test_a_start_outside_safer_is_a_line_and_no_headline() -> None:
     assert module_result.headline == "proved"
     assert "`safer` does not hold" in module_result.at_the_start
     assert not proved(TANK).at_the_start
+
+
+def test_where_safer_holds_nowhere_nobody_is_said_to_wait_for_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """AC could leave K from everywhere within H: S_0 is empty."""
+    computed = changed((TTF, ""), ("safer level > 0.4 && level < 1.6;", ""))
+    text = changed(("/ 320;", "/ 320; horizon 12s;"), text=computed)
+    module_result = explained(text)
+    assert "AC would never get control" in module_result.findings["safer"].text
+    assert not module_result.at_the_start
+    (tmp_path / "tank.soter").write_text(text)
+    assert main(["verify", "--no-refute", str(tmp_path / "tank.soter")]) == 4
+    assert "for the same reason as `P2b`" in capsys.readouterr().out
 
 
 # ---------------------------------------------------------------- wherever it is read
