@@ -70,6 +70,27 @@ def test_files_that_docstrings_and_pages_name_are_there() -> None:
     assert missing == []
 
 
+def test_decisions_that_are_cited_are_there_once() -> None:
+    """Under their own number, or among those that a later one *Replaces*."""
+    page = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    numbers = re.findall(r"^\*\*(\d+)\.", page, re.MULTILINE)
+    for replaced in re.findall(r"\*Replaces ([\d,\s]+)", page):
+        numbers += re.findall(r"\d+", replaced)
+    several = (
+        r"\bdecisions? (\d+(?:(?:,| to| and)\s+\d+)*)\b(?!:)|docs/decisions\.md, ([\d, toand]+)"
+    )
+    missing = []
+    for path in _tracked():
+        if path.suffix in {".md", ".py", ".c", ".h", ".soter"} and path.name != "benchmarks.md":
+            for cited in re.finditer(several, path.read_text(encoding="utf-8", errors="replace")):
+                at = path.relative_to(ROOT)
+                missing += [
+                    f"{at}: {n}" for n in re.findall(r"\d+", cited.group()) if n not in numbers
+                ]
+    assert missing == []
+    assert len(numbers) == len(set(numbers))
+
+
 def test_committed_text_names_no_path_of_a_machine() -> None:
     paths = []
     for path in _tracked():
