@@ -32,11 +32,11 @@ import numpy as np
 
 import soter
 from soter.campaign.batch_flights import Fleet
-from soter.editor.overlay import Overlay
+from soter.editor.documents import Overlay
 from soter.gym import Protected, make_vec
-from soter.gym.batched_states import BatchedStates
 from soter.gym.compiled_system import CompiledEnvironment, Roles
-from soter.gym.memory_offsets import ObservedPart
+from soter.gym.outside_roles import ObservedPart
+from soter.gym.vector import BatchedStates
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file
 from soter.report.terminal_tables import table

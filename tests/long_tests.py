@@ -61,7 +61,7 @@ def some(these: Iterable[Any], quick: int) -> list[Any]:
 def _enclosures_are_compiled_quickly() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         if not _asked["long"]:
-            patch.setattr("soter.verify.enclose.engine_library.UNIT_LEVEL", "-O1")
+            patch.setattr("soter.verify.enclose.compiled_enclosures.UNIT_LEVEL", "-O1")
         yield
 
 

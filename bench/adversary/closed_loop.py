@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.native.build import texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
+from soter.native.shared_library import texts
 
 if TYPE_CHECKING:
     import numpy.typing as npt

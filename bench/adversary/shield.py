@@ -30,8 +30,7 @@ import soter
 from soter.codegen.unit import generate
 from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
-from soter.native.build import library
-from soter.native.cffi_interface import interface, opened
+from soter.native.shared_library import interface, library, opened
 from soter.verify.deploy.missing_predicates import complete
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import soter
 
 if TYPE_CHECKING:
-    from soter.campaign.flight_outcome import FlightOutcome
+    from soter.campaign.store import FlightOutcome
 
 FILE = Path(__file__).parents[2] / "examples" / "autopilot" / "flights.soter"
 FIRST_SEED = 10_001

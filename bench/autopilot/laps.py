@@ -33,7 +33,7 @@ import soter
 from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:
-    from soter.campaign.flight_outcome import FlightOutcome
+    from soter.campaign.store import FlightOutcome
 
 FILE = Path(__file__).parents[2] / "examples" / "autopilot" / "laps.soter"
 FIRST_SEED = 20_001

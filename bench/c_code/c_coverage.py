@@ -26,8 +26,8 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import FloatType, leaves
-from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME
 from soter.native.compiler import STRICT
+from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME
 from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:

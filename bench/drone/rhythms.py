@@ -25,9 +25,9 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
-from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
+from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, texts
 from soter.report.terminal_tables import table
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter import SoterError
 from soter.api import load
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.command import modules_of, problems_of, refuse_forced

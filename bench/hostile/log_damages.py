@@ -42,8 +42,8 @@ from generators.robot_logs import (  # noqa: E402 - the same
     odometry,
     whole,
 )
-from soter.report.mcap_records import CHANNEL as MCAP_CHANNEL  # noqa: E402 - the same
-from soter.report.mcap_records import CHUNK, MESSAGE, SCHEMA, STATISTICS  # noqa: E402 - the same
+from soter.report.mcap_reading import CHANNEL as MCAP_CHANNEL  # noqa: E402 - the same
+from soter.report.mcap_reading import CHUNK, MESSAGE, SCHEMA, STATISTICS  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -20,14 +20,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Severity
-from soter.diagnostics.fix import applied
+from soter.diagnostics.diagnostic import Severity, applied
 from soter.diagnostics.render import render
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Fix
+    from soter.diagnostics.diagnostic import Diagnostic, Fix
 
 HERE = Path(__file__).parent
 OWN = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")

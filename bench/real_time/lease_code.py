@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from cffi import FFI
 
-from soter.native.build import RUNTIME
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, WARNINGS, compile_with, find
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -26,8 +26,8 @@ import numpy as np
 import soter
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
 from soter.campaign.statistics import rate
+from soter.campaign.tables import an_hour, bound, guilt, interval, listed, verdict
 from soter.campaign.tables import faults as faults_table
-from soter.campaign.wording import an_hour, bound, guilt, interval, listed, verdict
 
 ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:

@@ -27,8 +27,8 @@ import numpy as np
 
 import soter
 from soter.gym import Protected
-from soter.native.build import CHECK_FAILED
 from soter.native.compiler import STRICT, find
+from soter.native.shared_library import CHECK_FAILED
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAM = ROOT / "bench" / "running" / "docking.soter"

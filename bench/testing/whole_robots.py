@@ -26,10 +26,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.assume_guarantee import wholes
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
-from soter.explore.results import EXHAUSTED, VIOLATED
+from soter.explore.results import EXHAUSTED, VIOLATED, wholes
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 from soter.report.terminal_tables import table

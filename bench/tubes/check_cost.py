@@ -32,8 +32,8 @@ from soter.api.deploying import image_of, stack_bound  # noqa: E402
 from soter.codegen.unit import generate  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
-from soter.native.build import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
 from soter.native.compiler import compile_with, find  # noqa: E402
+from soter.native.shared_library import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
 from soter.report.terminal_tables import table  # noqa: E402
 from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402

@@ -22,15 +22,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.certificate.flights.flight_check import flights_of
-from soter.certificate.flights.flight_report import UNCONFIRMED
+from soter.certificate.flight_check import flights_of
+from soter.certificate.report import UNCONFIRMED
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
-from soter.report.run_log import messages, metadata
+from soter.report.mcap_reading import messages, metadata
 
 if TYPE_CHECKING:
     from types import SimpleNamespace
 
-    from soter.certificate.flights.flight_report import FlightReport
+    from soter.certificate.report import FlightReport
 
 FOLLOW = Path(__file__).resolve().parents[2] / "examples" / "evidence" / "follow.soter"
 TOO_FAST = {"gap": 18.0, "way": 0.0, "v": 36.0}

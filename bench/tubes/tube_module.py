@@ -19,9 +19,9 @@ from soter.codegen.unit import generate
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.types import leaves
-from soter.native.build import CHECK_FAILED, KERNEL, RUNTIME, library_flags, texts
 from soter.native.cache import cached, digest
 from soter.native.compiler import compile_with, find
+from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, library_flags, texts
 from soter.verify.deploy.missing_predicates import put, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval

@@ -356,7 +356,7 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415
     from soter.verify.claims import claims  # noqa: PLC0415
-    from soter.verify.claims.levels import levels as computed  # noqa: PLC0415
+    from soter.verify.claims.choice import levels as computed  # noqa: PLC0415
     from soter.verify.enclose.compiled_enclosures import library_of  # noqa: PLC0415
     from soter.verify.grid.sets import UnboundedError  # noqa: PLC0415
     from soter.verify.problem.extract import extract  # noqa: PLC0415

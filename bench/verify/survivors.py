@@ -37,7 +37,7 @@ from bench.newcomers.flights import Array, Booleans, Robot, moved  # noqa: E402
 
 from soter.language.front_end import check_file, system_of  # noqa: E402
 from soter.report.terminal_tables import table  # noqa: E402
-from soter.verify.claims.grid_refinement import smaller_cells  # noqa: E402
+from soter.verify.claims.cells import smaller_cells  # noqa: E402
 from soter.verify.enclose.compiled_enclosures import library_of  # noqa: E402
 from soter.verify.grid.sets import GridGroup  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402

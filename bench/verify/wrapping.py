@@ -37,7 +37,7 @@ from bench.newcomers.wrong_robots import cpu_now_s  # noqa: E402
 
 from generators.turning_systems import Drawn, counted  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
-from soter.verify.enclose import engine_library  # noqa: E402
+from soter.verify.enclose import compiled_enclosures  # noqa: E402
 from soter.verify.enclose.compiled_enclosures import library_of  # noqa: E402
 from soter.verify.grid.sets import GridGroup  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
@@ -119,7 +119,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "wrapping")
     options = parser.parse_args()
-    engine_library.UNIT_LEVEL = "-O1"  # the same bits, and many small modules are compiled
+    compiled_enclosures.UNIT_LEVEL = "-O1"  # the same bits, and many small modules are compiled
     drawing = ROOT / "tests" / "generators" / "turning_systems.py"
     reader = tool() + "".join(file.read_text() for file in (Path(__file__), drawing))
     found = Counter[str]()

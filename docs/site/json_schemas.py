@@ -23,7 +23,7 @@ from inspect import get_annotations, getattr_static
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from soter.diagnostics.record_to_json import JsonObject
+from soter.diagnostics.command_records import JsonObject
 
 Hint: TypeAlias = Any
 """A type, as annotations have it."""

@@ -33,7 +33,7 @@ from soter.report.run.figure_elements import (
 )
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.signal_thinning import (
+from soter.report.run.signals_for_drawing import (
     by_controller,
     flight_indices,
     givebacks,

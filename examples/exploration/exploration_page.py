@@ -21,12 +21,12 @@ from exploration_record import HERE, NEVER, Exploration
 import soter
 from soter.report.html import document
 from soter.report.run.figure_elements import crowded, legend
-from soter.report.run.mode_bar import mode_bar
 from soter.report.run.packed_json import numbers, packed, script_json
 from soter.report.run.result_wording import prose
-from soter.report.run.signal_thinning import (
+from soter.report.run.signals_for_drawing import (
     POINTS_MAX,
     givebacks,
+    mode_bar,
     mode_edges,
     takeovers,
     thin,

@@ -15,8 +15,8 @@ from long_tests import examples
 from soter.codegen.c.names import file_level_name, no_linked_name
 from soter.codegen.unit import generate
 from soter.language.syntax.tokens import RESERVED
-from soter.native.build import RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,7 +15,7 @@ from generators.brute_force import TooLargeError
 from generators.contract_programs import VARIANTS, contracted
 from generators.explorer_agreement import compared, enumerated
 from long_tests import examples
-from soter.language.elaborate.tests_and_faults import contract_stand_ins
+from soter.language.elaborate.tests_and_faults import stand_ins
 from soter.language.model import typed
 
 if TYPE_CHECKING:
@@ -75,14 +75,14 @@ def test_what_the_whole_violates_is_found_one_module_at_a_time(chunk: int) -> No
 
 
 def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = contract_stand_ins._each
+    whole = stand_ins._each
 
     def fewer(*about: object) -> tuple[typed.TypedExpr, int]:
         value, count = whole(*about)  # type: ignore[arg-type]
         assert isinstance(value, typed.TypedChoose)
         return replace(value, count=value.count - 1), count
 
-    monkeypatch.setattr(contract_stand_ins, "_each", fewer)
+    monkeypatch.setattr(stand_ins, "_each", fewer)
     assert all(hidden(seed)[0] for seed in WRONG)
 
 

@@ -15,7 +15,7 @@ from soter.api import load
 from soter.certificate.grid import grid_group
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract

@@ -23,7 +23,7 @@ from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
 from long_tests import examples, some
-from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
+from soter.api.deploying import recorded_inputs, recording_text, replayed_sha256
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.simulate.run import NativeProgram, run_interpreted

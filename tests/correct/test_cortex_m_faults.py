@@ -21,7 +21,7 @@ from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
 from soter.targets.cortex_m.cortex_m_package import Replay, cortex_m_package
-from soter.targets.lateness_limits import takeovers
+from soter.targets.leases_and_lateness import takeovers
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ import browser
 import processes
 from json_documents import MADE
 from soter.cli.main import COMMANDS, command_of
-from soter.cli.terminal.parser import HelpWantedError
+from soter.cli.terminal.command_line import HelpWantedError
 from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -25,7 +25,7 @@ from generators.sight_referee import is_nearer, passes
 from generators.sight_scenes import Aim, Declared, Sampler
 from generators.sight_variants import Sights
 from long_tests import examples
-from soter.language.model.python_values import ValueShapeError
+from soter.language.model.values import ValueShapeError
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -36,7 +36,7 @@ from generators.channel_programs import (
 from generators.elf import undefined_symbols
 from generators.posix_packages import FORGIVING, PATIENT, QUIET, owned
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.package_sources import SOTER
+from soter.native.source_files import SOTER
 
 if TYPE_CHECKING:
     from pathlib import Path

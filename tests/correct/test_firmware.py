@@ -19,13 +19,13 @@ from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.core.layout import state_layout
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
+from soter.native.shared_library import CHECK_FAILED
 from soter.native.stack_bound import SILENT
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 from tables import all_rows
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"

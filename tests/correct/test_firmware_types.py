@@ -12,8 +12,8 @@ import pytest
 import processes
 import soter
 from generators.c_packages import make
-from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, WARNINGS, find
+from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:
     from pathlib import Path

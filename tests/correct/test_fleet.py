@@ -19,7 +19,7 @@ from bench.fleet.protocol_bugs import BUGS, Bug, counterexample_of
 
 import soter
 from soter.cli.main import main
-from soter.verify.induction import prove
+from soter.verify.induction import prove_or_refute
 
 FLEET = Path(__file__).resolve().parents[2] / "examples" / "fleet"
 UNCLAIMED = {"P2b", "failsafe"}
@@ -144,7 +144,7 @@ def _kept_at_all_times(folder: Path, program: str, module: str) -> str:
 @pytest.fixture
 def one_hyperperiod(monkeypatch: pytest.MonkeyPatch) -> None:
     """The proofs need no more; longer ones take a minute to fail."""
-    monkeypatch.setattr(prove, "DEPTHS", (1,))
+    monkeypatch.setattr(prove_or_refute, "DEPTHS", (1,))
 
 
 @pytest.mark.usefixtures("one_hyperperiod")

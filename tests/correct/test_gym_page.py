@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from soter.gym.batched_states import FACTS
+from soter.gym.vector import FACTS
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)

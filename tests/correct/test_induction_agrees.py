@@ -18,8 +18,7 @@ from soter.explore.results import EXHAUSTED, VIOLATED
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.problem import extract_induction
-from soter.verify.induction.prove import induct
-from soter.verify.induction.refute import any_ac, system_as_test
+from soter.verify.induction.prove_or_refute import any_ac, induct, system_as_test
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,7 +1,7 @@
 """Large values of generated C go by address: every copy that must be made is made (decision 109).
 
 `large_values.soter` has what could go wrong; each of its functions and nodes differs from the
-interpreter where one rule of `codegen/storage/storage_plan.py` is left out.
+interpreter where one rule of `codegen/storage_plan.py` is left out.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from soter.api.rechecking import recheck
 from soter.cli.main import main
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 from tables import all_rows
 
 if TYPE_CHECKING:

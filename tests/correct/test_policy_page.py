@@ -11,9 +11,9 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.policy.error_bound import error_bound
 from soter.policy.network import answer
 from soter.policy.sb3_file import read_sb3
+from soter.policy.soter_source import error_bound
 
 ROOT = Path(__file__).resolve().parents[2]
 WALL = ROOT / "examples" / "wall"

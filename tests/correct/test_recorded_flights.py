@@ -17,7 +17,7 @@ import soter
 from generators.c_packages import CART, make
 from generators.channel_programs import Words, going, library, number_of
 from generators.posix_packages import owned, report
-from soter.report.run_log import messages
+from soter.report.mcap_reading import messages
 from soter.simulate.flight_recording import END_BYTES
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.api import Program
-    from soter.certificate.flights.flight_report import FlightReport
+    from soter.certificate.report import FlightReport
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
 

@@ -28,8 +28,8 @@ from generators.random_types import TypeMaker, text_of
 from generators.seeded_choices import Seeded
 from soter.codegen.c.names import field_name
 from soter.core.layout import encode_into, size_of
-from soter.language.model.python_values import to_python
 from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
+from soter.language.model.values import to_python
 from soter.native.compiler import WARNINGS, find
 from soter.remote.channel import Channel
 from soter.targets.channel_document import number_of_layout

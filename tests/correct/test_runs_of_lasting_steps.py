@@ -20,8 +20,7 @@ from soter.semantics.interpreter import Interpreter
 if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.types import Value
-    from soter.semantics.configuration import Configuration
-    from soter.semantics.observer_records import Record
+    from soter.semantics.configuration import Configuration, Record
 
     Seen = tuple[int, tuple[Value, ...], tuple[int, ...]]
 

@@ -22,8 +22,8 @@ from generators.engine_comparison import (
 from generators.random_programs import program
 from generators.shipped_programs import files, subjects_of
 from long_tests import examples
-from soter.native.build import RUNTIME
 from soter.native.compiler import find
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from pathlib import Path

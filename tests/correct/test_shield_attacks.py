@@ -22,8 +22,8 @@ from soter.explore.model.actors import Footprints
 from soter.language.front_end import check_file, system_of_test
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
-from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, find
+from soter.native.shared_library import CHECK_FAILED
 from soter.verify.deploy import missing_predicates
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import shields

@@ -27,11 +27,11 @@ from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
 from soter.language.model.typed import Literal
 from soter.language.model.types import FLOAT
-from soter.native.build import CHECK_FAILED
 from soter.native.compiler import MEANING, find
+from soter.native.shared_library import CHECK_FAILED
 from soter.verify.grid import shields
 from soter.verify.problem.extract import extract
-from soter.verify.tables import toward_sc
+from soter.verify.tables import shield_tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -347,7 +347,7 @@ def test_c_that_does_not_judge_what_it_moved_is_noticed(
     wrong: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Commands are moved to full throttle here, as if somebody had looked for the worst."""
-    monkeypatch.setattr(toward_sc, "moved", full)
+    monkeypatch.setattr(shield_tables, "moved", full)
     path = written(tmp_path, "publish accel = 0.5;", TOWARD)
     assert not differ(path)
     monkeypatch.setattr(steps, "_permitted", wrong)
@@ -359,7 +359,7 @@ def test_where_to_a_command_is_moved_is_no_part_of_the_proof(
 ) -> None:
     """Moved to anything at all it is judged: refused, perhaps, and nothing is hit."""
 
-    monkeypatch.setattr(toward_sc, "moved", full)
+    monkeypatch.setattr(shield_tables, "moved", full)
     run = soter.load(written(tmp_path, "publish accel = 0.5;", TOWARD)).simulate(
         system="Track", seed=1, until="20s"
     )

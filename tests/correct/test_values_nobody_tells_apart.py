@@ -16,7 +16,7 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples
-from soter.language.elaborate.tests_and_faults import contract_stand_ins, distinguishable_values
+from soter.language.elaborate.tests_and_faults import distinguishable_values, stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from generators.brute_force import Found
-    from soter.language.elaborate.tests_and_faults.contract_stand_ins import _Values
+    from soter.language.elaborate.tests_and_faults.stand_ins import _Values
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
@@ -39,11 +39,11 @@ def _step_of_few(
 ) -> Iterator[typed.TypedStmt]:
     """The step of a stand-in, refused where it tries every value."""
     if any(v.read is None for v in published.values()):
-        raise contract_stand_ins.EndlessError("every value is tried elsewhere")
+        raise stand_ins.EndlessError("every value is tried elsewhere")
     yield from STEP(published, by)
 
 
-STEP = contract_stand_ins._step
+STEP = stand_ins._step
 
 
 def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | None:
@@ -54,7 +54,7 @@ def both(seed: int, monkeypatch: pytest.MonkeyPatch) -> tuple[Found, Found] | No
     except TooLargeError:
         return None
     with monkeypatch.context() as patched:
-        patched.setattr(contract_stand_ins, "_step", _step_of_few)
+        patched.setattr(stand_ins, "_step", _step_of_few)
         few = enumerated(seed, program.text(stated=False), MOST).found
     return every, few
 
@@ -116,7 +116,7 @@ def _forgets(op: str) -> Patch:
     def fewer(asked: set[tuple[str, float]], *about: Any) -> list[float]:
         return whole({(o, c) for o, c in asked if o != op} or asked, *about)
 
-    return lambda m: m.setattr(contract_stand_ins, "representatives", fewer)
+    return lambda m: m.setattr(stand_ins, "representatives", fewer)
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:

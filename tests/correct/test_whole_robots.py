@@ -15,8 +15,7 @@ from bench.testing.whole_robots import (
     explored,
 )
 
-from soter.explore.assume_guarantee import wholes
-from soter.explore.results import EXHAUSTED, VIOLATED
+from soter.explore.results import EXHAUSTED, VIOLATED, wholes
 from soter.language.front_end import check_file
 
 

@@ -16,11 +16,11 @@ import numpy as np
 from cffi import FFI
 
 from generators.engine_comparison import first_difference
-from soter.semantics.answered_draws import AnsweredDraws
+from soter.semantics.chosen_draws import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random.random_draws import fnv
+from soter.semantics.random_draws import fnv
 from soter.semantics.rules import environment_input
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import processes
 import soter
 from generators.c_packages import make
-from soter.native.build import RUNTIME
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -16,7 +16,10 @@ import processes
 from soter.codegen.unit import Unit, generate
 from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
-from soter.native.build import (
+from soter.native.cache import cached, digest
+from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.library import Library, RunStatus
+from soter.native.shared_library import (
     CHECK_FAILED,
     KERNEL,
     LIBRARY,
@@ -25,12 +28,9 @@ from soter.native.build import (
     objects,
     texts,
 )
-from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.library import Library, RunStatus
-from soter.native.package_sources import SOTER
+from soter.native.source_files import SOTER
 from soter.semantics.interpreter import Interpreter
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from cffi import FFI
 
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
-from soter.native.build import library
+from soter.native.shared_library import library
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -17,10 +17,9 @@ from generators.explorer_configurations import Decoder
 from generators.small_test_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.explore.engine.properties_across_parts import ComposedSearch
+from soter.explore.engine.reductions import ComposedSearch
 from soter.explore.engine.search import Search
-from soter.explore.methods import EXHAUSTIVE
-from soter.explore.search_options import SearchOptions
+from soter.explore.search_options import EXHAUSTIVE, SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:

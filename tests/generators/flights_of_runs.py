@@ -19,7 +19,7 @@ from soter.campaign.batch_flights import EVENT, LATCHED, TO_AC, TO_SC, VIOLATED
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.campaign.flight_outcome import FlightOutcome
+    from soter.campaign.store import FlightOutcome
     from soter.simulate.result import Run
 
 T = TypeVar("T")

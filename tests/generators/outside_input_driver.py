@@ -28,7 +28,7 @@ from soter.language.model.types import (
 )
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -30,7 +30,7 @@ from soter.language.model.types import (
     Type,
     leaf_count,
 )
-from soter.native.build import CHECK_FAILED
+from soter.native.shared_library import CHECK_FAILED
 from soter.verify.enclose.c_emitter import Emitter, address, framed, given, names_in
 from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import EnclosureOperations, kind_of

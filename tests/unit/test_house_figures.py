@@ -128,7 +128,7 @@ def test_files_do_not_import_each_other_in_circles() -> None:
 
 
 ROOMS = {
-    "src/soter/mapping": (17, "a file a table of the mapping file, found by its name"),
+    "src/soter/explore": (17, "an engine, a judge and what a search is told: a file each"),
     "src/soter/runtime/posix": (
         24,
         "three programs over two channels; all of it ships as one folder",
@@ -140,10 +140,6 @@ ROOMS = {
     "src/soter/explore/engine/c": (
         40,
         "a file a strategy, a header a thing shared; no circles in it",
-    ),
-    "src/soter/language/elaborate": (
-        17,
-        "one elaborator and what it places: a file a part of a system, found by its name",
     ),
     "tests/generators": (75, "each makes one kind of input; nobody reads two of them at once"),
     "tests/correct": (107, "a file a promise of the pages, found by its name"),

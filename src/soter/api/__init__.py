@@ -11,12 +11,19 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from soter.api.check_report import CheckReport, ModuleReport, StepReport, SystemReport
-from soter.api.files import format_text, read_text, require_writers
+from soter.api.arguments import format_text, read_text, require_writers
+from soter.api.check_report import (
+    CheckReport,
+    ModuleReport,
+    StepReport,
+    SwitchReport,
+    SystemReport,
+    ThreadRow,
+    TimingReport,
+)
 from soter.api.program import Program, load
-from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.exception_hook import install
+from soter.diagnostics.render import install
 
 if TYPE_CHECKING:
     from soter.api.rechecking import recheck

@@ -15,18 +15,14 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_of, mistake, time_ns
-from soter.api.files import require_writable
+from soter.api.arguments import end_of, mistake, require_writable, time_ns
 from soter.campaign.arms import OURS, PAPER, arms_of
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fault_attribution import ORDER, blames, occurred
-from soter.campaign.fly_campaign import flights_of, fly
+from soter.campaign.fly_campaign import cluster, flights_of, fly, require_ray
 from soter.campaign.page import write_page
-from soter.campaign.parquet import write_parquet
-from soter.campaign.ray_cluster import cluster, require_ray
 from soter.campaign.release_lateness import kept
-from soter.campaign.result import Result, result_of
-from soter.campaign.store import CampaignIdentity, CampaignStore
+from soter.campaign.result import ORDER, Result, blames, occurred, result_of
+from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
 from soter.report.parameter_text import changed
 from soter.simulate.run_settings import seed_value
@@ -35,9 +31,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.campaign.arms import Arm
-    from soter.campaign.flight_outcome import FlightOutcome
     from soter.campaign.fly_campaign import Workers
     from soter.campaign.release_lateness import Lateness
+    from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
 

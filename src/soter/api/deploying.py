@@ -1,8 +1,11 @@
 """What `soter build` says and packs of a deployed system: what it inherits, and from which proof.
 
 Purpose: the certificate is checked again, compared with the program and the parameters at hand, and
-its verdicts are told of the modules of the deployed system that it covers.
-Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`).
+its verdicts are told of the modules of the deployed system that it covers. `recorded_inputs`: of a
+system that deploys another, the values that its topics from outside have in a run of that one,
+plants included, and the trace of the deployed system under them, for the replay of an image.
+Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`);
+reading a recording (`runtime/cortex_m/soter_recording.c`), worlds that nobody wrote.
 """
 
 from __future__ import annotations
@@ -16,13 +19,14 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.api.rechecking import recheck
-from soter.api.recorded_inputs import recorded_inputs, recording_text, replayed_sha256
 from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
+from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
+from soter.language.model.system import environment_topics
 from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.cortex_m.board import read_board
@@ -42,6 +46,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.native.stack_bound import StackBound
     from soter.simulate.externs.bindings import Bindings
+    from soter.simulate.run import NativeProgram
     from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
     from soter.verify.deploy.missing_predicates import Known
@@ -49,6 +54,60 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
     from soter.verify.proof_methods import Pairs
     from soter.verify.tables.level_table import LevelTable
+
+    Recording = list[tuple[int, int, bytes]]
+    """When it was measured (ns), the topic's number, and the value as it lies in memory."""
+
+
+def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
+    """In order of time; nothing where no other system is deployed, or one with externs.
+
+    SoterError as of `NativeProgram`.
+    """
+    there = system.proved
+    if there is None or any(x.extern and x.binding is None for x in there.components):
+        return []
+    from soter.simulate.run import NativeProgram  # noqa: PLC0415 - needs a compiler
+
+    native = NativeProgram(there)
+    run = native.run(until_ns, seed, keep_trace=True)
+    assert run.trace is not None
+    drawn = {d.topic for d in system.inputs}
+    topics = [system.topics[i] for i in environment_topics(system) if i not in drawn]
+    numbers = {t.name: t.index for t in there.topics}
+    recording: Recording = []
+    last = dict.fromkeys((t.index for t in topics), -1)
+    rows = run.trace.view("u1").reshape(len(run.trace), native.layout.size)
+    for state, raw in zip(run.trace, rows, strict=True):
+        for t in topics:
+            index = numbers.get(t.name)
+            if index is None:
+                continue
+            stamp, at = int(state["stamps"][index]), native.layout.topic_offset(index)
+            if stamp > last[t.index]:
+                last[t.index] = stamp
+                recording.append((stamp, t.index, raw[at : at + size_of(t.type)].tobytes()))
+    return sorted(recording, key=lambda r: r[0])
+
+
+def recording_text(recording: Recording) -> str:
+    """As `soter_recording.h` says."""
+    return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
+
+
+def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
+    """The hash of the trace of a run that reads what was recorded; no extern may be due in it."""
+    library, digest, given = native.loaded().library, hashlib.sha256(), iter(recording)
+    state = library.new_state(seed)
+    waiting = next(given, None)
+    while (at := library.next_instant(state)) <= until_ns:
+        while waiting is not None and waiting[0] <= at:
+            library.publish(state, waiting[1], waiting[2], waiting[0])
+            waiting = next(given, None)
+        library.run(state, at)
+        digest.update(state.tobytes())
+    return digest.hexdigest()
+
 
 FILE = "inherited.json"
 SCHEMA = 1
@@ -133,7 +192,7 @@ class _CertifiedTables:
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
         """As the re-checker has confirmed them; None where it has not confirmed all of them."""
-        from soter.verify.deploy.certified_sets import certified_sets  # noqa: PLC0415 - NumPy
+        from soter.verify.deploy.proof_transfer import certified_sets  # noqa: PLC0415 - NumPy
 
         reports = self.confirmed.get(problem.name, [])
         needed = {*SETS_CONFIRMED, *(["P2b"] if problem.levels_open and not problem.stays else [])}
@@ -143,7 +202,7 @@ class _CertifiedTables:
 
     def built(self, problem: Problem, level_tables: Sequence[LevelTable]) -> None:
         """SoterError D020 where the certificate has other tables of the module."""
-        from soter.verify.deploy.certified_sets import same_tables  # noqa: PLC0415 - needs NumPy
+        from soter.verify.deploy.proof_transfer import same_tables  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
         if reports and not same_tables(

@@ -31,7 +31,7 @@ class Diagram:
 
     def write(self, path: str | Path) -> Path:
         """Write the SVG; `SoterError` D006 where that fails or something else would be lost."""
-        from soter.report.errors import ReportError  # noqa: PLC0415 - see `soter.api`
+        from soter.report.atomic_write import ReportError  # noqa: PLC0415 - see `soter.api`
         from soter.report.html import write_text  # noqa: PLC0415 - the same
 
         target = Path(path)
@@ -57,7 +57,7 @@ class Diagram:
 
 def diagram_of(system: System) -> Diagram:
     """The diagram of a flat system."""
-    from soter.diagram.render import picture  # noqa: PLC0415 - see `soter.api`
+    from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
 
     return Diagram(system.name, picture(system), system)
 

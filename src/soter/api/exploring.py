@@ -11,11 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, params_as_json, time_ns, values_of
-from soter.api.files import write_test_page
+from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
+from soter.diagnostics.command_records import made
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.diagnostics.option_fields import made
-from soter.explore.checkpoint.checkpoint_options import asked, checkpoints
+from soter.explore.checkpoint_options import asked, checkpoints
 from soter.explore.command import TraceHeader, chosen, explore_test, save, with_times
 from soter.explore.contract_use import replaced_in
 from soter.explore.results import ExploreReport

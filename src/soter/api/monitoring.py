@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
-from soter.monitor.logs.decidable_modules import decidable
-from soter.monitor.logs.doubtful_samples import doubts
+from soter.monitor.logs.decidable_modules import decidable, doubts
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.result import units_taken

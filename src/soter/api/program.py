@@ -16,23 +16,21 @@ from soter.api.arguments import (
     chosen_modules,
     complete,
     end_of,
-    mistake,
-    require_utf8,
-    values_of,
-)
-from soter.api.check_report import CheckReport, check_report
-from soter.api.compiled_systems import PreparedSystems
-from soter.api.files import (
     format_text,
+    mistake,
     read_text,
     require_no_certificate,
+    require_utf8,
     require_writable,
     require_writers,
     run_log,
+    values_of,
     write_advice,
 )
+from soter.api.check_report import CheckReport, check_report
+from soter.api.compiled_systems import PreparedSystems
+from soter.diagnostics.command_records import made, takes
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.option_fields import made, takes
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
@@ -127,7 +125,7 @@ class Program:
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
-        from soter.language.model.python_values import to_python  # noqa: PLC0415 - see the docstring
+        from soter.language.model.values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
@@ -385,7 +383,7 @@ class Program:
         written, the program first; none where no controller is open. `SoterError` U009 where none
         was found.
         """
-        from soter.verify.synthesis.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.verify.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
         own = Path(self.path)

@@ -49,7 +49,7 @@ def recheck(
             )
         )
     require_plain()
-    from soter.certificate.flights.flight_check import flights_of  # noqa: PLC0415 - an extra
+    from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra
     from soter.certificate.format.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 

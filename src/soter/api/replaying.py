@@ -1,7 +1,7 @@
 """Runs in a file, run again: traces of `soter test`, counterexamples of `soter verify`.
 
 Purpose: `replay`, and the `ReplayReport` it gives.
-Non-goals: the run itself (`explore/judge/replay.py`, `verify/attack/counterexample_files.py`).
+Non-goals: the run itself (`explore/replay.py`, `verify/attack/counterexample.py`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, mistake, params_from_json
-from soter.api.files import write_sequence
+from soter.api.arguments import complete, mistake, params_from_json, write_sequence
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.front_end import check_file, system_of_test
 from soter.version import VERSION
@@ -19,8 +18,8 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.explore.judge.replay import Replayed
-    from soter.explore.trace.trace import Trace
+    from soter.explore.replay import Replayed
+    from soter.explore.trace import Trace
     from soter.report.sequence.view import SequenceView
     from soter.verify.attack.counterexample import Replay as CounterexampleRun
 
@@ -72,7 +71,7 @@ def replay(path: str | Path) -> ReplayReport:
     `SoterError` D010 where the file is neither, D011 where its program has changed, and whatever is
     wrong with the program.
     """
-    from soter.explore.trace.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
 
     file = Path(path)
     document = read_document(file)
@@ -82,13 +81,13 @@ def replay(path: str | Path) -> ReplayReport:
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
+    from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
     from soter.explore.command import (  # noqa: PLC0415 - the same
         changed_program,
         missing_program,
         with_times,
     )
-    from soter.explore.judge.replay import replay as run  # noqa: PLC0415 - the same
-    from soter.explore.trace import trace as traces  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
     path = traces.program_path(trace)
     if not Path(path).exists():
@@ -119,8 +118,8 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
 
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
-    from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.verify.attack.counterexample_files import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.verify.attack.counterexample import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
     try:

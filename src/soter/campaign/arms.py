@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING
 
-from soter.campaign.wording import listed
+from soter.campaign.tables import listed
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import forced, with_faults
 from soter.language.model.durations import show_ns

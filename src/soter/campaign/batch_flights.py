@@ -20,26 +20,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.campaign.compiled_unit import recipe_of
-from soter.campaign.flight_outcome import FlightOutcome, MetricSample
+from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
-from soter.native.build import (
+from soter.native.cache import cached, digest
+from soter.native.compiler import FAST, compile_with, find, vector_flags
+from soter.native.extern_memory import unknown_of
+from soter.native.shared_library import (
     FAULTS,
     KERNEL,
     LIBRARY,
     REPORT,
     RUNTIME,
+    address,
+    declarations,
     include_flags,
+    interface,
     library,
     library_flags,
+    opened,
     texts,
 )
-from soter.native.cache import cached, digest
-from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.native.compiler import compile_with, find
-from soter.native.extern_memory import unknown_of
-from soter.native.vector_instructions import FAST, vector_flags
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence

@@ -18,17 +18,16 @@ from soter.codegen.branch_free import branch_free
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import S
-from soter.codegen.storage.value_locations import MADE
 from soter.codegen.unit import UnitBuilder
+from soter.codegen.value_locations import MADE
 from soter.core.core import Call, Fact
+from soter.core.core_walks import operations_of, walk
 from soter.core.layout import size_of, state_dtype
-from soter.core.operation_counts import operations_of
-from soter.core.read_write_footprint import walk
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.cache import cached, digest
 from soter.native.extern_memory import kept_by
-from soter.native.includes import included
+from soter.native.source_files import included
 from soter.simulate.module_safe_check import extern_functions
 
 if TYPE_CHECKING:

@@ -1,15 +1,34 @@
-"""Fly a campaign: so many flights by threads or by others, kept as they come.
+"""Fly a campaign: so many flights by threads or on a Ray cluster, kept as they come.
 
 Purpose: `fly`, from a fleet and a folder to all flights; the same flights whatever flies them.
-Non-goals: what they say (`result.py`), who else flies (`ray_cluster.py`).
+`cluster`: who flies on Ray where `fly` has threads otherwise. What is sent is the recipe: the
+generated C and how to read a state; each process compiles it once and keeps it. A batch whose
+worker dies is flown again by another one.
+Non-goals: what the flights say (`result.py`), keeping them (`store.py`), starting clusters of
+several machines (Ray's own tools).
 """
 
 from __future__ import annotations
 
+import logging
+import os
+import pickle
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Protocol
+
+from soter.campaign.batch_flights import BATCH, Flyer
+from soter.campaign.compiled_unit import unpacked
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.evaluate.floating_point_mode import require_plain
+from soter.native.cache import digest
+from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
+from soter.native.source_files import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -17,8 +36,8 @@ if TYPE_CHECKING:
 
     from soter.campaign.batch_flights import Fleet
     from soter.campaign.compiled_unit import Recipe
-    from soter.campaign.flight_outcome import FlightOutcome
-    from soter.campaign.store import CampaignStore
+    from soter.campaign.store import CampaignStore, FlightOutcome
+
 
 AHEAD = 4
 """Batches a worker that are asked for before the first of them is kept."""
@@ -90,3 +109,144 @@ def _threads(fleet: Fleet, workers: int) -> Iterator[FlightWorkers]:
     """C runs without Python's lock, so threads are enough."""
     with ThreadPoolExecutor(workers) as pool:
         yield lambda numbers, first: pool.submit(fleet.fly, numbers, first)
+
+
+TRIES = 5
+"""So often a batch is flown whose workers die."""
+ONE_SOTER = "every machine of the cluster needs the same Soter, and a C compiler"
+QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_IGNORE_UNHANDLED_ERRORS": "1"}
+"""Ray tells nobody what is flown, and nothing of batches that are no longer wanted."""
+
+
+@dataclass(frozen=True)
+class WorkerReply:
+    """What a worker says: the flights of a batch, or why there are none."""
+
+    flights: list[FlightOutcome]
+    wrong: tuple[Diagnostic, ...] = ()
+
+
+def require_ray() -> None:
+    """SoterError D007 where Ray is not installed."""
+    if find_spec("ray") is None:
+        message = "a cluster is flown on with the package `ray`, which is not installed"
+        helps = ("install it: pip install 'soter[ray]'; `--workers local` flies the same here",)
+        raise SoterError((Diagnostic("D007", message, helps=helps),))
+
+
+@contextmanager
+def cluster() -> Iterator[RayCluster]:
+    """The cluster of $RAY_ADDRESS, else the one that runs here, else one that is started here.
+
+    What was joined or started is left when it is done, not what the caller had joined before.
+    SoterError D007 without Ray, D018 where it cannot be joined.
+    """
+    require_ray()
+    os.environ.update({k: v for k, v in QUIET.items() if k not in os.environ})
+    ray: Any = import_module("ray")  # an extra
+    joined = ray.is_initialized()
+    try:
+        if not joined:
+            ray.init(include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
+        cores = int(ray.cluster_resources().get("CPU", 0))
+    except (ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
+        raise _trouble("the cluster cannot be joined", str(error)) from error
+    try:
+        if cores < 1:
+            raise _trouble("the cluster has no core", "a batch asks for one")
+        yield RayCluster(ray, cores)
+    finally:
+        if not joined:
+            ray.shutdown()
+
+
+@dataclass(frozen=True)
+class RayCluster:
+    """A cluster that was joined. `ray`: the module."""
+
+    ray: Any
+    cores: int
+
+    @contextmanager
+    def crew(self, recipe: Recipe) -> Iterator[FlightWorkers]:
+        """Ask any of its workers."""
+        ray = self.ray
+        packed = pickle.dumps(recipe)
+        sent = ray.put(packed)
+        task = ray.remote(num_cpus=1, max_retries=0)(fly_there)
+        key, soter = digest([packed.hex()]), own_digest()
+        yield lambda numbers, first: _Batch(
+            ray, lambda: task.remote(key, sent, soter, list(numbers), first), numbers
+        )
+
+
+class _Batch:
+    """A batch that was asked for."""
+
+    def __init__(self, ray: Any, ask: Any, numbers: Sequence[int]) -> None:  # noqa: ANN401 - Ray's
+        self.ray, self.ask, self.numbers = ray, ask, numbers
+        self.asked = ask()
+
+    def result(self) -> list[FlightOutcome]:
+        """Its flights; SoterError D018 where workers die again and again, and what they say."""
+        wrong = self.ray.exceptions
+        last = ""
+        for _ in range(TRIES):
+            try:
+                told: WorkerReply = self.ray.get(self.asked)
+            except wrong.RayTaskError as error:
+                raise _trouble("a worker cannot fly", _last_line(error), ONE_SOTER) from error
+            except wrong.RayError as error:  # it died, its machine did, the network did
+                last = _first_line(error)
+                self.asked = self.ask()
+            else:
+                if told.wrong:
+                    raise SoterError(told.wrong)
+                return told.flights
+        self.cancel()
+        which = f"flights {self.numbers[0]} to {self.numbers[-1]}"
+        raise _trouble(f"{TRIES} workers died over {which}; those before are kept", last)
+
+    def cancel(self) -> None:
+        """Leave it."""
+        self.ray.cancel(self.asked, force=True)
+
+
+# ---------------------------------------------------------------- in the worker
+
+_flyers: dict[str, Flyer] = {}
+"""What this process has compiled, by the digest of its recipe."""
+
+
+def fly_there(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
+    """Fly a batch, in a process of the cluster; `soter`: what it is to be flown with."""
+    try:
+        require_plain()
+        if soter != own_digest():
+            raise _trouble("a worker has another Soter", "its flights might be others", ONE_SOTER)
+        if key not in _flyers:
+            _flyers[key] = Flyer(unpacked(pickle.loads(packed)))  # noqa: S301 - of the same user
+        return WorkerReply(_flyers[key].fly(numbers, first))
+    except SoterError as error:
+        return WorkerReply([], error.diagnostics)
+
+
+@cache
+def own_digest() -> str:
+    """Of everything of Soter that a flight depends on besides its recipe."""
+    folders = (RUNTIME, NEVER_SHIPPED, BATCH.parents[1])
+    files = [p for folder in folders for p in files_below(folder, "*.py", "*.c", "*.h")]
+    return digest([x for p in files for x in (p.name, p.read_text(encoding="utf-8"))])
+
+
+def _trouble(what: str, why: str, *helps: str) -> SoterError:
+    return SoterError((Diagnostic("D018", what, notes=(why,) if why else (), helps=helps),))
+
+
+def _first_line(error: Exception) -> str:
+    return next((line for line in str(error).splitlines() if line.strip()), "").strip()
+
+
+def _last_line(error: Exception) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[-1].strip() if lines else ""

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.wording import an_hour, guilt, interval, listed, verdict
+from soter.campaign.tables import an_hour, guilt, interval, listed, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.report.atomic_write import ReportError
 from soter.report.campaign import Bars, CampaignPage, Histogram, campaign_main
-from soter.report.errors import ReportError
 from soter.report.html import write_document
 from soter.report.plain_page import PageSection
 from soter.report.run.result_wording import quantity

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import read_bytes
-from soter.native.python_child import python_child
+from soter.native.compiler import python_child
 from soter.report.atomic_write import own_place
 
 if TYPE_CHECKING:

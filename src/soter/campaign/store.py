@@ -1,7 +1,9 @@
 """The folder of a campaign: what it is about, and a line for each flight that was flown.
 
-Purpose: nothing that was flown is lost, whenever it is stopped; a campaign goes on where it was.
-Non-goals: flying, statistics.
+Purpose: `FlightOutcome` and `MetricSample`: what one flight was like, as plain data. Nothing that
+was flown is lost, whenever it is stopped; a campaign goes on where it was. `write_parquet`:
+`flights.parquet` beside `flights.csv`, with the same columns, for those who read tables elsewhere.
+Non-goals: flying (`batch_flights.py`), statistics.
 
 `campaign.json` says what is flown; `flights.csv` has a line a flight, in the order of their
 numbers, each written whole. A line that is torn at the end is flown again.
@@ -15,10 +17,10 @@ import json
 import os
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
 from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
-from soter.campaign.flight_outcome import FlightOutcome, MetricSample
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
@@ -27,6 +29,51 @@ from soter.report.atomic_write import require_no_links
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
+
+
+@dataclass(frozen=True)
+class MetricSample:
+    """One measure over one flight: looks that gave a number, their sum, ends and histogram.
+
+    `bins`: (bins + 2,) counts; the first is below the range, the last above.
+    """
+
+    count: int
+    sum: float
+    least: float
+    most: float
+    bins: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class FlightOutcome:
+    """One run. Shares and times by module, in the order of the system's modules.
+
+    `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
+    `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
+    `latched`: components, both by name with how many; `first_s`: the first of them. `saves` and
+    `precautions`: of its episodes, where AC would have done harm and where not; none where they are
+    not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
+    happened, without the seed: flights that have the same one are copies of each other.
+    """
+
+    number: int
+    seed: int
+    seconds: float
+    ac_s: tuple[float, ...]
+    all_ac_s: float
+    disengagements: tuple[int, ...]
+    episodes: tuple[int, ...]
+    gate_faults: tuple[int, ...]
+    violations: int
+    first_s: float | None
+    broken: tuple[str, ...]
+    digest: str
+    trajectory: str
+    saves: tuple[int, ...] = ()
+    precautions: tuple[int, ...] = ()
+    looks: tuple[MetricSample, ...] = ()
+
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
 FLIGHTS_MAX = 2**32
@@ -308,3 +355,30 @@ def _whole(path: Path, text: str) -> None:
 
 def _trouble(folder: Path, what: str, *helps: str) -> SoterError:
     return SoterError((Diagnostic("D006", f"`{folder}`: {what}", helps=helps),))
+
+
+NAME = "flights.parquet"
+
+
+def require_parquet() -> None:
+    """SoterError D007 where the package that writes Parquet is not installed."""
+    if find_spec("pyarrow") is None:
+        message = "Parquet is written with the package `pyarrow`, which is not installed"
+        helps = ("install it: pip install 'soter[parquet]'; `flights.csv` says the same",)
+        raise SoterError((Diagnostic("D007", message, helps=helps),))
+
+
+def write_parquet(folder: Path) -> Path:
+    """Write the flights of a campaign's folder as Parquet; SoterError D006, D007."""
+    require_parquet()
+    from pyarrow import csv, parquet  # noqa: PLC0415 - an extra
+
+    target = folder / NAME
+    beside = target.with_suffix(".part")
+    try:
+        parquet.write_table(csv.read_csv(folder / FLIGHTS), beside)
+        beside.replace(target)
+    except OSError as error:
+        what = f"`{target}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", what),)) from error
+    return target

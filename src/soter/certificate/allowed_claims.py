@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.certificate.assumptions import p1c_of
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.tower import slowest_below
+from soter.certificate.module_above import slowest_below
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts

@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.certificate import handover, module_above
-from soter.certificate.reading import modes_of_other_modules, verification_system
+from soter.certificate.reading import sc_locals_and_modes, verification_system
 from soter.certificate.reading.module_facts import bounded_topics, number_of, read_by
 from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
@@ -52,7 +52,7 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
         handover.assumed(facts, jumps or {}) if facts.view else (),
         _world(facts),
         _inputs(facts),
-        modes_of_other_modules.assumed(facts) if facts.modes else (),
+        sc_locals_and_modes.assumed(facts) if facts.modes else (),
         node_paths.assumed(facts.ways) if facts.ways.notes else (),
         _timing(facts),
         _machine(facts),

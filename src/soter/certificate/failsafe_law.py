@@ -3,7 +3,7 @@
 Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
 part stops"): the same module, plants and times, with constants for what SC computes; `law_in`,
 `kept_by_law`: what a certificate says of it, and that the law keeps it: SC has to stay in it.
-Non-goals: sharing code with the prover's `verify/problem/failsafe_problem.py`.
+Non-goals: sharing code with the prover's `verify/problem/verification_system.py`.
 """
 
 from __future__ import annotations

@@ -1,9 +1,23 @@
-"""A module below another one: what its claims take from that one (docs/proof.md, Towers).
+"""Towers: who has control through whom, and what a module takes from the one above it: an extra.
 
-Purpose: `read_above`: the parts of that one's `safer` which speak of the plants of this proof, and
-what a hand-back asks of H; assumptions that follow.
+Purpose: `refuse_unproved_towers`: which module of a tower is followed here, and that all of its
+controllers publish what it publishes; `slowest_below`: as often as P1a asks. `read_above`: the
+parts of the `safer` above which speak of the plants of this proof, what a hand-back asks of H, and
+assumptions that follow (docs/proof.md, Towers). `handed_back`: from the state on which the module
+above gives control back to the instant from which all that acts is SC's, on states that are no
+older.
 Non-goals: that the state lies in R(H) there (`handover.py`); sharing code with
-`verify/problem/module_above.py`.
+`verify/problem/module_above.py` and `verify/problem/extract.py`, which the prover goes by.
+
+To the theorem an AC is anything that publishes values of the declared sets, and what it publishes
+once the DM says SC is dropped. A module in the place of AC is that: a controller of it has control
+only while the mode of every module above it is AC (docs/semantics.md, Modules above modules), and
+each of its steps checks its values.
+
+The module above said "SC" before: what SC publishes is dropped until the verdict is in force. It is
+released at r, on a state of r - A or later, and in force `slow` later at most; in one instant SC
+may come first. Of the states before that one nothing is known, and a command of SC answers a state
+that is d old: so SC's run begins with the first output that acts d or more after that state.
 """
 
 from __future__ import annotations
@@ -14,14 +28,64 @@ from soter.certificate.reading.module_facts import ModuleAbove, read_by
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.hand_back import handed_back
+from soter.certificate.time.derived_times import Clock, releases
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Said
-    from soter.language.model.system import Module
+    from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
+    from soter.language.model.system import Module, System
+
+
+def refuse_unproved_towers(facts: Facts) -> None:
+    """`NotRecheckedError` for a module of a tower that no theorem here is about."""
+    system, module, symbol = facts.flying, facts.flying_module, facts.flying_module.symbol
+    name = module.name
+    for c in facts.commanding:
+        assert c.node is not None
+        if {c.scope.topics[t] for t in c.node.publishes} != set(module.outputs):
+            raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
+    uppers = modules_above(system, module.index)
+    if len(uppers) > 1:
+        raise NotRecheckedError(f"`{name}` stands below two other modules")
+    for above in uppers:
+        if above.forced is not None:
+            raise NotRecheckedError(f"`{above.name}`, above `{name}`, is forced to {above.forced}")
+        if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
+            raise NotRecheckedError(
+                f"`{name}` stands below another module, and has views or a shield"
+            )
+
+
+def slowest_below(system: System, module: Module) -> int:
+    """The longest period in ns of its SC and of all that stands in the place of its AC."""
+    parts = {system.components[module.sc].period_ns, system.components[module.ac].period_ns}
+    below = module.over
+    while below is not None:
+        m = system.modules[below]
+        parts |= {system.components[i].period_ns for i in (m.dm, m.sc, m.ac)}
+        below = m.over
+    return max(parts)
+
+
+def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
+    """In ns, the greatest over all schedules.
+
+    `above`: the DM of the module above; `age`: A of it, in ns. NotRecheckedError where there are
+    too many releases to go through.
+    """
+    worst = own.start
+    settled = setting.settled + above.phase + 2 * above.period
+    for r in releases(above, setting.periods, after=settled):
+        passes = setting.sc.next_at(r + above.slow + 1)
+        worst = max(worst, age + setting.acts_by(passes) - r)
+    for t in setting.steady():
+        before = min(effect.first(t) for effect in setting.effects)
+        worst = max(worst, own.delay + setting.acts_by(t + setting.sc.period) - before)
+    return worst
+
 
 OWN = ("late_dm", "response_dm")
 

@@ -28,7 +28,6 @@ from soter.certificate.assumptions import assumptions_of, confirmed_of
 from soter.certificate.case_check import CaseCheck, narrowed
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.failsafe_law import kept_by_law, law_in
-from soter.certificate.format.certificate_program import hexadecimal, program_of
 from soter.certificate.format.claimed_parts import (
     OF_SETS,
     only_keys,
@@ -46,17 +45,19 @@ from soter.certificate.format.folder import (
     MANIFEST_KEYS,
     Certificate,
     NotACertificateError,
+    hexadecimal,
+    program_of,
     read_certificate,
 )
 from soter.certificate.handover import jumps_of
 from soter.certificate.module_above import read_above
 from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.reading.axes_without_ends import read_turning, refuse_turns_read
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import leave_out, refuse_read
 from soter.certificate.reading.module_facts import Facts
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.turned_states import read_turning, refuse_turns_read
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered

@@ -9,23 +9,21 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import (
+from soter.cli.terminal.command_line import (
+    CAMPAIGN_FOLDER,
+    CERTIFICATE_FOLDER,
     FINE,
     NOT_RECHECKED,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    exit_of,
-)
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import (
-    CAMPAIGN_FOLDER,
-    CERTIFICATE_FOLDER,
     CommandParser,
     add_file,
     add_settings,
+    exit_of,
     whole,
 )
+from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.printable_text import visible

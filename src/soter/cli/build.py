@@ -11,9 +11,14 @@ from typing import TYPE_CHECKING
 
 from soter.api.deploying import image_of, stack_bound
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import CommandOutcome
+from soter.cli.terminal.command_line import (
+    CERTIFICATE_FOLDER,
+    CommandOutcome,
+    CommandParser,
+    add_file,
+    add_settings,
+)
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_file, add_settings
 from soter.cli.terminal.progress import ProgressBar
 from soter.native.stack_bound import OPTIMISE
 from soter.targets.target_table import TARGETS

@@ -12,28 +12,30 @@ from math import isfinite
 from typing import TYPE_CHECKING, TypeAlias
 
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import (
+from soter.cli.terminal.command_line import (
     CAMPAIGN_FOLDER,
+    FINE,
+    VIOLATED,
+    CommandOutcome,
     CommandParser,
     add_file,
     add_settings,
     at_least_one,
+    exit_of,
     seed,
 )
+from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.command_records import JsonObject, Shape, one_of
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.record_to_json import JsonObject, Shape, one_of
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Mapping
 
     from soter.api.campaigning import Campaign, FlownArm
-    from soter.campaign.fault_attribution import FaultAttribution
-    from soter.campaign.flight_outcome import FlightOutcome
-    from soter.campaign.result import MetricResult, ModuleStatistics
+    from soter.campaign.result import FaultAttribution, MetricResult, ModuleStatistics
+    from soter.campaign.store import FlightOutcome
     from soter.cli.terminal.console import Console
 
 Flown: TypeAlias = "Campaign | FlownArm"
@@ -100,7 +102,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         settings_of,
         written,
     )
-    from soter.campaign.parquet import require_parquet  # noqa: PLC0415 - the same
+    from soter.campaign.store import require_parquet  # noqa: PLC0415 - the same
 
     program = loaded(args, console)
     if program.externs or args.workers == "ray":  # C may crash; Ray ends who has lost its head
@@ -135,7 +137,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _say(campaign: Campaign, console: Console) -> None:
-    from soter.campaign import tables, wording  # noqa: PLC0415 - only here
+    from soter.campaign import tables  # noqa: PLC0415 - only here
 
     r = campaign.result
     console.say(
@@ -148,10 +150,10 @@ def _say(campaign: Campaign, console: Console) -> None:
         console.say(", ".join([*aloft, *way]))
     console.say()
     colour = "bad" if r.violations else "good" if r.properties else ""
-    painted, limits = console.paint(colour, wording.verdict(r)), wording.bound(r)
+    painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
     console.say(painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
-        console.say(wording.guilt(r))
+        console.say(tables.guilt(r))
     for what, count in r.broken:
         console.say(f"  {count} x {what}")
     for f in r.worst:

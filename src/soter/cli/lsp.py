@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import CommandOutcome, UsageError
-from soter.cli.terminal.parser import CommandParser, whole
+from soter.cli.terminal.command_line import CommandOutcome, CommandParser, UsageError, whole
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:

@@ -16,19 +16,18 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
 from soter.cli.ci.formats import format_of, written
-from soter.cli.terminal.child_result import ChildResult
-from soter.cli.terminal.command_outcome import (
+from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
     FINE,
     INTERNAL,
     INTERRUPTED,
     USAGE,
     CommandOutcome,
+    HelpWantedError,
     UsageError,
     exit_of,
 )
-from soter.cli.terminal.console import Console
-from soter.cli.terminal.parser import HelpWantedError
+from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason, utf8_text
 
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from soter.cli.terminal.parser import CommandParser
+    from soter.cli.terminal.command_line import CommandParser
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",

@@ -11,9 +11,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError, exit_of
+from soter.cli.terminal.command_line import (
+    FINE,
+    CommandOutcome,
+    CommandParser,
+    UsageError,
+    add_file,
+    add_settings,
+    at_least_one,
+    exit_of,
+    seed,
+)
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings, at_least_one, seed
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.durations import show_ns

@@ -1,7 +1,9 @@
 """`soter monitor FILE [LOG]`: whether the model that was proved explains what was recorded.
 
 Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node; with
-`--map` judge a log of somebody else.
+`--map` judge a log of somebody else. Judgements are findings for continuous integration, too: one
+for each module, where it is declared: an alarm, or a read outside `safe`, is wrong; where nothing
+was judged, or a log leaves it undecided, it is open.
 Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
 """
 
@@ -14,39 +16,39 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.api.files import write_sections
-from soter.cli.ci.findings_of_monitor import of_judgements, of_log
+from soter.api.arguments import write_sections
 from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import (
+from soter.cli.terminal.command_line import (
     FINE,
     UNDECIDED,
     VIOLATED,
+    CiFinding,
     CommandOutcome,
+    CommandParser,
+    add_file,
+    add_report,
+    add_settings,
     exit_of,
     exit_of_kinds,
+    report_path,
+    seed,
 )
 from soter.cli.terminal.log_judgement import (
     FOREIGN_LOG,
     NOTHING,
     lines,
+    lost_of,
     of_the_log,
     sections,
     undecided,
+    unheard,
     verdict_of,
 )
 from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import (
-    CommandParser,
-    add_file,
-    add_report,
-    add_settings,
-    report_path,
-    seed,
-)
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
+from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 from soter.version import VERSION
 
@@ -54,9 +56,50 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.api import Program
+    from soter.cli.terminal.command_line import Kind
     from soter.cli.terminal.console import Console
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
+
+
+RULE = "monitor"
+
+
+def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
+    """Whether the plant of the proof explains each step."""
+    findings = []
+    for j in judged:
+        how = f"judged on {j.source}{of_the_log(j.judged_share)}"
+        text = f"{j.module}: the model explains each of {j.steps:,} steps, {how}"
+        if j.alarms:
+            text = (
+                f"{j.module}: the model is false: alarms in {j.alarms:,} of {j.steps:,} steps, "
+                f"the first at {j.first_alarm_s:.3f} s, {how}"
+            )
+        elif not j.judged:
+            text = f"{j.module}: {NOTHING}"
+        details = (*(f"{state}: {n:,} alarms" for state, n in j.alarm_states.items()), *j.notes)
+        kind: Kind = "fail" if j.alarms else "pass" if j.judged else "open"
+        findings.append(CiFinding(kind, RULE, j.module, text, j.span, details))
+    return tuple(findings)
+
+
+def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
+    """Whether a read of each module lay outside `safe`; what is assumed stands with it."""
+    findings = []
+    for m in judged.modules:
+        if not m.decided:
+            missing = tuple(f"missing: {name}" for name in m.missing)
+            told = f"{m.module}: {verdict_of(m)}"
+            findings.append(CiFinding("open", RULE, m.module, told, m.span, missing))
+            continue
+        text = f"{m.module}: {verdict_of(m)}"
+        lost = (t.strip() for t in lost_of(judged))
+        details = (*unheard(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
+        kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
+        findings.append(CiFinding(kind, RULE, m.module, text, m.span, details))
+    return tuple(findings)
+
 
 EXAMPLES = """\
   soter run drone.soter --log flight.mcap

@@ -13,8 +13,7 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import CommandOutcome
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.command_line import CommandOutcome, CommandParser
 from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason

@@ -14,8 +14,7 @@ from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import FINE, CommandOutcome, UsageError
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.command_line import FINE, CommandOutcome, CommandParser, UsageError
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -65,7 +64,7 @@ def _sizes(text: str) -> list[float]:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Read it, tell it, write it."""
-    from soter.policy.error_bound import error_bound  # noqa: PLC0415 - needs NumPy
+    from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
     policy = _read(Path(args.file), args.statistics)
     box = _box(policy, args.within)
@@ -96,7 +95,7 @@ def _read(path: Path, statistics: str | None) -> Policy:
     if statistics is not None:
         usage = parser().format_usage()
         raise UsageError("--statistics goes with a file of Stable-Baselines3", usage)
-    from soter.policy.onnx_graph import read_onnx  # noqa: PLC0415 - an extra
+    from soter.policy.onnx_file import read_onnx  # noqa: PLC0415 - an extra
 
     return read_onnx(path)
 

@@ -11,23 +11,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.api.files import write_sections
-from soter.certificate.flights.flight_report import CONTRADICTED, UNCONFIRMED
+from soter.api.arguments import write_sections
 from soter.certificate.format import errors
 from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
-from soter.cli.terminal.command_outcome import (
+from soter.certificate.report import CONTRADICTED, UNCONFIRMED
+from soter.cli.terminal.command_line import (
+    CERTIFICATE_FOLDER,
     FINE,
     INTERRUPTED,
     NOT_RECHECKED,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
+    CommandParser,
+    add_report,
     exit_of,
+    report_path,
 )
-from soter.cli.terminal.parser import CERTIFICATE_FOLDER, CommandParser, add_report, report_path
 from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION
@@ -36,8 +39,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from soter.certificate.flights.flight_report import FlightReport
-    from soter.certificate.report import RecheckedModule, Report
+    from soter.certificate.report import FlightReport, RecheckedModule, Report
     from soter.cli.terminal.console import Console
 
 EXAMPLES = f"""\
@@ -316,12 +318,12 @@ DOCUMENT = JsonObject(
     ),
     not_covered=ASSUMPTION,
     flights=JsonObject(
-        "soter.certificate.flights.flight_report.FlightReport",
+        "soter.certificate.report.FlightReport",
         "log system modules verdict verdicts asked interrupted confirmed said_sc=others to_ns cut "
         "unlogged seconds doubts",
         verdict=one_of(*VERDICTS),
         doubts=JsonObject(
-            "soter.certificate.flights.flight_report.Doubt",
+            "soter.certificate.report.Doubt",
             "time_ns module kind reason estimate",
             kind=one_of(CONTRADICTED, UNCONFIRMED),
         ),

@@ -2,7 +2,7 @@
 
 Purpose: whether a trace of `soter test`, or a counterexample of `soter verify`, reproduces; the
 steps as text or JSON, as an MCAP log and as a page.
-Non-goals: running it (`explore/judge/replay.py`, `verify/attack/counterexample.py`).
+Non-goals: running it (`explore/replay.py`, `verify/attack/counterexample.py`).
 """
 
 from __future__ import annotations
@@ -10,8 +10,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import replay
-from soter.cli.terminal.command_outcome import FINE, VIOLATED, CommandOutcome, exit_of
-from soter.cli.terminal.parser import CommandParser, report_path
+from soter.cli.terminal.command_line import (
+    FINE,
+    VIOLATED,
+    CommandOutcome,
+    CommandParser,
+    exit_of,
+    report_path,
+)
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -20,7 +26,7 @@ if TYPE_CHECKING:
     from soter.api import ReplayReport
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.judge.replay import ReplayedStep
+    from soter.explore.replay import ReplayedStep
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces

@@ -17,17 +17,21 @@ from typing import TYPE_CHECKING
 from soter import __version__
 from soter.api import Program, load, require_writers
 from soter.cli.terminal.child_process import in_child_process
-from soter.cli.terminal.command_outcome import (
+from soter.cli.terminal.command_line import (
+    CAMPAIGN_FOLDER,
     DIAGNOSTICS,
     FINE,
     INTERRUPTED,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
+    CommandParser,
     UsageError,
+    add_file,
+    add_options,
     exit_of,
+    given,
 )
-from soter.cli.terminal.parser import CAMPAIGN_FOLDER, CommandParser, add_file, add_options, given
 from soter.cli.terminal.progress import LineOfProgress, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.simulate.run_options import RunOptions

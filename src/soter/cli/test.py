@@ -1,34 +1,36 @@
 """`soter test FILE`: explore every execution of the tests of a file.
 
 Purpose: the verdict on every test with what was covered and what was not, and for a violation
-its least trace, step by step; the same as JSON.
-Non-goals: searching (`explore/`).
+its least trace, step by step; the same as JSON, and as findings for continuous integration: one for
+each test, at its `test` block; a test that was not started is open. The file of `--junit` holds the
+verdicts, or why there are none: whatever ends a command that was understood, nothing old stays.
+Non-goals: searching (`explore/`), the XML (`explore/junit.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.findings_of_tests import of_tests
 from soter.cli.ci.formats import add_format
-from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
-from soter.cli.terminal.command_outcome import INTERRUPTED, CommandOutcome, exit_of, exit_of_kinds
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import (
+from soter.cli.terminal.command_line import (
+    INTERRUPTED,
+    CiFinding,
+    CommandOutcome,
     CommandParser,
+    Kind,
     add_file,
     add_options,
+    exit_of,
+    exit_of_kinds,
     given,
 )
+from soter.cli.terminal.console import rounded, size
+from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import LineOfProgress
-from soter.cli.terminal.units import rounded, size
-from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.option_fields import options_of
-from soter.diagnostics.record_to_json import JsonObject, one_of
-from soter.explore.assume_guarantee import wholes
+from soter.diagnostics.command_records import JsonObject, one_of, options_of
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
-from soter.explore.methods import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -40,15 +42,68 @@ from soter.explore.results import (
     ExploreReport,
     Robustness,
     TestResult,
+    wholes,
 )
-from soter.explore.search_options import SearchOptions
+from soter.explore.search_options import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES, SearchOptions
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.diagnostics.diagnostic import Diagnostic
+
+
+CI_KINDS: dict[str, Kind] = {"exhausted": "pass", "violated": "fail", "bound": "open"}
+RULE = "test"
+
+
+def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
+    """A finding a test."""
+    findings = []
+    for t in report.tests:
+        text = f"{t.name}: every execution was covered, none violates a property"
+        details: tuple[str, ...] = ()
+        if t.broken is not None:
+            text = f"{t.name}: violated: {t.broken.text}"
+            details = () if t.trace is None else (f"soter replay {t.trace}",)
+        elif t.verdict == "bound":
+            text = f"{t.name}: no violation was found, and not everything was covered: {t.why}"
+        span = None if t.system.test is None else t.system.test.span
+        findings.append(
+            CiFinding(CI_KINDS[t.verdict], RULE, t.name, text, span, details, t.seconds)
+        )
+    findings += [
+        CiFinding("open", RULE, name, f"{name}: not started") for name in report.not_started
+    ]
+    return tuple(findings)
+
+
+def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
+    """Write the verdicts; `SoterError` D006."""
+    from soter.explore.junit import write  # noqa: PLC0415 - only then
+    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
+
+    try:
+        written = write(report, path)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    console.say()
+    console.say(f"junit  {written}")
+
+
+def problems_as_junit(
+    file: str, items: tuple[Diagnostic, ...], path: str
+) -> tuple[Diagnostic, ...]:
+    """Write why no test was explored. The diagnostics, with a D006 where that could not be."""
+    from soter.explore.junit import write_problems  # noqa: PLC0415 - only then
+    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
+
+    try:
+        write_problems(file, items, path)
+    except ReportError as error:
+        return (*items, Diagnostic("D006", str(error)))
+    return items
+
 
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
@@ -355,7 +410,7 @@ TEST = JsonObject(
     coverage=JsonObject(Coverage, KINDS, shapes=dict.fromkeys(KINDS.split(), COVERED)),
     robustness=JsonObject(Robustness, "property=text guided least", named="robustness"),
     vacuous=JsonObject(
-        "soter.explore.vacuity.vacuous_tests.VacuousPart",
+        "soter.explore.vacuous_tests.VacuousPart",
         "what name why",
         what=one_of(*SAYS_NOTHING.split()),
     ),

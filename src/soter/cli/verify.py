@@ -9,34 +9,31 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.api import load
-from soter.cli.ci.findings import CiFinding
 from soter.cli.ci.formats import add_format
-from soter.cli.terminal.command_outcome import CommandOutcome, exit_of, exit_of_kinds
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.parser import (
+from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
+    CiFinding,
+    CommandOutcome,
     CommandParser,
     add_file,
     add_report,
     add_settings,
+    exit_of,
+    exit_of_kinds,
     report_path,
 )
+from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.cli.terminal.stored_outcome import (
-    Printout,
-    StoredOutcome,
-    store_outcome,
-    stored_outcome,
-)
+from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
+from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.record_to_json import JsonObject, one_of
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.cli.ci.findings import Kind
+    from soter.cli.terminal.command_line import Kind
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
@@ -332,7 +329,7 @@ def _remember(report: VerifyReport) -> None:
 def _save_runs(report: VerifyReport) -> None:
     """Write the runs that refute to `.soter/`."""
     if report.verdict == "refuted":
-        from soter.verify.attack.counterexample_files import save_runs  # noqa: PLC0415 - only then
+        from soter.verify.attack.counterexample import save_runs  # noqa: PLC0415 - only then
 
         save_runs(report)
 
@@ -493,7 +490,7 @@ DOCUMENT = JsonObject(
     together=VERDICT,
     modules=MODULE,
     guarantees=JsonObject(
-        "soter.verify.scope_data.ScopeGuarantee",
+        "soter.verify.problem.assumption.ScopeGuarantee",
         "module what by how",
         how=one_of("enforced", "declared", "guaranteed", "published", "assumed"),
     ),

@@ -1,7 +1,7 @@
 """Core expressions and statements -> C.
 
 Purpose: one method a kind of Core node; the C says what Core says, in its order.
-Non-goals: what surrounds a body (`nodes.py`, `plants.py`, `decisions.py`).
+Non-goals: what surrounds a body (`nodes.py`, `environment.py`, `decisions.py`).
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
-from soter.codegen.storage.storage_plan import RESULT, has_address, is_still_here
-from soter.codegen.storage.trivial_comparisons import LOGICAL, compared_twice, is_foregone
-from soter.codegen.storage.value_locations import MADE, Places
+from soter.codegen.storage_plan import RESULT, has_address, is_still_here
+from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, is_foregone
 from soter.core import core
 from soter.core.core import output_name
 from soter.core.layout import scalar
@@ -28,13 +27,13 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.random.random_draws import fnv
+from soter.semantics.random_draws import fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.c.types import TypeTable
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.types import Type
 
 FAULT_NAMES = {

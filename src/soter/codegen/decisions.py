@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.function_context import CT, OK, S, where
-from soter.codegen.storage.storage_plan import PlannedBody
+from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.language.model.typed import TypedUnary
 

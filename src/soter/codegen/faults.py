@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 LEAVES = 256
 """Indices of the stream of amounts that belong to one slot, or to one step."""
 ORDERS = 64
-"""Indices of the stream of orders that belong to one instant (`semantics/random/faults.py`)."""
+"""Indices of the stream of orders that belong to one instant (`semantics/faults.py`)."""
 SLOT, TIME = c.Name("slot"), c.Name("t")
 
 

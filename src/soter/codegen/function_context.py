@@ -2,8 +2,8 @@
 
 Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
 published.
-Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `plants.py`,
-`decisions.py`, `environment_inputs.py`, `initial_state.py`).
+Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `environment.py`,
+`decisions.py`, `environment.py`, `kernel_tables.py`).
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
-from soter.codegen.storage.storage_plan import PlannedBody
+from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.core.core import output_name
-from soter.core.read_write_footprint import always_published
+from soter.core.core_walks import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch
     from soter.codegen.c.types import TypeTable
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Component, System
 
 S = c.Name("s")

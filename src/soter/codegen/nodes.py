@@ -1,8 +1,10 @@
-"""Steps of nodes, and their fail-safe values.
+"""Steps of nodes in generated C: fail-safe values, steps that take time, queues behind topics.
 
 Purpose: what `soter_step_fn` of the kernel's tables is for a node: of Soter, a linked C function,
-or answered by the driver.
-Non-goals: what an extern node sees (`extern_interface.py`), plants (`plants.py`).
+or answered by the driver. What a step publishes that takes time is held in a topic of its own until
+it takes effect; values are put into the queues of a topic, and a lost one is a step fault.
+Non-goals: what an extern node sees (`externs.py`), plants (`environment.py`), when a held
+publication takes effect (the kernel), what queues hold in memory (`core/layout.py`).
 """
 
 from __future__ import annotations
@@ -13,25 +15,179 @@ from soter.codegen.body import BranchChoices
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
-from soter.codegen.delayed_publication import hold
-from soter.codegen.extern_interface import linked_name
-from soter.codegen.extern_results import received, to_ends
+from soter.codegen.environment import choosing
+from soter.codegen.externs import linked_name, received, to_ends
 from soter.codegen.faults import disturb
 from soter.codegen.function_context import CT, OK, STEP_PARAMETERS, S, enabled, where
-from soter.codegen.queues import empty, forgive, must_not_lose
-from soter.codegen.random_draws import choosing
 from soter.core import core
 from soter.language.model.system import queues_of
-from soter.language.model.types import BOOL
+from soter.language.model.types import BOOL, ListType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.function_context import Frame
-    from soter.codegen.storage.storage_plan import PlannedBody
-    from soter.language.model.system import Component
+    from soter.codegen.storage_plan import PlannedBody
+    from soter.language.model.system import Component, Topic
     from soter.language.model.typed import NodeSymbol
     from soter.language.model.types import Type
+
+
+def push(frame: Frame, topic: Topic) -> c.FunctionDef:
+    """Puts a topic's value into the queues behind it, each by its policy when it is full."""
+    body: list[c.CStmt] = [frame.state_pointer()]
+    for index in topic.queues:
+        queue = frame.system.topics[index]
+        assert isinstance(queue.type, ListType)
+        items = c.Member(frame.topic(index), "items")
+        length = c.Member(frame.topic(index), "len")
+        capacity = queue.type.capacity
+        append = (
+            c.Assign(c.IndexExpr(items, length), frame.topic(topic.index)),
+            c.Assign(length, c.Binary("+", length, c.Number("1"))),
+        )
+        room = c.Binary("<", length, c.Number(str(capacity)))
+        if queue.policy == "drop_oldest":
+            k = c.Name("k")
+            after = c.IndexExpr(items, c.Binary("+", k, c.Number("1")))
+            move = (c.Assign(c.IndexExpr(items, k), after),)
+            last = c.Number(str(capacity - 1))
+            shift = (c.For("k", c.Number("0"), last, move),) if capacity > 1 else ()
+            body += [c.IfStmt(c.Unary("!", room), (*shift, c.Assign(length, last))), *append]
+        elif queue.policy == "fault":
+            lost = c.Assign(_lost(index), c.Name("SOTER_LOST"))
+            body.append(c.IfStmt(room, append, (lost,)))
+        else:
+            body.append(c.IfStmt(room, append))
+    doc = f"the queues behind {topic.name}"
+    return c.FunctionDef(
+        "void", frame.pushed(topic.index), (("void *", "state"),), tuple(body), doc
+    )
+
+
+def _lost(queue: int) -> c.CExpr:
+    """Whether a queue lost a value that it may not lose: SOTER_LOST, else SOTER_NEVER."""
+    return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(queue)))
+
+
+def _has_lost(queue: int) -> c.CExpr:
+    return c.Binary("!=", _lost(queue), c.Name("SOTER_NEVER"))
+
+
+def must_not_lose(frame: Frame, component: Component) -> list[c.CStmt]:
+    """A step fault where a queue of the node lost a value that it may not lose."""
+    return [
+        c.Do(
+            c.CallExpr(
+                "soter_guard",
+                (c.Unary("!", _has_lost(q)), c.Name("SOTER_CAPACITY"), FAULT),
+            )
+        )
+        for q in queues_of(frame.system, component)
+        if frame.system.topics[q].policy == "fault"
+    ]
+
+
+def empty(frame: Frame, queue: int) -> c.CStmt:
+    """Take everything out of a queue."""
+    default = frame.types.default(frame.system.topics[queue].type)
+    return c.Assign(frame.topic(queue), default)
+
+
+def forgive(frame: Frame, component: Component) -> list[c.CStmt]:
+    """After that fault the queue starts afresh."""
+    statements: list[c.CStmt] = []
+    for q in queues_of(frame.system, component):
+        if frame.system.topics[q].policy == "fault":
+            fresh = (empty(frame, q), c.Assign(_lost(q), c.Name("SOTER_NEVER")))
+            told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
+            statements.append(c.IfStmt(c.Binary("&&", told, _has_lost(q)), fresh))
+    return statements
+
+
+PARAMETERS = (("void *", "state"),)
+
+
+def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
+    """At the end of a step: keep what it publishes; the kernel draws until when."""
+    statements: list[c.CStmt] = [_nothing(frame, component)]
+    published = c.Unary("*", c.Name("published"))
+    for k, output in enumerate(outputs):
+        note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
+        keep = (
+            c.Assign(_part(frame, component, "has", k), c.Number("1")),
+            c.Assign(_part(frame, component, "at", k), CT),
+            c.Assign(
+                _part(frame, component, "out", k),
+                frame.types.to_store(output.type, frame.body.out(k)),
+            ),
+        )
+        stores = c.IfStmt(enabled("SOTER_ENABLED"), keep)
+        statements += frame.if_published(k, [note, stores])
+    return statements
+
+
+def effect(
+    frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
+) -> c.FunctionDef:
+    """Publishes what is held, if the outputs are enabled; nothing is held then."""
+    assert component.held is not None
+    own = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
+    stores: list[c.CStmt] = []
+    for k, output in enumerate(outputs):
+        each = (
+            c.Assign(frame.topic(output.topic), _part(frame, component, "out", k)),
+            c.Assign(_stamp(output.topic), CT),
+            *frame.push_on(output.topic),
+        )
+        stores.append(c.IfStmt(_is_held(frame, component, k), each))
+    body = (
+        frame.state_pointer(),
+        c.IfStmt(c.Binary("!=", c.Member(own, "oe"), c.Number("0U")), tuple(stores)),
+        _nothing(frame, component),
+        c.Assign(_stamp(component.held), c.Name("SOTER_NEVER")),
+    )
+    doc = f"what {component.name} held takes effect"
+    return c.FunctionDef("void", f"{name}_effect", PARAMETERS, body, doc)
+
+
+def exchange(
+    frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
+) -> c.FunctionDef:
+    """Swaps what is held and what the topics have."""
+    body: list[c.CStmt] = [frame.state_pointer()]
+    for k, output in enumerate(outputs):
+        pairs = (
+            (frame.types.stored(output.type), "value", frame.topic(output.topic), "out"),
+            ("int64_t", "stamp", _stamp(output.topic), "at"),
+        )
+        swaps: list[c.CStmt] = []
+        for type_, kept, topic, part in pairs:
+            held = _part(frame, component, part, k)
+            swaps.append(c.Declare(type_, kept, topic, const=True))
+            swaps += [c.Assign(topic, held), c.Assign(held, c.Name(kept))]
+        body.append(c.IfStmt(_is_held(frame, component, k), tuple(swaps)))
+    doc = f"what {component.name} holds and what the topics have change places"
+    return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
+
+
+def _nothing(frame: Frame, component: Component) -> c.CStmt:
+    assert component.held is not None
+    t = frame.system.topics[component.held].type
+    return c.Assign(frame.topic(component.held), frame.types.default(t))
+
+
+def _part(frame: Frame, component: Component, what: str, k: int) -> c.CExpr:
+    assert component.held is not None
+    return c.Member(frame.topic(component.held), field_name(f"{what}_{k}"))
+
+
+def _is_held(frame: Frame, component: Component, k: int) -> c.CExpr:
+    return c.Binary("!=", _part(frame, component, "has", k), c.Number("0U"))
+
+
+def _stamp(topic: int) -> c.CExpr:
+    return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic)))
 
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:

@@ -13,20 +13,18 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import (
     decisions,
-    delayed_publication,
+    environment,
     faults,
-    initial_state,
+    kernel_tables,
     nodes,
-    plants,
-    queues,
 )
 from soter.codegen.body import Body
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, no_linked_name, program_prefix
 from soter.codegen.c.printer import print_file
 from soter.codegen.c.types import TypeTable
-from soter.codegen.environment_inputs import InputEmitter
-from soter.codegen.extern_interface import (
+from soter.codegen.environment import InputEmitter
+from soter.codegen.externs import (
     LINKED,
     answer_fields,
     call_of_function,
@@ -35,13 +33,13 @@ from soter.codegen.extern_interface import (
     is_linked,
     linked_functions,
     linked_name,
+    received,
     struct,
     symbol_of,
 )
-from soter.codegen.extern_results import received
 from soter.codegen.function_context import Frame, where
 from soter.codegen.kernel_tables import TableEmitter
-from soter.codegen.storage.value_locations import MADE
+from soter.codegen.value_locations import MADE
 from soter.core.layout import Struct, arrange, state_layout
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
@@ -157,7 +155,7 @@ class UnitBuilder:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
         functions = self._functions()
         steps = self._steps()
-        init = initial_state.init(self.frame, f"{self.prefix}_init")
+        init = kernel_tables.init(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
             self.core, self.frame, self.inputs, self.names, self.module_names
         ).tables()
@@ -361,13 +359,13 @@ class UnitBuilder:
         given = self._given_topics()
         disturbed = faults.definitions(self.frame, self.names)
         queued = [t for t in self.system.topics if t.queues and t.index in given]
-        definitions: list[c.CTop] = [*disturbed, *(queues.push(self.frame, t) for t in queued)]
+        definitions: list[c.CTop] = [*disturbed, *(nodes.push(self.frame, t) for t in queued)]
         definitions += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
         for x in self.system.components:
             name = self.names[x.index]
             if x.index in self.core.plants:
                 definitions.append(
-                    plants.plant_step(self.frame, x, self.core.plants[x.index], name)
+                    environment.plant_step(self.frame, x, self.core.plants[x.index], name)
                 )
             elif x.index in self.core.nodes:
                 if self.frame.linked(x):
@@ -378,8 +376,8 @@ class UnitBuilder:
                     definitions.append(failsafe)
                 if x.held is not None:
                     outputs = self.core.nodes[x.index].outputs
-                    definitions.append(delayed_publication.effect(self.frame, x, outputs, name))
-                    definitions.append(delayed_publication.exchange(self.frame, x, outputs, name))
+                    definitions.append(nodes.effect(self.frame, x, outputs, name))
+                    definitions.append(nodes.exchange(self.frame, x, outputs, name))
                 if x.binding and self.frame.linked(x):
                     self.c_sources.append(x.binding.split(":")[1])
         if self.core.decisions:

@@ -30,9 +30,9 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from soter.language.model.data_table import Table
     from soter.language.model.system import System
     from soter.language.model.types import Type, Value
+    from soter.language.model.values import Table
 
 INT_KINDS = (
     ("b", 1, -(2**7), 2**7 - 1, "int8_t", "<i1"),

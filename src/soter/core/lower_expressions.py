@@ -28,7 +28,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model import typed
     from soter.language.model.system import Scope, System
     from soter.language.model.types import Type, Value

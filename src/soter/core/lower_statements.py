@@ -14,9 +14,8 @@ from soter.core import core
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.predicates.numbers_in_predicates import operands_in
+from soter.language.evaluate.numbers_in_predicates import operands_in
 from soter.language.model import typed
-from soter.language.model.data_table import Table
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (
     BOOL,
@@ -26,11 +25,12 @@ from soter.language.model.types import (
     RecordType,
     default_value,
 )
+from soter.language.model.values import Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Scope, System
     from soter.language.model.types import Type, Value
 

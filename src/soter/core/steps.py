@@ -9,12 +9,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
+from soter.core.core_walks import footprint_of, written_names, written_topics
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
-from soter.core.read_write_footprint import footprint_of, written_names, written_topics
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.conjuncts import premise_of
-from soter.language.evaluate.predicates.numbers_in_predicates import all_operands, maybe_nan
+from soter.language.evaluate.numbers_in_predicates import all_operands, maybe_nan
+from soter.language.evaluate.predicates import premise_of
 from soter.language.model import typed
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType
@@ -22,7 +22,7 @@ from soter.language.model.types import BOOL, INT, ArrayType, RecordType
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import (
         Component,
         Module,

@@ -1,12 +1,17 @@
-"""The codes of diagnostics: a closed type.
+"""The codes of diagnostics, and the page of each: `soter explain CODE`.
 
-Purpose: a code that does not exist does not type-check; each has a page in `pages/`.
-Non-goals: what they mean.
+Purpose: a code that does not exist does not type-check. `explain` finds a page by its code, its
+title, and the codes that look like a mistyped one.
+Non-goals: the pages themselves (`pages/*.md`), showing them on a terminal (`cli/`).
 """
 
 from __future__ import annotations
 
+from functools import cache
+from pathlib import Path
 from typing import Literal, TypeAlias
+
+from soter.diagnostics.similar_names import closest
 
 Code: TypeAlias = Literal[
     "C001", "C002", "C003", "C004", "C005", "C006", "C007",
@@ -37,3 +42,60 @@ Code: TypeAlias = Literal[
     "X001", "X002", "X003", "X004", "X005", "X006", "X007", "X008", "X009", "X010", "X011",
     "X012", "X013", "X014", "X015", "X016", "X017",
 ]  # fmt: skip
+
+
+_PAGES = Path(__file__).parent / "pages"
+
+
+def all_codes() -> list[str]:
+    """Every code that has a page, letters first, numbers in order."""
+    return sorted(_by_folded().values(), key=lambda code: (code.rstrip("0123456789"), code))
+
+
+def all_words() -> list[str]:
+    """What no diagnostic is: subjects of verdicts (`ttf`, `start`, ...), and words of `rest`."""
+    return sorted(_words().values())
+
+
+def named(code: str) -> str | None:
+    """A code or word as it is written, from any letter case; None where there is no page."""
+    folded = code.strip().casefold()
+    return _by_folded().get(folded) or _words().get(folded)
+
+
+def explain(code: str) -> str | None:
+    """The Markdown page of a code or word in any letter case, None where there is none."""
+    known = named(code)
+    return _page(known) if known is not None else None
+
+
+def title(code: str) -> str | None:
+    """What stands behind `# CODE:` on the first line of the page."""
+    page = explain(code)
+    if page is None:
+        return None
+    first = page.split("\n", 1)[0]
+    return first.partition(":")[2].strip()
+
+
+def suggestions(code: str) -> list[str]:
+    """Codes that look like an unknown one, best first."""
+    known = {**_by_folded(), **_words()}
+    near = closest(code.strip().casefold()[:20], known, 0.5, 3)
+    return [known[folded] for folded in near]
+
+
+@cache
+def _by_folded() -> dict[str, str]:
+    return {path.stem.casefold(): path.stem for path in _PAGES.glob("*.md")}
+
+
+@cache
+def _words() -> dict[str, str]:
+    return {path.stem.casefold(): path.stem for path in (_PAGES / "words").glob("*.md")}
+
+
+@cache
+def _page(code: str) -> str:
+    folder = _PAGES / "words" if code in _words().values() else _PAGES
+    return (folder / f"{code}.md").read_text(encoding="utf-8")

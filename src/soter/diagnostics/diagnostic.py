@@ -1,7 +1,10 @@
-"""A diagnostic as data: code, labelled spans, notes and helps.
+"""A diagnostic as data: code, labelled spans, notes, helps, and helps that are edits.
 
-Purpose: every room below and above reports problems with these types; nothing prints.
-Non-goals: rendering (`render.py`), the text of the explain pages (`pages/`).
+Purpose: every room reports problems with these types, and nothing prints. A `Fix` says what to
+write where, for an editor to offer and a test to try; here are the few ways to make one, and its
+application to texts.
+Non-goals: rendering (`render.py`), the text of the explain pages (`pages/`), which fix a problem
+has (whoever reports it says so), files on disk.
 """
 
 from __future__ import annotations
@@ -12,15 +15,126 @@ from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import fixes, replace, texts
 from soter.diagnostics.similar_names import likely
+from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.fix import Fix, Help
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Source
+
+
+@dataclass(frozen=True)
+class Edit:
+    """`text` takes the place of what `span` covers; an empty span is an insertion."""
+
+    span: Span
+    text: str
+
+
+@dataclass(frozen=True)
+class Fix:
+    """Edits that belong together, of one file or several; `title` is the help line they carry out.
+
+    Edits do not overlap. Applied together they remove the problem that offers them.
+    """
+
+    title: str
+    edits: tuple[Edit, ...]
+
+
+Help = str | Fix
+"""What stands behind `help:`: a sentence, or an edit whose title is the sentence."""
+
+
+def replace(span: Span, text: str, title: str | None = None) -> Fix:
+    """Write `text` instead of what `span` covers; the title says so unless another one is given."""
+    return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
+
+
+def insert(span: Span, text: str, title: str | None = None) -> Fix:
+    """Write `text` in front of what `span` covers."""
+    return replace(Span(span.source, span.start, span.start), text, title)
+
+
+def append(span: Span, text: str, title: str | None = None) -> Fix:
+    """Write `text` right behind what `span` covers."""
+    return replace(Span(span.source, span.end, span.end), text, title)
+
+
+def remove(span: Span, title: str) -> Fix:
+    """Leave out what `span` covers, and its line with it where nothing else stands there."""
+    return Fix(title, (Edit(whole_lines(span), ""),))
+
+
+def out_of_list(span: Span, title: str) -> Fix:
+    """Leave one name out of a list between commas, the whole item where it is the only one."""
+    text, start, end = span.source.text, span.start, span.end
+    before, after = text[:start].rstrip(), text[end:].lstrip()
+    if before.endswith(","):
+        return Fix(title, (Edit(Span(span.source, len(before) - 1, end), ""),))
+    if after.startswith(","):
+        rest = after[1:].lstrip(" \t")
+        return Fix(title, (Edit(Span(span.source, start, len(text) - len(rest)), ""),))
+    word = len(before) - len(before.split()[-1]) if before.split() else start
+    stop = len(text) - len(after) + 1 if after.startswith(";") else end
+    return remove(Span(span.source, word, stop), title)
+
+
+def whole_lines(span: Span) -> Span:
+    """The span with the blanks around it and its line break, where it is all its lines hold."""
+    text = span.source.text
+    start, end = span.start, span.end
+    while start and text[start - 1] in " \t":
+        start -= 1
+    while end < len(text) and text[end] in " \t\r":
+        end += 1
+    if (start and text[start - 1] != "\n") or (end < len(text) and text[end] != "\n"):
+        return span
+    return Span(span.source, start, min(end + 1, len(text)))
+
+
+def exchange(one: Span, other: Span, title: str) -> Fix:
+    """Each in the place of the other."""
+    return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
+
+
+def the_other_way(low: Span, high: Span) -> Fix:
+    """The bounds of an interval, exchanged."""
+    return exchange(low, high, f"write `[{high.text}, {low.text}]`")
+
+
+def texts(helps: Iterable[Help]) -> tuple[str, ...]:
+    """The lines to be shown."""
+    return tuple(h.title if isinstance(h, Fix) else h for h in helps)
+
+
+def fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
+    """Those of them that are edits."""
+    return tuple(h for h in helps if isinstance(h, Fix))
+
+
+def applied(fix: Fix) -> dict[Source, str]:
+    """The texts of the files a fix touches, after it; nothing is written.
+
+    ValueError where two of its edits overlap.
+    """
+    by_source: dict[Source, list[Edit]] = {}
+    for edit in fix.edits:
+        by_source.setdefault(edit.span.source, []).append(edit)
+    return {source: _edited(source.text, edits) for source, edits in by_source.items()}
+
+
+def _edited(text: str, edits: list[Edit]) -> str:
+    parts: list[str] = []
+    at = 0
+    for edit in sorted(edits, key=lambda e: (e.span.start, e.span.end)):
+        if edit.span.start < at:
+            raise ValueError("two edits of a fix overlap")
+        parts += [text[at : edit.span.start], edit.text]
+        at = edit.span.end
+    return "".join([*parts, text[at:]])
 
 
 KEPT_MAX = 500

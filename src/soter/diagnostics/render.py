@@ -1,26 +1,32 @@
-"""Diagnostics as text for a terminal and as data for `--json`.
+"""Diagnostics as text for a terminal, as data for `--json`, and where nobody catches them.
 
-Purpose: show where a problem stands and what is to be said about it, in the manner of rustc:
-a header, the source lines in order with carets under the primary span and dashes under the
-others, then notes and helps. Whatever the source contains (tabs, wide letters, control
-characters, one line of a megabyte), the output is printable, aligned and short.
-Non-goals: deciding where it is written, and whether in colour.
+Purpose: show where a problem stands and what is to be said about it, in the manner of rustc: a
+header, the source lines in order with carets under the primary span and dashes under the others,
+then notes and helps. Whatever the source contains, the output is printable, aligned and short. A
+script or a notebook that ends by `SoterError` prints its own lines and the diagnostics, not ours;
+`SOTER_TRACEBACK=1` shows everything.
+Non-goals: deciding where it is written, and whether in colour; other exceptions.
 """
 
 from __future__ import annotations
 
+import os
+import sys
+import traceback
 import unicodedata
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Severity
+from soter.diagnostics.diagnostic import Severity, SoterError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from types import TracebackType
 
     from soter.diagnostics.diagnostic import Diagnostic, Label
-    from soter.diagnostics.source import Source
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Source, Span
+
 
 _LINE_MAX = 100  # characters of a source line that are shown
 _MARGIN = 20  # characters kept before a span in a shortened line
@@ -301,3 +307,30 @@ def _mark_rows(row: list[_Placed], paint: _Paint) -> list[str]:
 
 def _style(mark: _Mark, paint: _Paint) -> str:
     return paint.severity if mark.primary else _BLUE
+
+
+HERE = str(Path(__file__).resolve().parents[1])
+ALL = "SOTER_TRACEBACK"
+
+
+def install() -> None:
+    """Have Python and IPython show a `SoterError` shortly; nothing where somebody else does."""
+    setattr(SoterError, "_render_traceback_", _lines)  # noqa: B010 - IPython asks for that name
+    if sys.excepthook is sys.__excepthook__:
+        sys.excepthook = _hook
+
+
+def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
+        sys.__excepthook__(kind, error, trace)
+        return
+    print("\n".join(_lines(error)), file=sys.stderr)
+
+
+def _lines(error: SoterError) -> list[str]:
+    """Where it was called, outside of soter, then the diagnostics."""
+    frames = [
+        f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)
+    ]
+    lines = [f'  File "{f.filename}", line {f.lineno}: {f.line}'.rstrip(": ") for f in frames]
+    return [*lines, render_all(error.diagnostics)]

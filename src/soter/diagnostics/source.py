@@ -1,7 +1,8 @@
-"""A source file held in memory, with its line table.
+"""A source file held in memory, and where a piece of its text stands.
 
-Purpose: turn character offsets into lines and columns for people.
-Non-goals: decoding policy and file errors; the loader in `program/` reports those.
+Purpose: `Source` turns character offsets into lines and columns for people; `Span` is the one
+immutable type for positions, which tokens, trees, Core and diagnostics share.
+Non-goals: reading files, their encoding and errors (`language/load/loader.py`).
 """
 
 from __future__ import annotations
@@ -39,3 +40,31 @@ class Source:
         start = self._starts[number - 1]
         end = self.text.find("\n", start)
         return self.text[start : end if end >= 0 else len(self.text)].rstrip("\r")
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A half-open range of character offsets `[start, end)` in one source file."""
+
+    source: Source
+    start: int
+    end: int
+
+    @property
+    def line(self) -> int:
+        """Line of the first character, from 1."""
+        return self.source.line_of(self.start)
+
+    @property
+    def column(self) -> int:
+        """Column of the first character, from 1, in characters."""
+        return self.source.column_of(self.start)
+
+    @property
+    def text(self) -> str:
+        """The text the span covers."""
+        return self.source.text[self.start : self.end]
+
+    def to(self, other: Span) -> Span:
+        """The span from the start of this one to the end of `other`."""
+        return Span(self.source, self.start, max(self.end, other.end))

@@ -1,8 +1,9 @@
-"""A graph as SVG: one file that needs nothing else, in light and dark, with text as text.
+"""The diagram of a system as SVG: one file that needs nothing else, in light and dark.
 
-Purpose: sizes of boxes from their texts, the layout, and lines, arrow heads, legend and style.
-Everything that a page may want to light up has `data-component`, `data-module` or `data-topics`.
-Non-goals: what stands where (`layered_layout.py`), what there is (`from_system.py`). Lengths are
+Purpose: `picture` gives in one call what `soter show`, reports, the docs and editors show: sizes of
+boxes from their texts, the layout, and lines, arrow heads, legend and style. Everything that a page
+may want to light up has `data-component`, `data-module` or `data-topics`.
+Non-goals: what stands where (`layered_layout.py`), what there is (`system_graph.py`). Lengths are
 pixels.
 """
 
@@ -11,14 +12,16 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.diagram.graph import DiagramBox, ModuleFrame
 from soter.diagram.layered_layout import Link, lay_out
+from soter.diagram.system_graph import DiagramBox, ModuleFrame, graph_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.diagram.graph import DiagramGraph, Part
     from soter.diagram.layered_layout import GraphLayout, Piece, Spot
+    from soter.diagram.system_graph import DiagramGraph, Part
+    from soter.language.model.system import System
+
 
 LINE_PX, CAPTION_PX, PAD_X, PAD_Y = 17.0, 14.0, 11.0, 7.0
 FRAME_PAD, TITLE_PX, INSIDE_GAP = 10.0, 20.0, 10.0
@@ -308,3 +311,11 @@ def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
         yield (
             f'<path class="head{up}" d="M{x:.1f} {y:.1f}L{x - 4:.1f} {y + back:.1f}H{x + 4:.1f}Z"/>'
         )
+
+
+def picture(system: System, *, live: bool = False) -> str:
+    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text.
+
+    `live`: with empty rows, told by `data-value`, for what there is at a moment.
+    """
+    return draw(graph_of(system, live=live))

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.editor.names.definitions import PlantTruth, UndeclaredArray, UndeclaredRecord
-from soter.editor.positions import path_of_span
-from soter.language.check.constants import Calculator
+from soter.editor.protocol_conversions import path_of_span
+from soter.language.check.constants_and_types import Calculator
 from soter.language.load.loader import LoadedFile
-from soter.language.model.data_table import Table
 from soter.language.model.durations import write_ns
-from soter.language.model.python_values import to_json
 from soter.language.model.types import DurationType
+from soter.language.model.values import Table, to_json
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:

@@ -10,10 +10,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.fix import Edit, Fix, applied
+from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, applied
 from soter.editor.names.resolve import index_of
-from soter.editor.positions import path_of_span
+from soter.editor.protocol_conversions import path_of_span
 from soter.language.front_end import check_file
 from soter.language.load.loader import PRELUDE_DIR, SourceAccess, load
 from soter.language.syntax.tokens import RESERVED
@@ -22,8 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from soter.diagnostics.source import Source
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Source, Span
     from soter.editor.names.definitions import Definition, NameIndex, Use
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree

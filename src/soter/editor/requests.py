@@ -12,10 +12,9 @@ from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
-from soter.editor import code_lenses, keywords, renaming, symbols
-from soter.editor.code_actions import actions, workspace_edit
+from soter.diagnostics.source import Source, Span
+from soter.editor import code_actions_and_lenses, keywords, renaming, symbols
+from soter.editor.code_actions_and_lenses import actions, workspace_edit
 from soter.editor.completion import completed
 from soter.editor.hover import described
 from soter.language.syntax.printer import format_source
@@ -26,10 +25,10 @@ if TYPE_CHECKING:
 
     from pygls.lsp.server import LanguageServer
 
-    from soter.editor.code_lenses import Verdicts
+    from soter.editor.code_actions_and_lenses import Verdicts
     from soter.editor.documents import Document, Documents
     from soter.editor.names.definitions import Definition, NameIndex, Use
-    from soter.editor.positions import Lines
+    from soter.editor.protocol_conversions import Lines
     from soter.language.load.loader import LoadedFile
 
 SYMBOLS_MAX = 200
@@ -231,7 +230,7 @@ def _about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdic
         documents.settle(document)
         main = documents.loaded(document).main
         lines = documents.lines(main.source)
-        return list(code_lenses.lenses(main, lines, document.checked, verdicts))
+        return list(code_actions_and_lenses.lenses(main, lines, document.checked, verdicts))
 
 
 # ---------------------------------------------------------------- the workspace

@@ -21,14 +21,14 @@ from pygls.lsp.server import LanguageServer
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.editor.documents import Documents
-from soter.editor.positions import path_of
+from soter.editor.protocol_conversions import path_of
 from soter.editor.requests import answer
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from pygls.server import ServerErrors
 
-    from soter.editor.code_lenses import Verdicts
+    from soter.editor.code_actions_and_lenses import Verdicts
 
 HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
 """Bytes of a line of a message's head, and of its body."""
@@ -80,7 +80,7 @@ class Server(LanguageServer):
 
 
 def made(verdicts: Verdicts) -> Server:
-    """A server with all requests. `verdicts`: what was proved of a program (`code_lenses.py`)."""
+    """A server with all requests, and for the lenses what was proved of a program."""
     server = Server()
     _documents(server)
     answer(server, server.documents, verdicts)

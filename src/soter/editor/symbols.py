@@ -16,8 +16,8 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.span import Span
-    from soter.editor.positions import Lines
+    from soter.diagnostics.source import Span
+    from soter.editor.protocol_conversions import Lines
     from soter.language.load.loader import LoadedFile
 
 KIND = lsp.SymbolKind

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore import assumptions, contract_use
-from soter.explore.judge.replay import replay, violation_id_of
-from soter.explore.methods import SAMPLING, STEPS_MAX
+from soter.explore.allowed_steps import plan_of
+from soter.explore.replay import replay, violation_id_of
 from soter.explore.results import (
     BOUNDS,
     INTERRUPTED,
@@ -34,8 +34,8 @@ from soter.explore.results import (
     bound_text,
     why_not_shortest,
 )
-from soter.explore.trace.allowed_steps import plan_of
-from soter.explore.trace.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
+from soter.explore.search_options import SAMPLING, STEPS_MAX
+from soter.explore.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
 from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
 from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.tests_and_faults.tested_system import MAX_STEPS
@@ -44,11 +44,11 @@ from soter.language.model.durations import show_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.checkpoint.saver import Checkpoint
+    from soter.explore.checkpoints import Checkpoint
     from soter.explore.engine.search import Found, Search
-    from soter.explore.judge.replay import Replayed
+    from soter.explore.replay import Replayed
     from soter.explore.search_options import SearchOptions, SearchProgress
-    from soter.explore.trace.trace import Step
+    from soter.explore.trace import Step
     from soter.language.model.system import System
     from soter.language.model.typed import TestSymbol
 

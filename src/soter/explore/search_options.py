@@ -1,9 +1,11 @@
-"""The options of a search: command line, keywords, checks, JSON and pages read this record.
+"""The options of a search, and the strategies, storages and reductions that it can choose from.
 
-Purpose: each option once, with its range, its default, its words and its flag; what `progress` is
-told.
-Non-goals: how options are read (`diagnostics/option_fields.py`), the texts of `skew`, `horizon` and
-`params`, which others read as well.
+Purpose: each option stands here once, with its range, its default, its words and its flag; command
+line, keywords, checks, JSON and pages read this record, and the engine reads the tables.
+`soter_explore.h` has a constant for each strategy and storage (`SOTER_DFS`).
+Non-goals: how options are read (`diagnostics/command_records.py`), what strategies do
+(`explore/engine/c/`, docs/testing.md), the texts of `skew`, `horizon` and `params`, which others
+read as well.
 """
 
 from __future__ import annotations
@@ -11,20 +13,76 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
-from soter.diagnostics.option_fields import SEVERAL, SWITCH, choice, option, seconds, size, whole
-from soter.explore.methods import (
-    EXHAUSTIVE,
-    FALSIFY,
-    REDUCTIONS,
-    SAMPLING,
-    STORAGES,
-    STRATEGIES,
-    THREADS_BFS,
-)
+from soter.diagnostics.command_records import SEVERAL, SWITCH, choice, option, seconds, size, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
+
+
+EXHAUSTIVE = ("bfs", "dfs", "deepening")
+FALSIFY = "falsify"
+SAMPLING = ("random", "pct", "coverage", FALSIFY)
+STRATEGIES = (*EXHAUSTIVE, *SAMPLING)
+"""The default first."""
+STORAGES = ("exact", "fingerprint")
+"""The default first."""
+STATUSES = (
+    "exhausted",
+    "violated",
+    "memory",
+    "states",
+    "runs",
+    "stopped",
+    "no_memory",
+    "choices",
+    "width",
+    "length",
+    "damaged",
+)
+"""How a search ends: `soter_explore_status`, in order."""
+CHOICES_MAX = 256
+"""Choices of one step (`SOTER_CHOICES`)."""
+WORDS_MAX = 4096
+"""Words of 64 bits of a packed configuration (`SOTER_WORDS`)."""
+THREADS_BFS = 16
+"""So many threads breadth-first search has room for (`SOTER_THREADS`)."""
+LEAVES_MAX = 4096
+"""Leaves of topics that are told apart for coverage."""
+STEPS_MAX = 65_536
+"""Steps of a trace."""
+SLEEP, AMPLE, INSTANTS, GROUPS, SYMMETRY = 1, 2, 4, 12, 16
+REDUCTIONS = {
+    "none": 0,
+    "sleep": SLEEP,
+    "ample": AMPLE,
+    "instants": INSTANTS,
+    "groups": GROUPS,
+    "symmetry": SYMMETRY,
+    "parts": SLEEP | AMPLE | GROUPS,
+    "all": SLEEP | AMPLE | GROUPS | SYMMETRY,
+}
+"""As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups, 16 equal instances.
+The default last."""
+PARTS = frozenset({"parts", "all"})
+"""With these, parts of a system that share nothing are explored apart."""
+
+
+def knows_ends(reduction: str) -> bool:
+    """Whether it leaves out what lies between ends of instants."""
+    return bool(REDUCTIONS[reduction] & INSTANTS)
+
+
+def reduce_bits(reduction: str, *, between: bool) -> int:
+    """`soter_explore_options.reduce`; `between`: what lies between ends is stored after all."""
+    asked = REDUCTIONS[reduction]
+    return asked & ~(SLEEP | GROUPS) if between else asked
+
+
+def constant(name: str) -> str:
+    """What a strategy or storage is called in C."""
+    return f"SOTER_{name.upper()}"
+
 
 CHECKPOINT_SECONDS = 60.0
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Literal, cast
 
-from soter.explore.trace.choice_names import ChoiceWords
-from soter.explore.trace.trace import BEGIN, EFFECT, START
+from soter.explore.trace import BEGIN, EFFECT, START, ChoiceWords
 from soter.report.sequence.view import (
     Lane,
     ModeSwitch,
@@ -26,9 +25,9 @@ from soter.report.sequence.view import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.explore.judge.replay import Replayed, ReplayedStep
-    from soter.explore.trace.allowed_steps import ScheduledActor
-    from soter.explore.trace.trace import Choice
+    from soter.explore.allowed_steps import ScheduledActor
+    from soter.explore.replay import Replayed, ReplayedStep
+    from soter.explore.trace import Choice
     from soter.language.model.system import Component, System
     from soter.report.sequence.view import Kind, Mode, Role
 

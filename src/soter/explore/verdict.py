@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore import assumptions, explored_conditions
-from soter.explore.methods import SAMPLING
+from soter.explore import assumptions, vacuous_tests
+from soter.explore.allowed_steps import plan_of
 from soter.explore.results import (
     BOUND,
     CHOICES,
@@ -29,8 +29,7 @@ from soter.explore.results import (
     VIOLATED,
     WIDTH,
 )
-from soter.explore.trace.allowed_steps import plan_of
-from soter.explore.vacuity import vacuous_tests
+from soter.explore.search_options import SAMPLING
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.search_options import SearchOptions
-    from soter.explore.vacuity.vacuous_tests import VacuousPart
+    from soter.explore.vacuous_tests import VacuousPart
     from soter.language.model.system import System
 
 ENDS = {
@@ -73,7 +72,7 @@ def short_of_test(system: System, search: Search, coverage: Coverage) -> str | N
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
-    if explored_conditions.picked(system):
+    if assumptions.picked(system):
         return PICKED
     if assumptions.held(system):
         return DRAWN

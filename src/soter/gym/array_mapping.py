@@ -16,7 +16,6 @@ from gymnasium import spaces
 
 from soter.diagnostics.similar_names import did_you_mean
 from soter.gym.outside_roles import wrong_choice
-from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -27,6 +26,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from soter.language.model.values import ValueShapeError, from_python
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.gym.memory_offsets import ObservedPart
+    from soter.gym.outside_roles import ObservedPart
     from soter.language.model.system import Bound, Component, System, Topic
     from soter.language.model.types import Type, Value
 

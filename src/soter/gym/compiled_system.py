@@ -15,15 +15,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.campaign.batch_flights import BATCH
 from soter.campaign.compiled_unit import generate_measured
-from soter.codegen.extern_interface import answer_fields
+from soter.codegen.externs import answer_fields
 from soter.core.layout import arrange, state_dtype
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.gym.memory_offsets import LeafBuffer, is_flat, places
-from soter.native.build import RUNTIME, library
-from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.gym.outside_roles import LeafBuffer, is_flat, places
+from soter.native.compiler import FAST, vector_flags
 from soter.native.extern_memory import kept_by
 from soter.native.library import Library
-from soter.native.vector_instructions import FAST, vector_flags
+from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
 from soter.simulate.externs.bindings import Bindings, bind, callables
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
 from soter.simulate.interrupt import StopRequest
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 
     import soter.api
     from soter.codegen.unit import Unit
-    from soter.gym.memory_offsets import MemoryLeaf, ObservedPart
+    from soter.gym.outside_roles import MemoryLeaf, ObservedPart
     from soter.language.model.system import Component, System
 
 T = TypeVar("T")

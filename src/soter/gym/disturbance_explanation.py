@@ -15,8 +15,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.gym.compiled_system import built, driver, kept
-from soter.gym.memory_offsets import LeafBuffer, places
-from soter.gym.outside_roles import chosen_plant, wrong_choice
+from soter.gym.outside_roles import LeafBuffer, chosen_plant, places, wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_count, leaves

@@ -19,9 +19,7 @@ from gymnasium.utils import seeding
 import soter.api
 from soter.gym import array_mapping
 from soter.gym.disturbance_explanation import SessionPlant, modelled, tolerances, why_not
-from soter.gym.info_keys import known_keys
-from soter.gym.outside_roles import chosen_plant, wrong_choice
-from soter.gym.python_methods import NO_NUMBERS
+from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
 from soter.gym.safety_warning import (
     warn_of_narrow_space,
     warn_of_no_control,
@@ -30,13 +28,9 @@ from soter.gym.safety_warning import (
     warn_of_wrappers,
     warn_off_model,
 )
-from soter.gym.session import Session, numbers, prepared
+from soter.gym.session import NO_NUMBERS, Session, numbers, prepared
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.model.python_values import (
-    ValueShapeError,
-    ValueStructureError,
-    to_python,
-)
+from soter.language.model.values import ValueShapeError, ValueStructureError, to_python
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:

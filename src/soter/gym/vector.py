@@ -1,7 +1,8 @@
 """Thousands of worlds of a program with a module in front, stepped in one call.
 
 Purpose: `ProtectedVector` and `make_vec`: the plant of the program is the environment, the agent
-answers for the advanced controller of all worlds with one array (docs/gym.md).
+answers for the advanced controller of all worlds with one array (docs/gym.md). `BatchedStates`: the
+memory of the worlds, and the Python face of `soter_worlds`, which steps them.
 Non-goals: plants that live in Python (`protected.py`); learning.
 """
 
@@ -15,10 +16,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 import soter.api
+from soter.api.arguments import complete
 from soter.gym import array_mapping
-from soter.gym.batched_states import FACTS, BatchedStates, prepared
-from soter.gym.outside_roles import wrong_choice
+from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled
+from soter.gym.outside_roles import chosen_module, observed_parts, without_python, wrong_choice
 from soter.gym.safety_warning import warn_of_no_control
+from soter.language.elaborate.derived_systems import answered_outside
 from soter.simulate.run_settings import seed_value
 
 if TYPE_CHECKING:
@@ -27,10 +30,115 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.gym.compiled_system import CompiledEnvironment
-
+    AnyArray = npt.NDArray[Any]
     Array = npt.NDArray[Any]
     Judge = Callable[[Array, Array, Array], Array]
+
+
+FACTS_DTYPE = np.dtype(
+    [
+        ("time", "<i8"),
+        ("violations", "<u4"),
+        ("steps", "<u4"),
+        *(
+            (n, "?")
+            for n in ("mode", "ttf", "safer", "stale", "switched", "taken_by", "gate_fault")
+        ),
+        ("cause", "u1"),
+        ("next_cause", "u1"),
+        ("off_model", "?"),
+        ("moved", "?"),
+        ("reserved", "u1", (5,)),
+    ]
+)
+"""`soter_facts`."""
+FACTS = tuple(n for n in FACTS_DTYPE.names or () if n not in ("reserved", "off_model"))
+
+
+class BatchedStates:
+    """States of `count` worlds and everything that comes out of a step."""
+
+    def __init__(self, made: CompiledEnvironment, count: int) -> None:
+        self.compiled, self.count = made, count
+        view = made.view
+        size = made.layout.size
+        assert FACTS_DTYPE.itemsize == made.ffi.sizeof("soter_facts")
+        self.action_numbers = int(view.action.count)
+        self.states = np.zeros((count, size), dtype=np.uint8)
+        self.seeds = np.zeros(count, dtype=np.uint64)
+        self.facts = np.zeros(count, dtype=FACTS_DTYPE)
+        self.applied = np.zeros((count, int(view.apply.count)))
+        self._both = [np.zeros((count, int(view.observe.count))) for _ in range(2)]
+        self._room = np.zeros(-(-made.room // 8), dtype=np.int64)
+        self._begin = np.zeros(count, dtype=np.uint8)
+        self._turn = 0
+        self.begun = False
+        self._worlds = made.ffi.new("soter_worlds *")
+        w = self._worlds
+        w.view, w.count, w.stride = view, count, count
+        w.states = self._at(self.states, "uint8_t *")
+        w.begin = self._at(self._begin, "uint8_t *")
+        w.seeds = self._at(self.seeds, "uint64_t *")
+        w.facts = self._at(self.facts, "soter_facts *")
+        w.applied = self._at(self.applied, "double *")
+        w.room = self._at(self._room, "uint8_t *")
+
+    def _at(self, array: AnyArray, type_: str) -> Any:  # noqa: ANN401 - cdata
+        """Where an array (n,) or (n, m) lies."""
+        return self.compiled.ffi.cast(type_, array.ctypes.data)
+
+    @property
+    def observations(self) -> AnyArray:
+        """What the worlds showed last, (count, numbers)."""
+        return self._both[self._turn]
+
+    def begin(self, which: AnyArray) -> None:
+        """Begin an episode in the worlds of a mask (count,)."""
+        self._begin[:] = which
+        self._worlds.observations = self._at(self.observations, "double *")
+        done = self.compiled.lib.soter_worlds_begin(self._worlds)
+        assert done == self.count, "nobody else is outside"
+        self.begun = True
+
+    def step(self, actions: AnyArray, begin: AnyArray) -> AnyArray:
+        """Step with `actions` (count, numbers) all worlds but those that `begin` (count,).
+
+        Gives what they showed before, (count, numbers).
+        """
+        before = self.observations
+        self._turn = 1 - self._turn
+        self._begin[:] = begin
+        w = self._worlds
+        w.observations = self._at(self.observations, "double *")
+        w.actions = self._at(actions, "double *")
+        done = self.compiled.lib.soter_worlds_step(w)
+        assert done == self.count, "nobody else is outside"
+        return before
+
+
+def prepared(
+    program: soter.api.Program,
+    system: str | None,
+    module: str | None,
+    params: Mapping[str, object] | None,
+    observe: tuple[str, ...] | None,
+) -> CompiledEnvironment:
+    """A system of which the AC of a module is outside, and nobody else; SoterError U001, U003."""
+
+    def make() -> CompiledEnvironment:
+        flat = program.declared(system, params)
+        notes = complete(flat)
+        flat_module = chosen_module(flat, module)
+        seen = observed_parts(flat, flat.components[flat_module.ac], observe)
+        flat = answered_outside(flat, (flat_module.ac,))
+        without_python(flat, flat_module.ac)
+        return CompiledEnvironment(
+            flat, Roles(flat_module.ac, flat_module.index), program.bound, seen, notes
+        )
+
+    key = ("vector", system, module, repr(sorted((params or {}).items())), observe)
+    return compiled(program, key, make)
+
 
 CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced", "toward sc")
 """Why the agent's action did not count; `info["cause"]` of a vector has the index."""

@@ -1,24 +1,41 @@
 """The types of ROS messages: what a path such as `pose.pose.position.x` is.
 
 Purpose: the standard types of ROS 1 (noetic) and ROS 2, and those that a mapping brings along as
-`.msg` files, from the package `rosbags`.
-Non-goals: messages themselves (`monitor/logs/`), code for them (targets).
+`.msg` files, from the package `rosbags`. `steps_of`: the steps of a path, for languages that write
+a member, an element of an array and one of a sequence differently; `text_bound`: a text with room
+for so many bytes, unlike one without a bound. `StampSource`: which field of a message says when it
+was measured.
+Non-goals: messages themselves (`monitor/logs/`), code for them (targets); clocks.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest, nearest_or_all
-from soter.mapping.stamp_source import StampSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
+
+
+@dataclass(frozen=True)
+class StampSource:
+    """The field that says when a message was measured, in the clock of its arrival.
+
+    `kind`: "time", a ROS time (of JSON and protobuf its members `sec` and `nanosec` or `nanos`), or
+    "number", in units of `unit_ns`.
+    """
+
+    path: str
+    kind: Literal["time", "number"] = "time"
+    unit_ns: Fraction = Fraction(1)
+
 
 BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
 """How rosbags says what a field is."""
@@ -275,3 +292,30 @@ def _parsed(name: str, text: str) -> Definitions:
     except (TypesysError, ValueError, RecursionError) as error:
         why = "a line of it is no `TYPE NAME`, as in `float64 x`"  # its text may be anybody's
         raise UnknownMessageError(f"the file of `{name}` is no `.msg`: {why}") from error
+
+
+Step = Literal["member", "array", "sequence"]
+
+
+def steps_of(message: MessageType, path: str, ros: int) -> list[tuple[str, Step]]:
+    """Each part of a path, and what it is taken out of: a record, an array, a sequence."""
+    return [(part, step) for part, step, _ in _walk(message, path, ros)]
+
+
+def text_bound(message: MessageType, path: str, ros: int) -> int:
+    """How many bytes the text at a path may have; 0 where there is no bound."""
+    *_, (_, _, kind) = _walk(message, path, ros)
+    return int(kind[1][1]) if kind[0] == BASE else 0
+
+
+def _walk(message: MessageType, path: str, ros: int) -> Iterator[tuple[str, Step, Any]]:
+    definitions = message.definitions[ros]
+    kind: Any = (NAMED, message.ros2)
+    for part in path.split("."):
+        step: Step = "member"
+        if kind[0] in (ARRAY, SEQUENCE):
+            step = "array" if kind[0] == ARRAY else "sequence"
+            kind = kind[1][0]
+        else:
+            kind = dict(definitions[kind[1]][1])[part]
+        yield part, step, kind

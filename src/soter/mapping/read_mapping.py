@@ -17,20 +17,18 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.language.load.data_files import parse_json
-from soter.mapping.frames import WORLD
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
-from soter.mapping.mavlink_link import read_link
-from soter.mapping.mavlink_types import MavlinkMessage, is_mavlink
+from soter.mapping.mavlink import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
 from soter.mapping.topic_mapping_parser import TopicReader
-from soter.mapping.units import TIME_UNITS
+from soter.mapping.units import TIME_UNITS, WORLD
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.system import System
-    from soter.mapping.mavlink_link import MavlinkLink
+    from soter.mapping.mavlink import MavlinkLink
     from soter.mapping.message_types import KnownTypes, MessageType
     from soter.mapping.topic_mapping import TopicMap
 

@@ -1,8 +1,10 @@
 """What a mapping says of one topic.
 
 Purpose: the channel and the messages: their type, when they were measured, whose they are, and what
-of them is constant; then the leaves (`leaf_mapping_parser.py`).
-Non-goals: whether a log or a middleware has such messages.
+of them is constant; the key `qos`: three policies that decide whether a reader and a writer of DDS
+meet, and what is kept; then the leaves (`leaf_mapping_parser.py`).
+Non-goals: whether a log or a middleware has such messages; what the policies mean to it
+(`targets/dds/`), and the other policies of DDS.
 """
 
 from __future__ import annotations
@@ -13,27 +15,77 @@ from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from soter.mapping.frames import FRAMES, turn_between
 from soter.mapping.leaf_mapping_parser import LeafReader
 from soter.mapping.message_types import (
     INTEGERS,
     NUMBERS,
     NoSuchFieldError,
+    StampSource,
     UnknownMessageError,
 )
-from soter.mapping.quality_of_service import read_qos
-from soter.mapping.stamp_source import StampSource
-from soter.mapping.topic_mapping import GAP_NS, ConstantSource, SignalSource, SlopeSource, TopicMap
-from soter.mapping.topic_sources import PROMISE_KEYS, SOURCES_MAX, early_turns, read_promise
-from soter.mapping.units import TIME_UNITS
+from soter.mapping.topic_mapping import (
+    GAP_NS,
+    PROMISE_KEYS,
+    SOURCES_MAX,
+    ConstantSource,
+    QualityOfService,
+    SignalSource,
+    SlopeSource,
+    TopicMap,
+    early_turns,
+    read_promise,
+)
+from soter.mapping.units import FRAMES, TIME_UNITS, turn_between
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.system import Topic
-    from soter.mapping.frames import Turn
     from soter.mapping.mapping_errors import MappingProblems
     from soter.mapping.message_types import KnownTypes, MessageType
+    from soter.mapping.units import Turn
+
+
+KEYS = ("reliability", "durability", "depth")
+RELIABILITY, DURABILITY = ("best_effort", "reliable"), ("volatile", "transient_local")
+DEPTH_MAX = 1_000_000
+ALL = "all"
+
+
+def read_qos(given: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
+    """The record; of no use where problems were added."""
+    problems.only(given, KEYS, where)
+    return QualityOfService(
+        _one_of(given, "reliability", RELIABILITY, problems, where),
+        _one_of(given, "durability", DURABILITY, problems, where),
+        _depth(given.get("depth"), problems, where),
+    )
+
+
+def _one_of(
+    given: Mapping[str, Any],
+    key: str,
+    known: tuple[str, ...],
+    problems: MappingProblems,
+    where: str,
+) -> Any:  # noqa: ANN401 - one of the words, which mypy cannot see
+    said = given.get(key)
+    if said is not None and said not in known:
+        problems.add(f"`{key}` in {where} is {' or '.join(known)}, not {said!r}")
+        return None
+    return said
+
+
+def _depth(said: object, problems: MappingProblems, where: str) -> int | None:
+    if said is None:
+        return None
+    if said == ALL:
+        return 0
+    if isinstance(said, int) and not isinstance(said, bool) and 1 <= said <= DEPTH_MAX:
+        return said
+    problems.add(f'`depth` in {where} is a number from 1 to {DEPTH_MAX}, or "{ALL}", not {said!r}')
+    return None
+
 
 TOPIC_KEYS = (
     "channel", "type", "stamp", "frame_id", "publisher", "frame", "between", "gap", "fields", "set",

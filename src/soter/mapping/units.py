@@ -1,12 +1,25 @@
-"""The units that a mapping or a program may say, and what makes SI of each.
+"""Units and frames: what numbers are turned from one convention into another by.
 
-Purpose: one table: a factor, and the dimension, so that no length is taken for a speed.
-Non-goals: which quantity of a message is in which unit (`standard_units.py`).
+Purpose: the units that a mapping or a program may say: a factor that makes SI of each, and the
+dimension, so that no length is taken for a speed. `standard_unit`: which unit a field of a standard
+ROS message is in, as REP 103 and the comments of the message definitions say it, so that a mapping
+that takes another unit is refused. `turn_between`: from one frame of axes into another, which
+component becomes which, and its sign: north-east-down and east-north-up of the world,
+forward-right-down and forward-left-up of a body (REP 103), for vectors.
+Non-goals: messages of one's own, unless made of standard ones; fields whose unit depends on
+something else (`JointState.position`), or on nothing (`LaserScan.intensities`), which are in none;
+turning quaternions and covariances; transforms between places.
 """
 
 from __future__ import annotations
 
 import math
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.mapping.message_types import MessageType
+
 
 TIME_UNITS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
@@ -69,3 +82,106 @@ def factor_between(given: str, declared: str) -> float | None:
     if given not in UNITS or DIMENSIONS.get(declared) != DIMENSIONS[given]:
         return None
     return UNITS[given] / UNITS[declared]
+
+
+WORLD, BODY = ("ENU", "NED"), ("FLU", "FRD")
+FRAMES = (*WORLD, *BODY)
+BODY_OF = {"ENU": "FLU", "NED": "FRD"}
+"""The frame of a body that goes with one of the world."""
+
+Turn = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
+"""Of each axis: which component of the other frame it is, and its sign."""
+
+SAME: Turn = ((0, 1.0), (1, 1.0), (2, 1.0))
+_WORLD_TURN: Turn = ((1, 1.0), (0, 1.0), (2, -1.0))
+_BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
+
+
+def turn_between(given: str, program: str) -> Turn:
+    """From a frame of FRAMES into the program's, one of WORLD; both ways it is the same."""
+    if given in WORLD:
+        return SAME if given == program else _WORLD_TURN
+    return SAME if given == BODY_OF[program] else _BODY_TURN
+
+
+def _covariance(field: str, linear: str, mixed: str, angular: str) -> dict[str, str]:
+    """Units of a row-major 6 x 6 covariance: three linear quantities, then three angular ones."""
+    units = (linear, mixed, angular)
+    return {f"{field}.{6 * i + j}": units[i // 3 + j // 3] for i in range(6) for j in range(6)}
+
+
+_SCAN = {
+    "ranges.*": "m",
+    "range_*": "m",
+    "angle_*": "rad",
+    "time_increment": "s",
+    "scan_time": "s",
+}
+STANDARD_UNITS = {
+    "geometry_msgs/Point": {"[xyz]": "m"},
+    "geometry_msgs/Point32": {"[xyz]": "m"},
+    "geometry_msgs/Pose2D": {"[xy]": "m", "theta": "rad"},
+    "geometry_msgs/PoseWithCovariance": _covariance("covariance", "m^2", "m*rad", "rad^2"),
+    "geometry_msgs/Quaternion": {"[xyzw]": "1"},
+    "geometry_msgs/Transform": {"translation.*": "m"},
+    "geometry_msgs/Twist": {"linear.*": "m/s", "angular.*": "rad/s"},
+    "geometry_msgs/TwistWithCovariance": _covariance(
+        "covariance", "m^2/s^2", "m*rad/s^2", "rad^2/s^2"
+    ),
+    "geometry_msgs/Accel": {"linear.*": "m/s^2", "angular.*": "rad/s^2"},
+    "geometry_msgs/AccelWithCovariance": _covariance(
+        "covariance", "m^2/s^4", "m*rad/s^4", "rad^2/s^4"
+    ),
+    "geometry_msgs/Wrench": {"force.*": "N", "torque.*": "Nm"},
+    "geometry_msgs/Inertia": {"m": "kg", "com.*": "m", "i[xyz][xyz]": "kg*m^2"},
+    "nav_msgs/GridCells": {"cell_*": "m"},
+    "nav_msgs/MapMetaData": {"resolution": "m"},
+    "sensor_msgs/Imu": {
+        "angular_velocity.*": "rad/s",
+        "linear_acceleration.*": "m/s^2",
+        "orientation_covariance.*": "rad^2",
+        "angular_velocity_covariance.*": "rad^2/s^2",
+        "linear_acceleration_covariance.*": "m^2/s^4",
+    },
+    "sensor_msgs/MagneticField": {"magnetic_field.*": "T", "magnetic_field_covariance.*": "T^2"},
+    "sensor_msgs/FluidPressure": {"fluid_pressure": "Pa", "variance": "Pa^2"},
+    "sensor_msgs/Illuminance": {"illuminance": "lx", "variance": "lx^2"},
+    "sensor_msgs/RelativeHumidity": {"relative_humidity": "1", "variance": "1"},
+    "sensor_msgs/Temperature": {"temperature": "degC", "variance": "degC^2"},
+    "sensor_msgs/BatteryState": {
+        "voltage": "V",
+        "cell_voltage.*": "V",
+        "current": "A",
+        "percentage": "1",
+        "*temperature*": "degC",
+        "charge": "Ah",
+        "*capacity": "Ah",
+    },
+    "sensor_msgs/NavSatFix": {
+        "latitude": "deg",
+        "longitude": "deg",
+        "altitude": "m",
+        "position_covariance.*": "m^2",
+    },
+    "sensor_msgs/Range": {
+        "range": "m",
+        "*_range": "m",
+        "field_of_view": "rad",
+        "variance": "m^2",
+    },
+    "sensor_msgs/LaserScan": _SCAN,
+    "sensor_msgs/MultiEchoLaserScan": _SCAN,
+}
+"""By type, of which a field may be a part: fields as patterns, and their unit."""
+
+
+def standard_unit(message: MessageType, path: str) -> str | None:
+    """The unit of a field, from the outermost type that says it; None where none does."""
+    said = message.unit(path)
+    if said is not None:
+        return said
+    for owner, rest in message.owners(path):
+        for pattern, unit in STANDARD_UNITS.get(owner, {}).items():
+            if fnmatchcase(rest, pattern):
+                return unit
+    return None

@@ -1,26 +1,227 @@
-"""The model monitor of a module, written into a file.
+"""The model monitor of a module as a trusted Soter node, written into a file.
 
-Purpose: from the problem of a module to the source of its monitor, beside the program it imports.
-Non-goals: the text of the node (`node.py`).
+Purpose: `write_monitor`: from the problem of a module to the source of its monitor, beside the
+program it imports. `monitor_source`: the membership recursion of `model_membership.py` on estimates
+as source text: one interval per state, bounded work, no heap; it publishes whether an alarm was
+raised at its last step. It is to be the last instance of a system, so that the command it sees is
+the one that acts until its next step.
+Non-goals: plants that are not affine, lateness (a step is one period after the last one), composing
+it into a system: the user does that, and lets `ttf` read the alarm.
 """
 
 from __future__ import annotations
 
 import os
+import re
+from itertools import product
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.monitor.model_membership import topic_names
-from soter.monitor.monitor_node import monitor_source
-from soter.monitor.outdated_monitor_files import record_of
+from soter.diagnostics.source import Source
+from soter.language.model.durations import show_ns
+from soter.language.model.types import leaf_name
+from soter.language.syntax.printer import format_source
+from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
+from soter.monitor.model_membership import ROUNDING, sight_of, topic_names
+from soter.monitor.outdated_monitor_files import EMITTED, record_of
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from soter.language.model.system import Module, System
+    from soter.verify.problem.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+
+NODE = "ModelMonitor"
+
+
+def monitor_source(
+    problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
+) -> str:
+    """The text of a file with the node.
+
+    `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
+    alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own;
+    `record`: the line that says what it is made of (`outdated_monitor_files.py`).
+    SoterError U001 where no such node exists.
+    """
+    lines = [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]
+    laid_out = format_source(Source("monitor", "\n".join(lines)), Diagnostics())
+    assert laid_out is not None
+    return laid_out
+
+
+def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> list[str]:
+    causes = ", ".join(["Nothing", *(_cause(leaf.name) for leaf in problem.quantities.states)])
+    lines = [
+        "soter 1;",
+        f"// The model monitor of {problem.name}, {EMITTED}. It is to be",
+        "// the last instance of a system. An alarm says that no disturbance and no error within",
+        "// the declared bounds explains what is seen.",
+        *_told_within(problem),
+        record,
+        "",
+        f'import "{imported}" as watched;',
+        "",
+        f"type ModelCause = enum {{ {causes} }};",
+        "topic modelCause: ModelCause;  // the first state that the last alarm was raised by",
+    ]
+    if alarm is None:
+        lines.append("topic modelAlarm: bool;")
+    return [*lines, ""]
+
+
+def _told_within(problem: Problem) -> list[str]:
+    """Comments: how long a constant disturbance beyond its bound stays untold at most.
+
+    Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
+    from the end of the box, which is at most 2 E away, to where an estimate must lie beyond it:
+    d / k (1 - e^-kT) > 2 E (1 + e^-kT), that is T > 2 / k atanh(2 E k / d), or 4 E / d for k = 0.
+    """
+    if problem.kind != "flow" or problem.parameters:
+        return []
+    model = linear_model(problem, ())
+    error = sight_of(problem, model).error
+    lines = []
+    for i, leaf in enumerate(problem.quantities.states):
+        e, k = float(error[i]), -float(model.a[i, i])
+        known = [error[j] == 0.0 for j in np.flatnonzero(model.a[i]) if j != i]
+        if not (np.abs(model.w[i]) @ model.d_max > 0 and 0 < e < np.inf and all(known) and k >= 0):
+            continue
+        within = f"{2 / k:.4g} atanh({2 * e * k:.4g} / d)" if k else f"{4 * e:.4g} / d"
+        never = f"; d of {2 * e * k:.4g} or less perhaps never" if k else ""
+        lines.append(
+            f"// {leaf.name}: a disturbance d beyond its bound is told in {within} s{never}"
+        )
+    return lines
+
+
+def _cause(state: str) -> str:
+    """The member of `ModelCause` of a state: `loop.v.x` is `loop_v_x`."""
+    return re.sub(r"\W+", "_", state).strip("_")
+
+
+def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[str]:
+    q, n = problem.quantities, len(problem.states)
+    driven = driven_leaves(problem)
+    watched = [names[i] for i in dict.fromkeys([t for t, _ in driven])]
+    acting = [names[i] for i in dict.fromkeys(c.owner for c in q.controls)]
+    topic = alarm or "modelAlarm"
+    cases = list(product(*(p.values for p in problem.parameters)))
+    lines = [
+        f"node {NODE} period {show_ns(problem.plant_period_ns).replace(' ', '')} {{",
+        f"  subscribes {', '.join(dict.fromkeys(watched + acting))};",
+        f"  publishes {topic}, modelCause;",
+        f"  var low: float[{n}];",
+        f"  var high: float[{n}];",
+        f"  var acts: float[{max(1, len(q.controls))}];",
+        "  var cause: ModelCause;",
+        "  var begun: bool;",
+        "  var followed: int = 0;",
+        "  step {",
+        "    var alarmed = false;",
+        f"    let seen = {' && '.join(f'age({w}) <= 0.0' for w in watched)};",
+    ]
+    place = _parameter_places(problem, names)
+    for k, parameter in enumerate(cases):
+        tests = [f"{p} == {v}" for p, v in zip(place, parameter, strict=True)]
+        word = "if" if k == 0 else "} elseif"
+        if len(cases) > 1:
+            lines.append(f"    {word} {' && '.join(tests)} {{")
+        lines += _case(problem, parameter, k, names)
+    if len(cases) > 1:
+        lines.append("    }")
+    for i, c in enumerate(q.controls):
+        lines.append(f"    acts[{i}] = {leaf_name(names[c.owner], c.path)};")
+    lines += [f"    publish {topic} = alarmed;", "    publish modelCause = cause;", "  }"]
+    return lines
+
+
+def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, str]) -> list[str]:
+    model = linear_model(problem, parameter)
+    step = step_of(model, problem.plant_period_ns / 1e9)
+    sight = sight_of(problem, model)
+    y = [leaf_name(names[t], path) for t, path in driven_leaves(problem)]
+    n = len(problem.states)
+    lines = [f"      let known = begun && followed == {k};"]
+    for i in range(n):
+        lines += _state(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
+        if np.isfinite(sight.error[i]):
+            row = sight.inverse[i]
+            centre = _sum([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
+            error = float(sight.error[i]) * (1 + ROUNDING) + ROUNDING * (
+                1 + abs(float(row @ model.offset))
+            )
+            lines += [
+                f"      let at{i} = {centre};",
+                f"      let least{i} = at{i} - {_number(error)};",
+                f"      let most{i} = at{i} + {_number(error)};",
+            ]
+        else:
+            lines += [f"      let least{i} = from{i};", f"      let most{i} = to{i};"]
+    lines.append("      if known && seen {")
+    for i, leaf in enumerate(problem.quantities.states):
+        word = "if" if i == 0 else "} elseif"
+        lines += [
+            f"        {word} max(from{i}, least{i}) > min(to{i}, most{i}) {{",
+            f"          cause = ModelCause.{_cause(leaf.name)};",
+            "          alarmed = true;",
+        ]
+    lines += ["        }", "      }"]
+    for i in range(n):
+        lines += [
+            f"      low[{i}] = {_kept(f'from{i}', f'least{i}', 'max')};",
+            f"      high[{i}] = {_kept(f'to{i}', f'most{i}', 'min')};",
+        ]
+    lines += ["      begun = seen || known;", f"      followed = {k};"]
+    return lines
+
+
+def _kept(predicted: str, seen: str, meet: str) -> str:
+    """An end of the interval after a step: met with what is seen, or begun anew."""
+    return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
+
+
+def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
+    """from, to: the interval one period later."""
+
+    def end(upper: bool) -> str:
+        terms = []
+        for j, f in enumerate(phi):
+            terms.append((float(f), f"{'high' if (f > 0) == upper else 'low'}[{j}]"))
+        terms += [(float(g), f"acts[{j}]") for j, g in enumerate(gamma)]
+        margin = reach * (1 + ROUNDING) + ROUNDING * (1 + abs(c))
+        return _sum(terms, c + (margin if upper else -margin))
+
+    return [f"      let from{i} = {end(False)};", f"      let to{i} = {end(True)};"]
+
+
+def _number(x: float) -> str:
+    text = repr(float(x))
+    return f"({text})" if x < 0 else text
+
+
+def _sum(terms: list[tuple[float, str]], constant: float) -> str:
+    parts = [name if f == 1.0 else f"{_number(float(f))} * {name}" for f, name in terms if f]
+    parts.append(_number(constant))
+    return " + ".join(parts)
+
+
+# ---------------------------------------------------------------- parameters
+
+
+def _parameter_places(problem: Problem, names: dict[int, str]) -> list[str]:
+    """For each parameter a driven leaf that equals it."""
+    return [leaf_name(names[index], path) for index, path in parameter_leaves(problem)]
 
 
 def write_monitor(

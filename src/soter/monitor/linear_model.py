@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.language.model.types import Type, Value
-    from soter.verify.problem.problem import Problem
-    from soter.verify.problem.quantities import Leaf
+    from soter.verify.problem.problem import Leaf, Problem
 
     Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Span
 from soter.language.front_end import system_of
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves
 from soter.simulate.run_settings import param_values

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.native.cache import cache_dir, digest, is_ours
-from soter.native.package_sources import soter_sha256
+from soter.native.source_files import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

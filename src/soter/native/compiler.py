@@ -1,7 +1,11 @@
-"""Find a C compiler, and run it.
+"""Find a C compiler, and run it with its output, time and life bounded.
 
-Purpose: the system's `cc`, gcc or clang; otherwise the one in the Python package `ziglang`.
-Non-goals: cross compilers (`targets/`).
+Purpose: the system's `cc`, gcc or clang; otherwise the one in the Python package `ziglang`, which
+`python_child` starts so that it imports nothing from the current folder. Noise makes a compiler
+write gigabytes and macros make it work for ever; what it has started ends with it, and all of it
+with this process. `vector_flags` and `FAST` are for C that never leaves this machine.
+Non-goals: cross compilers (`targets/`); fused multiplication and addition, which rounds once where
+programs mean twice.
 """
 
 from __future__ import annotations
@@ -9,21 +13,155 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import os
+import platform
+import select
 import shutil
+import signal
 import subprocess
+import sys
+import time
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.compiler_process import run_compiler
-from soter.native.python_child import python_module
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+
+START = "import sys; sys.path[:] = [p for p in sys.path if p] + [{root!r}]; "
+"""Python puts `""` there for the current folder. `sys` is in it from the start: no file is read."""
+
+
+ROOT = Path(__file__).resolve().parents[2]
+"""Where this Soter is imported from."""
+
+
+def python_child(code: str, *words: str) -> list[str]:
+    """The command that runs this code; `words` are its `sys.argv[1:]`. It imports this Soter."""
+    return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
+
+
+def python_module(name: str, *words: str) -> list[str]:
+    """The command that runs a module of an installed package, as `python -m` would."""
+    run = f"import runpy; runpy.run_module({name!r}, run_name='__main__', alter_sys=True)"
+    return python_child(run, *words)
+
+
+OUTPUT_MAX = 2**18
+"""Bytes of a compiler's output that are read; one that writes more is ended."""
+LOOK_S = 0.5
+GROUP = (
+    'exec 3<&0; "$@" 3<&- </dev/null & p=$!; '
+    "{ read -r x; kill -KILL 0; } <&3 >/dev/null 2>&1 & exec 3<&- </dev/null; wait $p"
+)
+"""A shell leads the group: the command, and who ends the group when our end of a pipe is gone."""
+
+
+@dataclass(frozen=True)
+class CompilerOutput:
+    """`code`: None where it was ended, and then `why`; `text`: what it wrote, errors included."""
+
+    code: int | None
+    text: str
+    why: str = ""
+
+
+def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
+    """Run a command in `work` to its end, or to what it may."""
+    if os.name != "posix":
+        return _run_elsewhere(command, work, limit_s)
+    led = ("/bin/sh", "-c", GROUP, "sh", *command)
+    process = subprocess.Popen(
+        led,
+        cwd=work,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        start_new_session=True,
+    )
+    _running.add(process.pid)
+    try:
+        said, why = _read(process, time.monotonic() + limit_s, limit_s)
+        code = None if why else process.wait()
+    finally:
+        _end(process.pid)
+        _running.discard(process.pid)
+        for stream in (process.stdin, process.stdout):
+            assert stream is not None
+            stream.close()
+        process.wait()
+    return CompilerOutput(code, said.decode("utf-8", "replace"), why)
+
+
+_running: set[int] = set()
+"""Groups of the compilers that run now, in whichever thread."""
+
+
+def end_compilers() -> None:
+    """End all that run, for a person who does not wait for them."""
+    for group in tuple(_running):
+        _end(group)
+
+
+def _end(group: int) -> None:
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(group, signal.SIGKILL)
+
+
+def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
+    """What it says, and why it is not heard any longer; "" where it is done."""
+    assert process.stdout is not None
+    said, source = bytearray(), process.stdout.fileno()
+    while (left := end - time.monotonic()) > 0:
+        if select.select([source], [], [], min(left, LOOK_S))[0]:
+            part = os.read(source, 2**16)
+            if not part:
+                return bytes(said), ""
+            said += part
+            if len(said) > OUTPUT_MAX:
+                why = f"the compiler was ended: it wrote more than {OUTPUT_MAX:,} bytes"
+                return bytes(said), why
+    return bytes(said), f"the compiler was ended after {limit_s:g} s"
+
+
+def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
+    """Where there are no process groups: bounded in time alone."""
+    try:
+        done = subprocess.run(command, capture_output=True, check=False, timeout=limit_s, cwd=work)
+    except subprocess.TimeoutExpired:
+        return CompilerOutput(None, "", f"the compiler was ended after {limit_s:g} s")
+    return CompilerOutput(done.returncode, (done.stdout + done.stderr).decode("utf-8", "replace"))
+
+
+CPU = Path("/proc/cpuinfo")
+VECTORS = (("-mavx512f", "-mavx512dq"), ("-mavx2",))
+"""Flags of vectors of eight doubles, and of four."""
+FAST = ("-fno-trapping-math",)
+"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
+
+
+def of_processor(said: str) -> tuple[str, ...]:
+    """The flags for a processor of which Linux says this: it has what all of its cores have."""
+    cores = [line.split() for line in said.splitlines() if line.startswith("flags")]
+    for flags in VECTORS:
+        if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
+            return flags
+    return ()
+
+
+@cache
+def vector_flags() -> tuple[str, ...]:
+    """Flags for the vectors of this machine; none where it does not tell, or has none."""
+    if platform.machine() not in {"x86_64", "AMD64"} or not CPU.exists():
+        return ()
+    return of_processor(CPU.read_text(encoding="utf-8", errors="replace"))
+
 
 CANDIDATES = ("cc", "gcc", "clang")
 STANDARD = "-std=c99"

@@ -17,7 +17,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.native.build import (
+from soter.native.cache import cached, digest, making
+from soter.native.compiler import compile_with, find
+from soter.native.shared_library import (
     NEVER_SHIPPED,
     RUNTIME,
     checked_extern,
@@ -25,10 +27,7 @@ from soter.native.build import (
     library_flags,
     texts,
 )
-from soter.native.cache import cached, digest, making
-from soter.native.compiler import compile_with, find
-from soter.native.includes import included
-from soter.native.package_sources import SOTER
+from soter.native.source_files import SOTER, included
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.native.build import RUNTIME
-from soter.native.cffi_interface import address, declarations, interface, opened
+from soter.native.shared_library import RUNTIME, address, declarations, interface, opened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find
-from soter.native.compiler_process import run_compiler
+from soter.native.compiler import STRICT, TIMEOUT_S, Compiler, find, run_compiler
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

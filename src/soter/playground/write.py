@@ -1,19 +1,176 @@
-"""Write the playground.
+"""Write the playground: one HTML file with script, Soter and Pyodide, which opens from a disk.
 
-Purpose: `write_playground`: the page into a folder, with programs to choose from.
-Non-goals: its content (`page.py`).
+Purpose: pack the rooms that run in a browser, some examples and the files of Pyodide, compressed,
+into one page whose content security policy lets no request leave. Pyodide comes out of a folder,
+out of a package file, or from npm into a folder that is gone afterwards.
+Non-goals: what the page does (`session.py`, `assets/`); other versions than the one that was tried.
 """
 
 from __future__ import annotations
 
+import base64
+import gzip
+import io
+import json
+import shutil
+import subprocess
+import tarfile
+import tempfile
+import zipfile
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.playground.page import page
-from soter.playground.pyodide_download import runtime_files
-from soter.report.errors import ReportError
+from soter.report.atomic_write import ReportError
 from soter.report.html import write_text
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.codes import Code
+
+
+ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
+"""What runs in the page; of `report` only what shows texts."""
+ONLY = {"report": ("__init__.py", "printable_text.py")}
+ENDINGS = {".py", ".md", ".soter"}
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; connect-src 'none'; form-action 'none'; "
+    "base-uri 'none'"
+)
+CLOCK = (1980, 1, 1, 0, 0, 0)
+"""The time of files in archives: the same sources give the same page."""
+
+
+def page(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
+    """The page. `runtime`: the files of Pyodide by name; `examples`: texts by path below examples.
+
+    `links`: HTML below the title, such as the way to the docs.
+    """
+    packed = {
+        "wasm": runtime["pyodide.asm.wasm"],
+        "stdlib": runtime["python_stdlib.zip"],
+        "asm": runtime["pyodide.asm.mjs"],
+        "pyodide": runtime["pyodide.mjs"],
+        "lock": _lock(runtime["pyodide-lock.json"]),
+        "soter": archive(examples),
+    }
+    parts = "\n".join(
+        f'<script type="text/plain" id="packed-{name}">{_text(data)}</script>'
+        for name, data in packed.items()
+    )
+    names = json.dumps(sorted(examples)).replace("<", "\\u003c")
+    return (
+        _asset("playground.html")
+        .replace("{policy}", POLICY)
+        .replace("{style}", _asset("playground.css"))
+        .replace("{links}", links)
+        .replace("{packed}", parts)
+        .replace("{examples}", names)
+        .replace("{script}", _asset("playground.js"))
+    )
+
+
+def archive(examples: Mapping[str, str]) -> bytes:
+    """Soter and the examples as a zip file: `soter/...` and `examples/...`."""
+    root = Path(str(resources.files("soter")))
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as zipped:
+        for path in sorted([root / "__init__.py", root / "version.py", *_files(root)]):
+            name = f"soter/{path.relative_to(root).as_posix()}"
+            zipped.writestr(zipfile.ZipInfo(name, CLOCK), path.read_bytes())
+        for name, text in sorted(examples.items()):
+            zipped.writestr(zipfile.ZipInfo(f"examples/{name}", CLOCK), text.encode())
+    return made.getvalue()
+
+
+def _files(root: Path) -> list[Path]:
+    paths = []
+    for room in ROOMS:
+        only = ONLY.get(room)
+        files = [p for p in (root / room).rglob("*") if p.suffix in ENDINGS]
+        paths += [p for p in files if only is None or (p.name in only and p.parent.name == room)]
+    return paths
+
+
+def _lock(text: bytes) -> bytes:
+    """The lock file without packages: the page has none."""
+    lock = json.loads(text)
+    return json.dumps({**lock, "packages": {}}).encode()
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii")
+
+
+def _asset(name: str) -> str:
+    return (resources.files("soter.playground") / "assets" / name).read_text(encoding="utf-8")
+
+
+VERSION = "314.0.7"
+FILES = (
+    "pyodide.asm.wasm", "pyodide.asm.mjs", "pyodide.mjs", "python_stdlib.zip", "pyodide-lock.json",
+)  # fmt: skip
+FETCH_S = 300.0
+
+
+def runtime_files(given: str | Path | None = None) -> dict[str, bytes]:
+    """The files by name; `given`: a folder with them, or a file as `npm pack pyodide` makes it.
+
+    Without it npm is asked. SoterError D007 where there is none, D006 where files are missing.
+    """
+    if given is not None:
+        return _folder(Path(given)) if Path(given).is_dir() else _package(Path(given))
+    npm = shutil.which("npm")
+    if npm is None:
+        raise _problem(
+            "D007",
+            "the page needs Pyodide, which comes with npm, and there is no `npm` here",
+            "install Node.js, or fetch the npm package `pyodide` elsewhere and give it: "
+            "--pyodide pyodide.tgz",
+        )
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [npm, "pack", "--silent", f"pyodide@{VERSION}"],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=FETCH_S,
+            check=False,
+        )
+        packages = sorted(Path(folder).glob("*.tgz"))
+        if done.returncode or not packages:
+            lines = done.stderr.strip().splitlines() or ["npm said nothing"]
+            message = f"npm could not fetch `pyodide@{VERSION}`: {lines[-1]}"
+            raise _problem("D007", message, "give the package yourself: --pyodide pyodide.tgz")
+        return _package(packages[0])
+
+
+def _folder(folder: Path) -> dict[str, bytes]:
+    missing = [name for name in FILES if not (folder / name).is_file()]
+    if missing:
+        raise _problem("D006", f"`{folder}` is no Pyodide: there is no {', '.join(missing)}")
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+def _package(path: Path) -> dict[str, bytes]:
+    content_by_name: dict[str, bytes] = {}
+    try:
+        with tarfile.open(path) as packed:
+            for name in FILES:
+                member = packed.extractfile(f"package/{name}")
+                assert member is not None, name
+                content_by_name[name] = member.read()
+    except (OSError, KeyError, AssertionError, tarfile.TarError) as error:
+        raise _problem("D006", f"`{path}` is no npm package of Pyodide: {error}") from error
+    return content_by_name
+
+
+def _problem(code: Code, message: str, *helps: str) -> SoterError:
+    return SoterError((Diagnostic(code, message, helps=helps),))
+
 
 FILE = "index.html"
 

@@ -1,7 +1,7 @@
 """A small network: its layers, and what it answers in float32.
 
 Purpose: the one form that files are read into, that is run by NumPy, bounded and written as Soter.
-Non-goals: files (`sb3_file.py`, `onnx_graph.py`), convolutions, memory, training.
+Non-goals: files (`sb3_file.py`, `onnx_file.py`), convolutions, memory, training.
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ Non-goals: other machines; learning; anything that has to be on time.
 
 from __future__ import annotations
 
-from soter.remote.observations import Observation, Reading
-from soter.remote.robot import Robot, connect
+from soter.remote.robot import Observation, Reading, Robot, connect
 
 __all__ = ["Observation", "Reading", "Robot", "connect"]

@@ -15,10 +15,17 @@ from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.build import CHECK_FAILED, OWN_SYMBOLS, RUNTIME, include_flags, texts
 from soter.native.cache import cached, digest
-from soter.native.cffi_interface import declarations, interface
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
+from soter.native.shared_library import (
+    CHECK_FAILED,
+    OWN_SYMBOLS,
+    RUNTIME,
+    declarations,
+    include_flags,
+    interface,
+    texts,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

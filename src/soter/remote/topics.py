@@ -18,8 +18,6 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import likely
 from soter.language.load.bounded_read import read_json_text
-from soter.language.model.float32_ends import singles
-from soter.language.model.python_values import ValueShapeError, from_python, to_python
 from soter.language.model.system import Bound
 from soter.language.model.types import (
     BOOL,
@@ -34,6 +32,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from soter.language.model.values import ValueShapeError, from_python, singles, to_python
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

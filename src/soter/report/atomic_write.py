@@ -1,8 +1,10 @@
-"""Write a file so that it is either there in full or not there at all, and where it is meant.
+"""Write a file so that it is either there in full or not there at all, and what can go wrong.
 
-Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms the one that
-stood there before. Of a folder that Soter fills with names of its own, no link leads elsewhere.
-Non-goals: locking; of two writers of one path the last to finish wins.
+Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms the one that stood
+there before. Of a folder that Soter fills with names of its own, no link leads elsewhere. Each
+thing that a caller may want to tell apart has a type of error.
+Non-goals: locking; of two writers of one path the last to finish wins. The command line turns
+errors into diagnostics.
 """
 
 from __future__ import annotations
@@ -16,6 +18,23 @@ from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+
+class ReportError(Exception):
+    """A report could not be written; the message names the file and the cause."""
+
+
+class ReportUnavailableError(ReportError):
+    """The optional package that draws reports is not installed; the message names the extra."""
+
+
+class LogError(Exception):
+    """A log could not be written; nothing stands at its path that did not stand there before."""
+
+
+class LogUnavailableError(LogError):
+    """The optional package that writes logs is not installed; the message names the extra."""
+
 
 PART = ".part"
 """Ending of a file that is being written."""

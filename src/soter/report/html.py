@@ -18,11 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.os_error_text import reason
-from soter.report.atomic_write import atomic_write, own_place
-from soter.report.errors import ReportError, ReportUnavailableError
+from soter.report.atomic_write import ReportError, ReportUnavailableError, atomic_write, own_place
 from soter.report.run.packed_json import packed, script_json
-from soter.report.run.page import body
-from soter.report.run.program_diagram import program_section
+from soter.report.run.page import body, program_section
 
 if TYPE_CHECKING:
     import os

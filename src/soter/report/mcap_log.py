@@ -28,8 +28,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 import numpy as np
 
 from soter.diagnostics.os_error_text import reason
-from soter.report.atomic_write import atomic_write
-from soter.report.errors import LogError, LogUnavailableError
+from soter.report.atomic_write import LogError, LogUnavailableError, atomic_write
 
 if TYPE_CHECKING:
     import os

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.python_values import to_json
 from soter.language.model.types import BoolType, DurationType, EnumType
+from soter.language.model.values import to_json
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from soter.report.run.signal_thinning import runs
+from soter.report.run.signals_for_drawing import runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

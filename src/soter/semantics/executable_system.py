@@ -1,43 +1,159 @@
-"""A system made ready to run: every piece of its code compiled once.
+"""A system made ready to run: every piece of its code, that of plants too, compiled once.
 
-Purpose: what the rules look things up in: per component its code, per topic its check, and the
-environment in which code sees a configuration.
-Non-goals: state; a machine never changes, so one serves any number of runs and forks.
+Purpose: what the rules look things up in: per component its code, per plant its equations and what
+it drives, per topic its check, and the environment in which code sees a configuration. Every NaN is
+stored as the one canonical NaN, so that states can be compared as bytes.
+Non-goals: state; a machine never changes, so one serves any number of runs and forks. Stepping
+(`rules.py`, `environment.py`).
 """
 
 from __future__ import annotations
 
+import operator
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.language.evaluate.arithmetic import canonical, mapper, zipper
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import queues_of
-from soter.semantics.externs import (
-    UnboundExternError,
-    extern_node,
-    extern_plant,
-    step_of,
-)
-from soter.semantics.observer_records import AC
-from soter.semantics.plant_code import PlantCode, compile_plant
+from soter.language.model.tree_walk import chosen_lets, first_lets
+from soter.language.model.types import ArrayType, FloatType, ListType, RecordType, leaves, positions
+from soter.semantics.configuration import AC
+from soter.semantics.externs import UnboundExternError, extern_node, extern_plant, step_of
+from soter.semantics.faults import by_component
 from soter.semantics.publication_gate import check_of
-from soter.semantics.random.faults import by_component
-from soter.semantics.random.random_draws import SeededDraws
-from soter.semantics.stored_values import storer
+from soter.semantics.random_draws import SeededDraws
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from soter.language.evaluate.expressions import Compiled, Extern
     from soter.language.evaluate.statements import Executed
-    from soter.language.model.system import Component, Module, Property, Scope, System
-    from soter.language.model.typed import FunSymbol, Variable
-    from soter.language.model.types import Value
+    from soter.language.model.system import Component, Module, Property, Scope, System, Topic
+    from soter.language.model.typed import FunSymbol, TypedExpr, Variable
+    from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.random.random_draws import Draws
+    from soter.semantics.externs import Move
+    from soter.semantics.random_draws import Draws
+
+    Store = Callable[[Value], Value]
+    Named = tuple[tuple[Variable, Compiled], ...]
+
+
+def storer(types: Iterable[Type]) -> Store:
+    """`tuple of values -> the same, NaNs canonical`, for values of these types."""
+    parts = [_storer(t) for t in types]
+    if not any(parts):
+        return _same
+    complete = [part or _same for part in parts]
+    return lambda values: tuple([f(v) for f, v in zip(complete, values, strict=True)])
+
+
+def _storer(t: Type) -> Store | None:
+    """The function for one type; None where it holds no float."""
+    if isinstance(t, FloatType):
+        return canonical
+    if isinstance(t, RecordType):
+        fields = [f for _, f in t.fields]
+        return storer(fields) if any(_storer(f) for f in fields) else None
+    if isinstance(t, (ArrayType, ListType)):
+        element = _storer(t.element)
+        return None if element is None else lambda values: tuple(map(element, values))
+    return None
+
+
+def _same(value: Value) -> Value:
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Arithmetic:
+    """Componentwise work on one `der` state: `x + y` and `factor * x`."""
+
+    add: Callable[[Value, Value], Value]
+    scale: Callable[[float, Value], Value]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorStream:
+    """A measurement error: position of its leaf in the topic's value, and its stream."""
+
+    topic: int
+    path: tuple[int, ...]
+    bound: float
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlantCode:
+    """The code of a plant; `move` replaces the motion of an extern one.
+
+    `first`: the lets that a step evaluates first of all; `chosen`: those that it does not evaluate
+    again, as they choose.
+    """
+
+    component: Component
+    states: tuple[Variable, ...]
+    store: Callable[[tuple[Value, ...]], tuple[Value, ...]]
+    first: Named
+    chosen: frozenset[Variable]
+    lets: Named
+    der: Named
+    next: Named
+    arithmetic: tuple[Arithmetic, ...]
+    method: str
+    drives: tuple[tuple[int, Compiled], ...]
+    readings: tuple[ErrorStream, ...]
+    move: Move | None
+
+
+def compile_plant(
+    component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
+) -> PlantCode:
+    """The code of a plant instance. `der` and `next` keep the order the program wrote them in."""
+    plant = component.plant
+    assert plant is not None, component.name
+
+    def named(pairs: Sequence[tuple[Variable, TypedExpr]]) -> Named:
+        return tuple([(variable, evaluator.expression(e)) for variable, e in pairs])
+
+    scope = component.scope.topics
+    return PlantCode(
+        component=component,
+        states=plant.states,
+        store=storer(v.type for v in plant.states),
+        first=named(first_lets(plant)),
+        chosen=frozenset(chosen_lets(plant)),
+        lets=named(plant.lets),
+        der=named(tuple(plant.der.items())),
+        next=named(tuple(plant.next.items())),
+        arithmetic=tuple([_arithmetic(v.type) for v in plant.der]),
+        method=plant.method,
+        drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
+        readings=tuple(
+            [
+                ErrorStream(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
+                for m in component.measured
+            ]
+        ),
+        move=move,
+    )
+
+
+def _arithmetic(t: Type) -> Arithmetic:
+    zipped, each = zipper(t), mapper(t)
+    return Arithmetic(
+        add=lambda x, y: zipped(operator.add, x, y),
+        scale=lambda factor, x: each(lambda component: factor * component, x),
+    )
+
+
+def _position(t: Type, leaf: int) -> tuple[int, ...]:
+    """The positions, from the outside in, of the leaf with this number."""
+    return tuple(positions(t, list(leaves(t))[leaf][0]))
 
 
 STACK_DEPTH = 10_000

@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.system import Bound
 from soter.language.model.types import leaf_count
-from soter.semantics.configuration import NEVER, Configuration
-from soter.semantics.control import enabled_at_first
-from soter.semantics.environment_inputs import refusal
-from soter.semantics.executable_system import ExecutableSystem
-from soter.semantics.externs import reset
-from soter.semantics.observer_records import (
+from soter.semantics.configuration import (
     AC,
+    NEVER,
     SC,
     ComponentRecord,
+    Configuration,
     ModuleRecord,
     PropertyRecord,
     Record,
+    enabled_at_first,
 )
-from soter.semantics.plants import plant_step
+from soter.semantics.environment import plant_step, refusal
+from soter.semantics.executable_system import ExecutableSystem
+from soter.semantics.externs import reset
+from soter.semantics.faults import in_any_order
 from soter.semantics.properties import violated
 from soter.semantics.publication_gate import publish, to_ends
-from soter.semantics.random.faults import in_any_order
-from soter.semantics.random.random_draws import chosen_value
+from soter.semantics.random_draws import chosen_value
 from soter.semantics.rules import (
     ac_or_sc_step,
     discrete_time_progress_step,
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from soter.language.evaluate.arithmetic import FaultKind
     from soter.language.model.system import Component, InputDrive, Module, System
     from soter.language.model.types import Value
-    from soter.semantics.observer_records import DecisionVerdict, StepOutcome
-    from soter.semantics.random.random_draws import Draws
+    from soter.semantics.configuration import DecisionVerdict, StepOutcome
+    from soter.semantics.random_draws import Draws
 
     ChooseNode = Callable[[Configuration], int]
     ChooseInput = Callable[[Configuration], Iterable[tuple[int, Value]]]
@@ -62,7 +62,7 @@ class Interpreter:
 
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
     (functions: of their own arguments), or to objects with a method `step` and perhaps
-    `reset(seed)`; see `language/model/python_values.py` for what they get and may give. Raises
+    `reset(seed)`; see `language/model/values.py` for what they get and may give. Raises
     `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
     """
 

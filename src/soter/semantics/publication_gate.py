@@ -2,7 +2,7 @@
 
 Purpose: checks of publications, publishing, queues, the latches of AC and trusted components, and
 the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
-Non-goals: running steps (`rules.py`, `plants.py`).
+Non-goals: running steps (`rules.py`, `environment.py`).
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.model.float32_ends import singles
 from soter.language.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
+from soter.language.model.values import singles
 from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Bound, Module, Topic
     from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration

@@ -1,22 +1,34 @@
-"""The four rules of the paper's Figure "Semantics of an RTA System".
+"""The four rules of the paper's Figure "Semantics of an RTA System", and shields.
 
-Purpose: each rule as one function from a configuration to a configuration, the figure's
-conditions named beside the line that is them. Rulings beyond the paper: docs/semantics.md.
-Non-goals: which rule comes next, and with what input: a driver's choice (`interpreter.py`).
-Plants, the part of the environment a program describes, step in `plants.py`.
+Purpose: each rule is one function from a configuration to a configuration; the figure's conditions
+are named beside the line that is them. Rulings beyond the paper: docs/semantics.md. A shield judges
+the commands of a module before they are published: it moves those of AC toward SC's, or makes a
+step fault of them (docs/semantics.md, Shields).
+Non-goals: which rule comes next, and with what input (`interpreter.py`); steps of plants
+(`environment.py`); which commands are permitted (`verify/tables/shield_tables.py`).
 
 Every rule assumes its premises; `FN` is the set of components that remain to be fired.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.semantics.configuration import NEVER, put
-from soter.semantics.control import enabled, latch_seen, latch_switched
-from soter.semantics.observer_records import AC, SC, DecisionVerdict, StepOutcome
+from soter.language.model.types import made_of, numbers_in
+from soter.semantics.configuration import (
+    AC,
+    NEVER,
+    SC,
+    DecisionVerdict,
+    StepOutcome,
+    enabled,
+    latch_seen,
+    latch_switched,
+    put,
+)
+from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
 from soter.semantics.properties import judged
 from soter.semantics.publication_gate import (
     check_publications,
@@ -28,17 +40,104 @@ from soter.semantics.publication_gate import (
     publish,
     refuse,
 )
-from soter.semantics.random.faults import disturbed, is_released, next_release, overrun_ns
-from soter.semantics.random.random_draws import chooser, draw_bits
-from soter.semantics.shield import shielded
+from soter.semantics.random_draws import chooser, draw_bits
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.language.evaluate.environment import Environment
     from soter.language.evaluate.expressions import Compiled
     from soter.language.model.system import Component, Module
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.executable_system import ExecutableSystem
+    from soter.semantics.executable_system import ExecutableSystem, ShieldCode
+
+
+@dataclass(frozen=True, slots=True)
+class Shielded:
+    """A step of AC or SC as its shield has it.
+
+    `published`: what it publishes; `held`: the shield's topic, which is stored with that (n1);
+    `proposed`: its topic of proposals, which is stored whether or not the outputs are enabled.
+    """
+
+    published: dict[int, Value]
+    held: dict[int, Value] = field(default_factory=dict)
+    proposed: dict[int, Value] = field(default_factory=dict)
+
+
+def shielded(
+    machine: ExecutableSystem,
+    c: Configuration,
+    component: Component,
+    published: dict[int, Value],
+) -> Shielded:
+    """What becomes of a step of AC or SC that would publish this; the same without a shield.
+
+    StepFault where AC publishes a command that is not permitted, in control or not.
+    """
+    code = machine.shields.get(component.index)
+    if code is None or not published:
+        return Shielded(published)
+    dm = machine.system.components[_shielding_module(machine, component).dm]
+    held = {code.topic: code.held(machine.environment(c, dm))}
+    proposed = _proposed(machine, c, component, code, published)
+    if component.role != "ac":
+        return Shielded(published, held, proposed)
+    if proposed:
+        seen = _with(c, {**held, **proposed})
+        env = machine.environment(seen, dm)
+        published = _moved(machine, component, published, [move(env) for move in code.moved])
+    if not code.permits(machine.environment(_with(c, {**published, **held}), dm)):
+        raise StepFault(FaultKind.SHIELD, component.span, "the shield does not permit it")
+    return Shielded(published, held, proposed)
+
+
+def _proposed(
+    machine: ExecutableSystem,
+    c: Configuration,
+    component: Component,
+    code: ShieldCode,
+    published: Mapping[int, Value],
+) -> dict[int, Value]:
+    """The topic of proposals with what this step would publish; AC's numbers first, then SC's."""
+    if code.proposed is None:
+        return {}
+    numbers = list(c.Topics[code.proposed])
+    at = 0 if component.role == "ac" else len(numbers) // 2
+    for topic in _shielding_module(machine, component).outputs:
+        count = len(list(numbers_in(c.Topics[topic])))
+        if topic in published:
+            numbers[at : at + count] = numbers_in(published[topic])
+        at += count
+    return {code.proposed: tuple(numbers)}
+
+
+def _moved(
+    machine: ExecutableSystem,
+    component: Component,
+    published: Mapping[int, Value],
+    numbers: list[Value],
+) -> dict[int, Value]:
+    """What is published, made of these numbers of all outputs."""
+    new, rest = dict(published), iter(numbers)
+    for topic in _shielding_module(machine, component).outputs:
+        value = made_of(machine.system.topics[topic].type, rest)
+        if topic in published:
+            new[topic] = value
+    return new
+
+
+def _with(c: Configuration, values: Mapping[int, Value]) -> Configuration:
+    topics = c.Topics
+    for topic, value in values.items():
+        topics = put(topics, topic, value)
+    return replace(c, Topics=topics)
+
+
+def _shielding_module(machine: ExecutableSystem, component: Component) -> Module:
+    assert component.module is not None
+    return machine.system.modules[component.module]
 
 
 def environment_input(

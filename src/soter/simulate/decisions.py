@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
-from soter.semantics.control import ACKNOWLEDGED, OPEN, READY
-from soter.simulate.decided_instants import decided_at
+from soter.semantics.configuration import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
 from soter.simulate.outputs.led_looks import looks_of
+from soter.simulate.run_observer import decided_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,9 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates import PredicateEvaluator, conjuncts, disjuncts
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -34,8 +33,7 @@ from soter.language.model.types import (
     leaves,
     positions,
 )
-from soter.semantics.configuration import NEVER
-from soter.semantics.observer_records import AC
+from soter.semantics.configuration import AC, NEVER
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

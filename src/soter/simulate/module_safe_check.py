@@ -17,12 +17,12 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call
+from soter.core.core_walks import walk
 from soter.core.lower_statements import FunctionTable
-from soter.core.read_write_footprint import walk
 from soter.core.steps import lower_predicate
 from soter.language.model.system import environment_topics
 from soter.language.model.tree_walk import topic_reads
-from soter.native.cffi_interface import address
+from soter.native.shared_library import address
 from soter.semantics.configuration import NEVER
 from soter.simulate.explain_decision import Explainer
 

@@ -27,17 +27,14 @@ from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.binding_text import is_in_python
 from soter.native.cache import cached, digest
-from soter.native.compiler import STRICT, compile_with, find
-from soter.native.python_child import python_module
+from soter.native.compiler import STRICT, compile_with, find, python_module
 from soter.simulate.externs.extern_server import write_spec
 from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
-from soter.simulate.run_observer import Observer
-from soter.simulate.trace_selection import TraceParts, names_of, wanted
+from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
 from soter.targets.posix import nodes_of, posix_package
-from soter.workers.child_process import end_with
-from soter.workers.process_tree import let_go_on
+from soter.workers.child_process import end_with, let_go_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +43,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.interrupt import StopRequest
-    from soter.simulate.trace_selection import Kept
+    from soter.simulate.run_observer import Kept
 
 LOOK_S = 0.05
 WAIT_S = 60

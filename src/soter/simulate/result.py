@@ -15,9 +15,9 @@ from soter.core.layout import ac_share, group_field
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
-from soter.semantics.observer_records import NAN_LOOKS_MAX
-from soter.simulate.decided_instants import moved_at, numbers_of
+from soter.semantics.configuration import NAN_LOOKS_MAX
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
+from soter.simulate.run_observer import moved_at, numbers_of
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.core.layout import StateLayout
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type, Value

@@ -2,27 +2,39 @@
 
 Purpose: run, hash and keep what is asked for; the result is the final state plus, if wanted, the
 state after every instant, both as numpy records of the documented layout. A run that is stopped
-half-way is a run until there.
+half-way is a run until there. `state_bytes`: the configuration of the interpreter as the bytes of
+the generated program's state, so that both engines give one trace.
 Non-goals: printing, logs, many runs at once (campaigns), finding externs (`bindings.py`).
 """
 
 from __future__ import annotations
 
 import os
+import struct
 import time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.core.layout import state_dtype, state_layout
+from soter.core.layout import (
+    COMPONENT,
+    HEADER,
+    MODULE,
+    PROPERTY,
+    encode_into,
+    state_dtype,
+    state_layout,
+)
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
-from soter.native.build import library
 from soter.native.extern_memory import another_copy, kept_by
 from soter.native.library import Library, RunStatus
+from soter.native.shared_library import library
 from soter.semantics.externs import ExternResetError, Stop, reset
+from soter.semantics.faults import by_component, next_release
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.random_draws import mix
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
 from soter.simulate.externs.process_state_guard import end_copy
@@ -30,9 +42,7 @@ from soter.simulate.externs.python_answers import ExternAnswers, described, noti
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.module_safe_check import CompiledSafe, InterpretedSafe, JudgedUnit
 from soter.simulate.result import Run
-from soter.simulate.run_observer import Observer
-from soter.simulate.state_bytes import state_bytes
-from soter.simulate.trace_selection import TraceParts, names_of, wanted
+from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -41,17 +51,88 @@ if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
-    from soter.language.model.system import System
+    from soter.language.model.system import Component, System
     from soter.native.library import Bytes
-    from soter.semantics.configuration import Configuration
-    from soter.semantics.observer_records import Record
+    from soter.semantics.configuration import Configuration, Record
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.module_safe_check import SafeJudge
-    from soter.simulate.run_observer import Also
-    from soter.simulate.trace_selection import Kept
+    from soter.simulate.run_observer import Also, Kept
     from soter.simulate.wall_clock_pacing import Pacer
 
     Progress = Callable[[float], None]
+
+
+MASK = 2**64 - 1
+
+
+def state_bytes(
+    system: System, layout: StateLayout, c: Configuration, record: Record, seed: int
+) -> bytes:
+    """The state struct of a configuration at the end of an instant."""
+    out = bytearray(layout.size)
+    HEADER.pack_into(
+        out,
+        0,
+        ct=c.ct,
+        seed=seed & MASK,
+        seed_key=mix((seed + 0x9E3779B97F4A7C15) & MASK),
+        violations=record.violations,
+    )
+    at = layout.component_offset
+    late = by_component(system, of_time=True)
+    for x in system.components:
+        r = record.components[x.index]
+        COMPONENT.pack_into(
+            out,
+            at,
+            next=_following(x, c.ct)
+            if x.index not in late
+            else next_release(system, late[x.index], x, seed, c.ct),
+            faults=r.faults,
+            last_fault=r.last_fault,
+            oe=c.OE[x.index],
+            latched=c.latched[x.index],
+            had_control=c.had_control[x.index],
+            pending=False,
+        )
+        at += COMPONENT.size
+    for m in system.modules:
+        s = record.modules[m.index]
+        MODULE.pack_into(
+            out,
+            at,
+            ac_ns=s.ac_ns,
+            mode_since=s.mode_since_ns,
+            to_sc=s.switches_to_sc,
+            to_ac=s.switches_to_ac,
+            gate_faults=s.gate_faults,
+            clean_needed=c.clean_needed[m.index],
+            mode=s.mode,
+            gate_fault=c.gate_fault[m.index],
+            ttf=s.ttf,
+            safer=s.safer,
+            stale=s.stale,
+            saw_gate_fault=s.gate_fault,
+            nan_looks=s.nan_looks,
+        )
+        at += MODULE.size
+    for p in record.properties:
+        PROPERTY.pack_into(out, at, first_ns=p.first_ns, count=p.count, active=p.active)
+        at += PROPERTY.size
+    struct.pack_into(f"<{layout.topics}q", out, layout.stamp_offset, *c.stamps)
+    for g in layout.groups:
+        values = c.Topics if g.owner < 0 else c.L[g.owner]
+        for member in g.struct.members:
+            encode_into(out, g.offset + member.offset, member.type, values[member.index])
+    return bytes(out)
+
+
+def _following(x: Component, ct: int) -> int:
+    """The release of a component after `ct`, ns."""
+    if ct < x.phase_ns:
+        return x.phase_ns
+    return x.phase_ns + ((ct - x.phase_ns) // x.period_ns + 1) * x.period_ns
+
 
 CHUNK_BYTES = 4 * 1024 * 1024
 BLOCK = 1024

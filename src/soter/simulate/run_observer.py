@@ -2,21 +2,30 @@
 
 Purpose: every state after an instant passes here once, in blocks: hashed, kept where a trace is
 wanted, and looked through for what a summary names (mode changes, first faults). Both engines
-feed the same observer, so both give the same record.
-Non-goals: meaning; a run that nobody observes is the same run.
+feed the same observer, so both give the same record. `TraceParts`: from names (topics,
+`<plant>.truth`, modules) to the parts of a trace that somebody wants to keep. `decided_at` and
+`moved_at`: in which states of a trace which decision modules decided, and where a shield moved a
+command.
+Non-goals: meaning (`decisions.py`), reading a trace (`result.py`); a run that nobody observes is
+the same run.
 """
 
 from __future__ import annotations
 
 import hashlib
 import tempfile
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.simulate.decided_instants import decided_at, moved_at
+from soter.core.layout import group_field
+from soter.diagnostics.similar_names import nearest_or_all
+from soter.language.model.types import ArrayType, RecordType
+from soter.semantics.faults import by_component, is_released
 from soter.simulate.module_safe_check import SafeTally
+from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,12 +33,114 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.language.model.system import System
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type
     from soter.simulate.module_safe_check import SafeJudge, SafeLooks
-    from soter.simulate.trace_selection import TraceParts
 
+    Kept = bool | str | Collection[str]
+    """All of a trace, nothing of it, or the named parts."""
     Rows = npt.NDArray[np.uint8]
     Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
+
+
+def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """In which of these states (n,) each module has just decided, (n, modules)."""
+    times_ns = states["header"]["ct"]
+    periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
+    due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
+    late = by_component(system, of_time=True)
+    for m in system.modules:
+        if m.dm in late and len(states):
+            dm, seed = system.components[m.dm], int(states["header"]["seed"][0])
+            release_flags = [is_released(system, late[m.dm], dm, seed, int(t)) for t in times_ns]
+            due[:, m.index] = release_flags
+    return due
+
+
+def moved_at(
+    system: System, module: Module, states: npt.NDArray[Any]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """In which states (n,) AC, in control, has just published, and where its shield moved that.
+
+    (n,) both; nowhere where the module has no shield `toward sc`.
+    """
+    published, was_moved = np.zeros((2, len(states)), dtype=np.bool_)
+    shield = module.shield
+    if shield is None or shield.proposed is None:
+        return published, was_moved
+    proposals = states["topics"][system.topics[shield.proposed].name]
+    in_ac = states["modules"]["mode"][:, module.index] != 0
+    at = 0
+    for i in module.outputs:
+        numbers = numbers_of(system.topics[i].type, states["topics"][system.topics[i].name])
+        proposed = proposals[:, at : at + numbers.shape[-1]]
+        at += numbers.shape[-1]
+        told = in_ac & (states["stamps"][:, i] == states["header"]["ct"])
+        published |= told
+        was_moved |= told & (numbers != proposed).any(axis=-1)
+    return published, was_moved
+
+
+def numbers_of(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(..., k): the k numbers of every value of a type without lists, in declared order."""
+    if isinstance(t, RecordType):
+        return np.concatenate([numbers_of(f, values[n]) for n, f in t.fields], axis=-1)
+    if isinstance(t, ArrayType):
+        parts = numbers_of(t.element, values)
+        return parts.reshape(*parts.shape[:-2], -1)
+    return values.astype(np.float64)[..., np.newaxis]
+
+
+def names_of(keep: Kept) -> tuple[str, ...] | None:
+    """The parts that are named, perhaps none; None where all or nothing is kept."""
+    if isinstance(keep, str):
+        return (keep,)
+    return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
+
+
+def wanted(keep: Kept) -> bool:
+    """Whether anything is kept, and be it only the times."""
+    return names_of(keep) is not None or bool(keep)
+
+
+class TraceParts:
+    """Some parts of the states of a system: `header`, and what is named."""
+
+    def __init__(
+        self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
+    ) -> None:
+        topics = {t.name for t in system.topics}
+        truths = {
+            f"{system.components[g.owner].name}.truth": group_field(g)
+            for g in layout.groups
+            if g.owner >= 0 and system.components[g.owner].plant is not None
+        }
+        modules = {m.name for m in system.modules}
+        for name in names:
+            if name not in topics and name not in truths and name not in modules:
+                known = nearest_or_all(name, [*topics, *truths, *modules])
+                message = f"the run has no topic, truth or module `{name}` to record"
+                raise usage_error("U001", message, known)
+        self._topics = [n for n in names if n in topics]
+        self._whole = ["header"]
+        if modules.intersection(names):
+            self._whole.append("modules")
+        self._whole += [truths[n] for n in names if n in truths]
+        fields = [(part, dtype[part]) for part in self._whole]
+        if self._topics:
+            fields.append(("topics", np.dtype([(n, dtype["topics"][n]) for n in self._topics])))
+        self.dtype: np.dtype[Any] = np.dtype(fields)
+
+    def of(self, states: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Copies of these parts, (n,), of states, (n,)."""
+        copies = np.empty(len(states), dtype=self.dtype)
+        for part in self._whole:
+            copies[part] = states[part]
+        for name in self._topics:
+            copies["topics"][name] = states["topics"][name]
+        return copies
+
 
 IN_MEMORY_BYTES = 512 * 1024 * 1024
 """A longer trace lies in a temporary file, which is gone with the process."""

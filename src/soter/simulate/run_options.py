@@ -1,7 +1,7 @@
 """The options of a run: command line, keywords, checks and pages read this record.
 
 Purpose: each option once, with its range, its default, its words and its flag.
-Non-goals: how options are read (`diagnostics/option_fields.py`).
+Non-goals: how options are read (`diagnostics/command_records.py`).
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypedDict
 
-from soter.diagnostics.option_fields import SWITCH, choice, option, whole
+from soter.diagnostics.command_records import SWITCH, choice, option, whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from soter.simulate.outputs.to_log import RunLog
-    from soter.simulate.trace_selection import Kept
+    from soter.simulate.run_observer import Kept
 
 ENGINES = ("native", "interp")
 AGAINST = "run against the clock, externs in processes of their own (docs/real-time.md)"

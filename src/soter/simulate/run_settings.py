@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.elaborate.parameter_values import has_param
+from soter.language.elaborate.system_numbers import has_param
 from soter.language.model.durations import TEXT_MAX, WrongTextError, duration_ns
-from soter.language.model.python_values import ValueShapeError, from_python
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.language.model.values import ValueShapeError, from_python
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import decode_from
-from soter.language.model.python_values import ValueShapeError, from_json
 from soter.language.model.types import RecordType
+from soter.language.model.values import ValueShapeError, from_json
+from soter.report.mcap_reading import messages, require_log_package, unreadable
 from soter.report.recorded_values import RecordedRun
-from soter.report.run_log import messages, require_log_package, unreadable
 from soter.simulate.outputs.run_fields import truth_value
 
 if TYPE_CHECKING:

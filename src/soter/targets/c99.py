@@ -1,9 +1,11 @@
 """Target `c`: the program, the kernel and a driver as plain C99, and a Makefile.
 
 Purpose: a folder that builds with any C compiler and no Soter, runs in virtual time and prints the
-same `trace_sha256` as `soter run`. Externs that are not bound to C get a function each in
-`externs.c`, which is the person's to fill in and is never overwritten.
-Non-goals: clocks and devices (other targets), compiling here.
+same `trace_sha256` as `soter run`. It takes along the C files of externs. Externs that are not
+bound to C get a function each in `externs.c`, which is the person's to fill in and is never
+overwritten.
+Non-goals: clocks and devices (other targets), compiling here, finding what a file includes
+(`native/source_files.py`).
 """
 
 from __future__ import annotations
@@ -16,19 +18,33 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.unit import generate
-from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
-from soter.targets.extern_c_files import with_headers
+from soter.native.shared_library import FAULTS, RUNTIME
+from soter.native.source_files import included
 from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
-from soter.targets.leases import FILES as LEASES
-from soter.targets.leases import lease_files, leased
-from soter.targets.leases import notes as notes_of_leases
+from soter.targets.leases_and_lateness import (
+    FILES as LEASES,
+)
+from soter.targets.leases_and_lateness import (
+    lease_files,
+    leased,
+)
+from soter.targets.leases_and_lateness import (
+    notes as notes_of_leases,
+)
 from soter.targets.package import Package, PackageFile
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, System
+
+
+def with_headers(source: str) -> dict[Path, str]:
+    """Path and text of a C file and of all it includes that lies beside or below it."""
+    root = Path(source).resolve().parent
+    return {p: text for p, text in included(source).items() if p.is_relative_to(root)}
+
 
 STUBS = "externs.c"
 APP = "soter_app"

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.model.types import IntType, leaves
 from soter.targets.firmware import described, topic_names
-from soter.targets.leases import lease_times, leased
+from soter.targets.leases_and_lateness import lease_times, leased
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

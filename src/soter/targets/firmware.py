@@ -17,7 +17,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, file_level_name, legal
 from soter.codegen.c.printer import print_file
 from soter.core.layout import scalar, size_of, storage_range, struct_of
-from soter.language.elaborate.deployment.deployed_systems import allowed_lateness
+from soter.language.elaborate.deployed_systems import allowed_lateness
 from soter.language.model.system import environment_topics
 from soter.language.model.types import (
     ArrayType,
@@ -29,7 +29,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
-from soter.targets.lateness_limits import AgeLimit, ages_of
+from soter.targets.leases_and_lateness import AgeLimit, ages_of
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from soter.codegen.c.names import field_name
 from soter.core.layout import scalar, storage_range
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
-from soter.mapping.message_paths import steps_of, text_bound
+from soter.mapping.message_types import steps_of, text_bound
 from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource
 
 if TYPE_CHECKING:

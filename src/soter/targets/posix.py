@@ -17,19 +17,18 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
 from soter.codegen.c.printer import escape
-from soter.codegen.extern_interface import request_fields
+from soter.codegen.externs import request_fields
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.binding_text import is_in_python
-from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
+from soter.native.shared_library import RUNTIME
 from soter.report.parameter_text import changed
 from soter.targets import c99
 from soter.targets.channel_document import channel_document_files
 from soter.targets.firmware import RUNTIME_FILES
-from soter.targets.lateness_limits import limits_of, takeovers
-from soter.targets.leases import FILES as LEASES
-from soter.targets.leases import lease_files
+from soter.targets.leases_and_lateness import FILES as LEASES
+from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
 from soter.targets.package import Package, PackageFile
 from soter.targets.world_interface import ACTUATOR, OUTSIDE, STATUS_TEXT, WorldTables
 from soter.workers.exchange_layout import Exchange, exchange_of

@@ -4,7 +4,8 @@ Purpose: the tables by which the driver of `runtime/posix/` speaks with other pr
 for each external topic, and for each module with a fail-safe law one for its commands with their
 leases; the program of the actuators, `NAME_actuator`; and `NAME_channels.h` for who is on the other
 side of a topic.
-Non-goals: the driver and the actuators themselves (`runtime/posix/`), laws (`leases.py`).
+Non-goals: the driver and the actuators themselves (`runtime/posix/`), laws
+(`leases_and_lateness.py`).
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from soter.core.layout import size_of
 from soter.language.model.durations import show_ns
 from soter.targets.channel_document import lasting, layout_number, number_of_layout
 from soter.targets.firmware import described, topic_names
-from soter.targets.lateness_limits import AgeLimit, ages_of
-from soter.targets.leases import lease_names, lease_times, leased
+from soter.targets.leases_and_lateness import AgeLimit, ages_of, lease_names, lease_times, leased
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

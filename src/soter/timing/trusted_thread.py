@@ -3,7 +3,7 @@
 Purpose: who runs in it, from a flat system; `timing_of`: the latest start and end of every step of
 theirs, or what is missing to say so; a deadline that is missed, as a diagnostic.
 Non-goals: the analysis (`calendar.py`), whether a proof's times hold
-(`verify/time/deployed_times.py`).
+(`verify/time/problem_times.py`).
 
 A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe
 controllers, then ACs and other nodes, those that `takes` time, too. Only extern nodes run

@@ -15,15 +15,14 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
-from soter.native.compiler_process import end_compilers
+from soter.native.compiler import end_compilers
 from soter.verify.claims.case import settled
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import keep
-from soter.verify.deploy.remedy_cost import enter_cost
-from soter.verify.diagnosis.tried_remedies import mark_untried
+from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
 from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
-    from soter.verify.induction.refute import Search
+    from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
 
     Progress = Callable[[float], None]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import VerifyReport
-    from soter.verify.scope_data import ScopeGuarantee
+    from soter.verify.problem.assumption import ScopeGuarantee
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 from soter.verify.deploy import deployed_sensors
 from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.induction import certificate_entry, inputs_from_outside
+from soter.verify.induction import verify as induction
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.sets_certificate_entry import entry_over_sets
-from soter.verify.tubes.certificate_entry import entry as tubes_entry
+from soter.verify.tubes.verify import entry as tubes_entry
 from soter.verify.tubes.verify import verify_by_tubes
 from soter.verify.verify_module import verify_module
 
@@ -46,7 +46,7 @@ SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers, lib
 METHODS: dict[ProblemKind, ModuleMethod] = {
     "flow": SETS,
     "map": SETS,
-    "nodes": ModuleMethod(verify_by_induction, certificate_entry.entry, inputs_from_outside.covers),
+    "nodes": ModuleMethod(verify_by_induction, induction.entry, induction.covers),
     "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.covers),
 }
 

@@ -25,10 +25,10 @@ from soter.language.model.system import LEVELS_LEAST
 from soter.language.model.tree_walk import nodes
 from soter.report.proof.advice import AdvicePage, Line
 from soter.verify.claims import claims
-from soter.verify.claims.cell_boxes import share
-from soter.verify.claims.levels import deploy
-from soter.verify.claims.levels import levels as add_levels
-from soter.verify.claims.recovery import recover
+from soter.verify.claims.cells import share
+from soter.verify.claims.choice import deploy
+from soter.verify.claims.choice import levels as add_levels
+from soter.verify.claims.claims import recover
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.sets import UnboundedError
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
-    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Problem
 
     Bools = NDArray[np.bool_]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
 from soter.native.cache import cache_dir, digest, find_cached, store
-from soter.native.package_sources import soter_sha256
+from soter.native.source_files import soter_sha256
 from soter.verify.problem.assumption import texts
 
 if TYPE_CHECKING:

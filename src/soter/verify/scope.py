@@ -1,29 +1,119 @@
 """What a verification is about, and what it is not: systems, modules, parameters, composition.
 
 Purpose: every system that holds a module is either the same problem, or named as not covered; who
-guarantees what a module takes for granted of the rest of its system (docs/proof.md, Composition).
-Non-goals: proofs.
+guarantees what a module takes for granted of the rest of its system: the part of some module's
+`safe` that keeps a topic in its declared set (docs/proof.md, Composition).
+Non-goals: proofs; whether the module that guarantees something is proved: the report holds the two
+against each other.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.views import systems_by_view
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.check.constants_and_types import Calculator
+from soter.language.elaborate.views_for_proofs import systems_by_view
+from soter.language.evaluate.predicates import conjuncts
 from soter.language.front_end import system_to_prove
+from soter.language.model import typed
 from soter.language.model.system import claims_nothing, holder_of, modules_above
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import RecordType, leaf_count
+from soter.verify.problem.assumption import ScopeGuarantee, VerificationScope
 from soter.verify.problem.extract import extract
-from soter.verify.scope_data import ScopeGuarantee, VerificationScope
-from soter.verify.topic_guarantors import publisher_of, topic_contract_of
+from soter.verify.problem.verification_system import place
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Component, Module, System
-    from soter.language.model.types import Value
+    from soter.language.model.types import Type, Value
     from soter.verify.problem.problem import Problem
+
+
+TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
+
+
+def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
+    """The module whose `safe` keeps a leaf that a plant drives within [low, high]; "": none.
+
+    What is published is off by the measurement error, so `safe` has to leave room for that.
+    """
+    error = sum(
+        m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
+    )
+    for module in at_all_times(flat):
+        least, most = _kept(module, topic, leaf)
+        if least - error >= low and most + error <= high:
+            return module.name
+    return ""
+
+
+def at_all_times(flat: System) -> list[Module]:
+    """Modules whose theorem speaks of all times: below another one it does not."""
+    return [m for m in flat.modules if not modules_above(flat, m.index)]
+
+
+def publisher_of(flat: System, plant: Component) -> str:
+    """The module whose proof is about a plant that flies; "": none, or one that is forced.
+
+    What that plant publishes lies in its sets wherever the proof holds: it is part of its C.
+    """
+    for module in at_all_times(flat):
+        verify = module.symbol.verify
+        if module.forced is not None or verify.induction is not None or verify.abstracts:
+            continue
+        try:
+            there = place(flat, module)
+        except SoterError:
+            continue
+        if any(c.name == plant.name for c in there.plants):
+            return module.name
+    return ""
+
+
+def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
+    """What the parts of `safe` say of a leaf by themselves."""
+    symbol = module.whole or module.symbol
+    low, high = -math.inf, math.inf
+    calculator = Calculator(Diagnostics(), module.scope.params)
+    for part in conjuncts(symbol.safe):
+        if not isinstance(part, typed.TypedBinary) or part.op not in TURNED:
+            continue
+        for said, op, bound in (
+            (part.left, part.op, part.right),
+            (part.right, TURNED[part.op], part.left),
+        ):
+            if _leaf(module, said) != (topic, leaf) or topic_reads(bound):
+                continue
+            value = calculator.value(bound, "a bound")
+            if not isinstance(value, float):
+                continue
+            if op in ("<", "<="):
+                high = min(high, value)
+            else:
+                low = max(low, value)
+    return low, high
+
+
+def _leaf(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
+    """A leaf of a topic, as (topic, number of the leaf), where an expression is just that."""
+    path: list[int] = []
+    while isinstance(e, typed.TypedField):
+        path.append(e.index)
+        e = e.target
+    if not isinstance(e, typed.TopicRead) or e.topic not in module.scope.topics:
+        return None
+    leaf, t = 0, e.topic.type
+    for index in reversed(path):
+        assert isinstance(t, RecordType)
+        fields: list[Type] = [f for _, f in t.fields]
+        leaf, t = leaf + sum(leaf_count(f) for f in fields[:index]), fields[index]
+    return (module.scope.topics[e.topic], leaf) if leaf_count(t) == 1 else None
+
 
 Chosen = list[tuple["System", "Module"]]
 

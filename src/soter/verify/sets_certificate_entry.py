@@ -1,7 +1,7 @@
 """A module that was proved over sets of states, in a certificate (docs/verification.md, section 4).
 
 Purpose: its times, ranges, cases, claims and computed predicates.
-Non-goals: a group's own sets (`grid/certificate_entry.py`, `polytope/certificate_entry.py`).
+Non-goals: a group's own sets (`grid/claims.py`, `polytope/tables.py`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.verify.claims.results import CaseSets, ModuleResult
-    from soter.verify.problem.problem import Interval, Problem, Times
-    from soter.verify.problem.quantities import Leaf
+    from soter.verify.problem.problem import Interval, Leaf, Problem, Times
 
 
 def entry_over_sets(

@@ -12,14 +12,24 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.language.model.durations import show_ns
-from soter.verify.claims import claims, handback_claim
+from soter.verify.claims import claims, handover_claims
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
-from soter.verify.claims.choice import choose
-from soter.verify.claims.failsafe_claim import NO_LAW, NOT_FOR_LAWS, hint_of
-from soter.verify.claims.grid_refinement import refined, refinement_note
-from soter.verify.claims.handover_claim import not_entered
-from soter.verify.claims.published_value_ranges import say_narrowed
-from soter.verify.claims.recovery import in_time, recover, waits
+from soter.verify.claims.cells import refined, refinement_note
+from soter.verify.claims.choice import after_core, choose, given_up, returned, shrunk
+from soter.verify.claims.claims import (
+    IN_PROOF,
+    in_time,
+    put_off,
+    recover,
+    recover_for_report,
+    say_narrowed,
+    scheme_diverges,
+    shown_scheme,
+    solutions,
+    waits,
+)
+from soter.verify.claims.handover_claims import not_entered
+from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.verify.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -30,21 +40,13 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.scheme_assumption import (
-    IN_PROOF,
-    scheme_diverges,
-    shown_scheme,
-    solutions,
-)
-from soter.verify.claims.smaller_core import after_core, given_up, returned, shrunk
-from soter.verify.diagnosis.recovery_cpu_budget import put_off, recover_for_report
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid.sets import UnboundedError
-from soter.verify.problem.age_disjuncts import said_of_ages
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import cases
+from soter.verify.problem.supported_constructs import said_of_ages
 from soter.verify.proof_methods import in_order, method_of
 from soter.verify.time.problem_times import DELAYS, in_words
 from soter.verify.work_estimate import announce_work
@@ -53,8 +55,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.verify.claims.choice import Choice
-    from soter.verify.enclose.engine_library import ReachLibrary
-    from soter.verify.induction.refute import Search
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Group, Problem
 
     Progress = Callable[[float], None]
@@ -104,7 +106,7 @@ def verify_module(
     chosen, cpu = _chosen(problem, library, _upto(progress, CASES))
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
-    ages = (*said_of_ages(problem.module.symbol.ttf), *handback_claim.notes(problem))
+    ages = (*said_of_ages(problem.module.symbol.ttf), *handover_claims.notes(problem))
     scheme, others = shown_scheme(problem, done), solutions(problem, done)
     told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
@@ -126,7 +128,7 @@ def verify_module(
     for claim in ("P2a", "P3") if why else ():
         _only_if_proved(result.findings[claim], why, NOT_ENTERED)
     waits(problem, result.findings["P2b"])
-    handback_claim.while_in_ac(problem, result.findings["P2b"])
+    handover_claims.while_in_ac(problem, result.findings["P2b"])
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -140,7 +142,7 @@ def verify_module(
     _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
     with settled_before(lambda: settled(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
-            from soter.verify.attack.refutations import refuted  # noqa: PLC0415 - compiles all of it
+            from soter.verify.attack.refute import refuted  # noqa: PLC0415 - compiles all of it
 
             refuted(problem, result)
         if refute if explain is None else explain:
@@ -401,7 +403,7 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     if problem.above:
-        return handback_claim.shown(problem)
+        return handover_claims.shown(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 

@@ -14,8 +14,8 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import announce, lasting, passing_phase
-from soter.verify.claims.grid_refinement import cells_of
-from soter.verify.diagnosis.changed_problems import merged
+from soter.verify.claims.cells import cells_of
+from soter.verify.diagnosis.experiments import merged
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import cases
 

@@ -11,7 +11,7 @@ import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.extern_interface import answer_fields, request_fields
+from soter.codegen.externs import answer_fields, request_fields
 from soter.core.layout import LayoutMember, Struct, align_of, arrange, size_of
 from soter.language.model.types import ArrayType, EnumType, ListType, RecordType
 

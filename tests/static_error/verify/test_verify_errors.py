@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_below, files_in
+from soter.diagnostics.codes import all_codes, explain
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import refuse_forced
 from soter.verify.problem.extract import extract
@@ -71,7 +71,10 @@ def test_every_code_that_extraction_reports_has_a_page_and_a_program() -> None:
     room = Path(__file__).parents[3] / "src" / "soter" / "verify"
     used = {
         c
-        for f in (*files_below(room, "*.py"), room.parent / "language" / "elaborate" / "views.py")
+        for f in (
+            *files_below(room, "*.py"),
+            room.parent / "language" / "elaborate" / "views_for_proofs.py",
+        )
         for c in re.findall(r'"(R\d{3})"', f.read_text("utf-8"))
     }
     assert used == set(CODES)

@@ -19,7 +19,7 @@ from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
-    from soter.report.assurance.traceability import Traceability
+    from soter.report.assurance.safety_case import Traceability
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 HEAD = "kind,id,text,traces_to,owner,validation,evidence\n"

@@ -12,7 +12,7 @@ import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
 from soter.language.front_end import check_file, system_of
-from soter.verify.deploy import sensor_skew
+from soter.verify.deploy import deployed_sensors
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def test_pairs_say_what_every_choice_of_instants_says() -> None:
             itertools.product(range(3), repeat=count),
         )
         for ages, slacks in every:
-            told = sensor_skew._pairs(ages, [Fraction(s) for s in slacks])
+            told = deployed_sensors._pairs(ages, [Fraction(s) for s in slacks])
             assert (not told) == _all_have_one(ages, slacks), (ages, slacks)
 
 
@@ -198,6 +198,6 @@ def _one(instants: tuple[int, ...], slacks: tuple[int, ...]) -> bool:
 
 def test_rates_hold_at_every_point_and_are_reached(here: Path) -> None:
     flat = system_of(check_file(str(here / "point.soter")), None)
-    place, heat = sensor_skew.rates_of(extract(flat, flat.modules[0]))
+    place, heat = deployed_sensors.rates_of(extract(flat, flat.modules[0]))
     assert 1.25 <= place <= 1.2501, "push and wind at their ends"
     assert 2.0 <= heat <= 2.0001, "heat at the end of its grid"

@@ -19,7 +19,7 @@ from soter.api import deploying
 from soter.certificate.format.folder import read_certificate
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.deploy import missing_predicates
-from soter.verify.deploy.certified_sets import certified_sets
+from soter.verify.deploy.proof_transfer import certified_sets
 from soter.verify.problem.extract import extract
 from unit.certificate import small_proofs
 

@@ -16,11 +16,11 @@ from soter import SoterError, load
 from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, arms_of
 from soter.campaign.batch_flights import EVENT, Fleet
-from soter.campaign.fault_attribution import occurred, outside
 from soter.campaign.release_lateness import Lateness, measured
+from soter.campaign.result import occurred, outside
 from soter.language.elaborate.derived_systems import forced
 from soter.language.front_end import check_file, system_of
-from soter.semantics.random.faults import begins
+from soter.semantics.faults import begins
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ def test_many_flights_are_counted_in_pieces(
 ) -> None:
     flat = flat_of(with_faults(tmp_path, "nan SafeCart.Fast at 300 per 1h;"))
     whole = occurred(flat, range(50), SECOND)
-    monkeypatch.setattr("soter.campaign.fault_attribution.DRAWS", 300)
+    monkeypatch.setattr("soter.campaign.result.DRAWS", 300)
     assert occurred(flat, range(50), SECOND) == whole
 
 
@@ -317,7 +317,7 @@ def test_the_page_tells_what_was_flown_and_needs_nothing_else(
 
 def test_parquet_says_what_the_flights_say(tmp_path: Path, changed: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra is absent: soter[parquet]")
-    from soter.campaign.parquet import write_parquet
+    from soter.campaign.store import write_parquet
 
     campaign = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")
     table = parquet.read_table(write_parquet(campaign.folder)).to_pydict()

@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter import SoterError, load
-from soter.api.assurance.reproduced_flights import read_flights, replay_flights
+from soter.api.assurance.evidence import read_flights, replay_flights
 from soter.campaign import batch_flights
 from soter.campaign.batch_flights import Fleet
-from soter.native.build import library_flags, texts
-from soter.native.includes import computes_names
-from soter.native.package_sources import SOTER
+from soter.native.shared_library import library_flags, texts
+from soter.native.source_files import SOTER, computes_names
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ import pytest
 from soter import load
 from soter.campaign.page import page_of
 from soter.cli.main import main
-from soter.cli.terminal.command_outcome import FINE, VIOLATED
+from soter.cli.terminal.command_line import FINE, VIOLATED
 from soter.report.campaign import Bars, Histogram, campaign_main
 
 if TYPE_CHECKING:

@@ -13,10 +13,10 @@ import pytest
 from json_documents import problems_of
 from soter import SoterError, load
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fault_attribution import outside
+from soter.campaign.result import outside
 from soter.campaign.statistics import FLIGHTS, POISSON, rate, share
+from soter.diagnostics.codes import explain
 from soter.diagnostics.diagnostic import Severity
-from soter.diagnostics.explain import explain
 from soter.language.elaborate.derived_systems import only_inside
 from soter.language.front_end import check_file, system_of
 

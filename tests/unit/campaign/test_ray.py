@@ -15,10 +15,10 @@ import pytest
 
 import processes
 from soter import SoterError, load
-from soter.campaign import ray_cluster
+from soter.campaign import fly_campaign
 from soter.campaign.batch_flights import Fleet, Flyer
 from soter.campaign.compiled_unit import unpacked
-from soter.campaign.ray_cluster import TRIES, WorkerReply, fly_there, own_digest
+from soter.campaign.fly_campaign import TRIES, WorkerReply, fly_there, own_digest
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.language.front_end import check_file, system_of
 
@@ -117,8 +117,8 @@ def ray(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeRay]:
     def made(dies: Callable[[int], bool] = lambda _: False) -> FakeRay:
         fake_ray = FakeRay(dies)
         monkeypatch.setitem(sys.modules, "ray", fake_ray)
-        monkeypatch.setattr(ray_cluster, "find_spec", lambda _: True)
-        monkeypatch.setattr(ray_cluster, "_flyers", {})
+        monkeypatch.setattr(fly_campaign, "find_spec", lambda _: True)
+        monkeypatch.setattr(fly_campaign, "_flyers", {})
         return fake_ray
 
     return made
@@ -193,7 +193,7 @@ def test_what_a_worker_refuses_is_said(
     def refuse(_: object) -> None:
         raise SoterError((wrong,))
 
-    monkeypatch.setattr(ray_cluster, "Flyer", refuse)
+    monkeypatch.setattr(fly_campaign, "Flyer", refuse)
     with pytest.raises(SoterError) as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert caught.value.diagnostics == (wrong,)
@@ -238,7 +238,7 @@ def test_a_cluster_that_cannot_be_joined(
 
 
 def test_without_ray(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(ray_cluster, "find_spec", lambda _: None)
+    monkeypatch.setattr(fly_campaign, "find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert "pip install 'soter[ray]'" in caught.value.diagnostics[0].helps[0]
@@ -289,7 +289,7 @@ def test_the_c_of_externs_is_sent(
         flyers.append(Flyer(recipe))
         return flyers[-1]
 
-    monkeypatch.setattr(ray_cluster, "Flyer", made)
+    monkeypatch.setattr(fly_campaign, "Flyer", made)
     campaign = load(path).campaign(flights=40, output=tmp_path / "there", workers="ray")
     assert (campaign.result, len(flyers)) == (wanted.result, 1)
     assert wanted.result.violations > 0

@@ -14,10 +14,10 @@ from flint import arb
 
 from soter.certificate.cells import predicates
 from soter.certificate.cells.cell_sets import Cells, Grid, finer
-from soter.certificate.cells.unbounded_axes import FARTHEST
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import GridCheck, _looked_at
 from soter.certificate.grid.group_claims import ChainCheck
+from soter.certificate.reading.axes_without_ends import FARTHEST
 from soter.certificate.terms.arb_balls import (
     ONE,
     UNIVARIATE,
@@ -27,7 +27,7 @@ from soter.certificate.terms.arb_balls import (
     line_noisy_max0,
     line_or_range,
 )
-from soter.certificate.terms.operations import grown
+from soter.certificate.terms.straight_line import grown
 from soter.certificate.terms.terms import NotRecheckedError, Terms
 from tables import all_rows
 

@@ -20,8 +20,8 @@ from generators.turning_systems import Drawn
 from soter.api import recheck
 from soter.certificate.cells.cell_sets import SEAM, Cells, Grid, brought_back
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.reading.axes_without_ends import read_turning, refuse_turns_read
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.turned_states import read_turning, refuse_turns_read
 from soter.certificate.terms.terms import NotRecheckedError
 from unit.certificate import small_proofs
 

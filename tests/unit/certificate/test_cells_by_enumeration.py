@@ -22,7 +22,7 @@ from soter.certificate.cells.cell_sets import (
     unshown,
     volume,
 )
-from soter.certificate.cells.unbounded_axes import FARTHEST
+from soter.certificate.reading.axes_without_ends import FARTHEST
 from soter.certificate.terms.arb_balls import exact
 from tables import all_rows
 

@@ -18,7 +18,7 @@ from soter.api import recheck
 from soter.certificate.allowed_claims import CLAIMS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT
-from soter.certificate.grid.shield import tops_of
+from soter.certificate.grid.estimates_and_shield import tops_of
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
 

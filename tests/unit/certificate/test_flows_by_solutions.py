@@ -24,8 +24,7 @@ from soter.certificate.grid.flow_enclosures import (
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import compile_lines
-from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.straight_line import Builder
+from soter.certificate.terms.straight_line import Builder, NotCertainError
 from soter.certificate.terms.terms import NotRecheckedError, Proposition, Terms
 from tables import all_rows
 

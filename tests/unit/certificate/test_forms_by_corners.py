@@ -20,7 +20,8 @@ from soter.certificate.grid.chain_form_layout import (
 )
 from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _apart
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.rows import (
+from soter.certificate.terms.straight_line import (
+    Builder,
     beside,
     dot,
     plus,
@@ -30,7 +31,6 @@ from soter.certificate.terms.rows import (
     total,
     units,
 )
-from soter.certificate.terms.straight_line import Builder
 from soter.certificate.terms.terms import NotRecheckedError
 from tables import all_rows
 

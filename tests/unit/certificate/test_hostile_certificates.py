@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate.format import folder as certificate_folder
-from soter.certificate.format.certificate_program import program_of
 from soter.certificate.format.errors import NOT_RECHECKED, REJECTED, RejectedError
 from soter.certificate.format.folder import (
     BYTES_MAX,
@@ -19,6 +18,7 @@ from soter.certificate.format.folder import (
     MANIFEST_MAX,
     PROGRAM_MAX,
     canonical,
+    program_of,
 )
 from soter.certificate.rechecker import recheck
 from soter.cli.main import main

@@ -21,8 +21,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import form_of_box
-from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.rows import product
+from soter.certificate.terms.straight_line import NotCertainError, product
 from tables import all_rows
 from unit.certificate import small_proofs
 from unit.verify.time.late_sc_runs import LateRuns

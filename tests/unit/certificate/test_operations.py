@@ -10,8 +10,10 @@ import pytest
 from flint import arb
 
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.operations import (
+from soter.certificate.terms.straight_line import (
     OPERATIONS,
+    Builder,
+    Function,
     NotCertainError,
     by_truth,
     compared,
@@ -21,7 +23,6 @@ from soter.certificate.terms.operations import (
     pick,
     swept,
 )
-from soter.certificate.terms.straight_line import Builder, Function
 from tables import all_rows
 
 ENDS = (-2.5, -1.0, -0.25, 0.0, 0.5, 1.0, 3.0)

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from soter.certificate.reading.symbolic_operations import Operations, in_range
-from soter.certificate.reading.symbolic_values import Rows, SymbolicInt
+from soter.certificate.reading.symbolic_operations import Operations, Rows, SymbolicInt, in_range
 from soter.certificate.terms.arb_balls import ONE, exact
 from soter.certificate.terms.terms import (
     Linear,

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
-from soter.certificate.polytope.half_spaces import HalfSpaces
-from soter.certificate.polytope.sc_linear_law import CommandLaw
+from soter.certificate.polytope.linear_laws import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.verify.polytope import linear_group as polytope_model

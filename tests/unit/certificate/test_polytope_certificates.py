@@ -18,14 +18,14 @@ from long_tests import some
 from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.polytope import polytope_group
-from soter.certificate.polytope.half_spaces import HalfSpaces
+from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import recheck
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
 from soter.verify.polytope import linear_group as polytope_model
-from soter.verify.tables import polytope_tables
+from soter.verify.polytope import tables
 from unit.certificate import small_proofs
 from work import work_of
 
@@ -490,7 +490,7 @@ HOLES: dict[str, tuple[object, str, object]] = {
     ),
     "nothing happens between instants": (polytope_model.LinearGroup, "sagging", _nothing),
     "estimates are exact": (polytope_extract, "errors_of", lambda _: {}),
-    "thresholds are not lowered": (polytope_tables, "thresholds", lambda p: p.bounds),
+    "thresholds are not lowered": (tables, "thresholds", lambda p: p.bounds),
 }
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import soter
 from soter.certificate.polytope.certificate_tables import ClaimedRates
-from soter.certificate.polytope.linear_with_noise import enclosed_flow
+from soter.certificate.polytope.linear_laws import enclosed_flow
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.rechecker import recheck
 from tables import all_rows

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format import certificate_program
+from soter.certificate.format import folder as certificate_program
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import (
     Certificate,

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate.reading import symbolic_reading
-from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
-from soter.certificate.reading.symbolic_values import (
+from soter.certificate.reading.symbolic_operations import (
     filled,
     flat,
     identical,
@@ -26,6 +25,7 @@ from soter.certificate.reading.symbolic_values import (
     truth_of,
     whole,
 )
+from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import (
     FALSE,

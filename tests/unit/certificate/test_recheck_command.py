@@ -22,7 +22,7 @@ from soter.certificate.format.errors import (
     RejectedError,
 )
 from soter.certificate.grid.group_claims import FREE_PIECES
-from soter.certificate.polytope.half_spaces import HalfSpaces
+from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import recheck

@@ -22,8 +22,7 @@ from soter.certificate.terms.arb_balls import (
     line_or_range,
 )
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
-from soter.certificate.terms.operations import OPERATIONS
-from soter.certificate.terms.straight_line import Builder, Function
+from soter.certificate.terms.straight_line import OPERATIONS, Builder, Function
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from soter.language.model import typed

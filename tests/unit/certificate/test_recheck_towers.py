@@ -11,6 +11,7 @@ import pytest
 
 from soter.api.program import load
 from soter.api.rechecking import recheck
+from soter.certificate.module_above import handed_back
 from soter.certificate.time.derived_times import (
     Clock,
     TimingSetting,
@@ -18,7 +19,6 @@ from soter.certificate.time.derived_times import (
     TopicReading,
     derive,
 )
-from soter.certificate.time.hand_back import handed_back
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
 from tables import all_rows
 from unit.certificate import small_proofs

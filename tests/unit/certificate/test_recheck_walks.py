@@ -13,7 +13,7 @@ from bench.recheck.models import Cart
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cells.cell_sets import Cells, Grid, unshown, volume
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.grid import estimates
+from soter.certificate.grid import estimates_and_shield
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.grid.inward_flow import points_inwards
@@ -334,7 +334,7 @@ def estimated(
     model, groups = lag(tmp_path, "4.0", "d", 1.13)
     for state in range(len(errors)):
         monkeypatch.setitem(model.facts.leaves, state, (0, ()))
-    monkeypatch.setattr(estimates, "error_of", lambda _, state: errors[state])
+    monkeypatch.setattr(estimates_and_shield, "error_of", lambda _, state: errors[state])
     return model, groups
 
 
@@ -352,8 +352,10 @@ def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
     expected = np.zeros(grid.shape, dtype=np.bool_)
     for cell in np.argwhere(level.members):
         block = tuple((int(i), int(i) + 1) for i in cell)
-        expected[tuple(cell)] = level.contains(estimates.around(model, group, grid.box(block)))
-    assert np.array_equal(estimates.eroded(model, group, level).members, expected)
+        expected[tuple(cell)] = level.contains(
+            estimates_and_shield.around(model, group, grid.box(block))
+        )
+    assert np.array_equal(estimates_and_shield.eroded(model, group, level).members, expected)
     assert 0 < expected.sum() < level.members.sum()
 
 
@@ -368,7 +370,7 @@ def test_levels_of_two_estimated_states_lose_cells_on_either_axis(
     grid = Grid(edges)
     group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
     level = Cells(grid, draw.random(grid.shape) < 0.95)
-    left = estimates.eroded(model, group, level).members
+    left = estimates_and_shield.eroded(model, group, level).members
     for at in np.ndindex(*grid.shape):
         touched, met = (cells_around(edges, errors, at, closed=c) for c in (False, True))
         assert level.members[np.ix_(*touched)].all() or not left[at]

@@ -14,15 +14,14 @@ from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate import assumptions, rechecker
 from soter.certificate.allowed_claims import of_the_module, static_claims
-from soter.certificate.case_check import CaseCheck
+from soter.certificate.case_check import CaseCheck, can_fork
 from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
-from soter.certificate.task_processes import can_fork
-from soter.certificate.terms.affine_forms import AffineForms
 from soter.certificate.terms.arb_balls import ZERO, above, below, exact
+from soter.certificate.terms.compile_terms import AffineForms
 from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
 from unit.certificate import small_proofs
 from unit.certificate.test_one_instant import DM, SC, TEXT
@@ -317,7 +316,7 @@ def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    of = "soter.certificate.reading.modes_of_other_modules.assumed"
+    of = "soter.certificate.reading.sc_locals_and_modes.assumed"
     monkeypatch.setattr(of, lambda *_: [("key", "text")])
     facts = facts_of(tmp_path)
     for modes in ((), ("a mode",)):

@@ -8,8 +8,8 @@ from concurrent.futures import BrokenExecutor
 
 import pytest
 
+from soter.certificate.case_check import TaskProcesses, can_fork
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.task_processes import TaskProcesses, can_fork
 from soter.certificate.terms.terms import NotRecheckedError
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="this system does not fork processes")

@@ -15,16 +15,15 @@ from flint import arb
 
 from soter.certificate import rechecker
 from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.format.certificate_program import _overrides
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.format.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.definedness import all_certain
-from soter.certificate.reading.sc_locals import one_of
-from soter.certificate.reading.symbolic_operations import Operations
+from soter.certificate.reading.left_out_states import all_certain
+from soter.certificate.reading.sc_locals_and_modes import one_of
+from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
-from soter.certificate.reading.symbolic_values import Rows
 from soter.certificate.terms.arb_balls import (
     ONE,
     exact,
@@ -35,8 +34,7 @@ from soter.certificate.terms.compile_terms import (
     form_of_box,
     halved,
 )
-from soter.certificate.terms.operations import CERTAIN, OPERATIONS
-from soter.certificate.terms.straight_line import content_of
+from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, content_of
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, NotRecheckedError, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs

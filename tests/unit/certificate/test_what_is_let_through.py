@@ -12,10 +12,10 @@ import pytest
 from soter.certificate import allowed_claims
 from soter.certificate.allowed_claims import CLAIMS, VERDICTS, claimed_of, of_the_module
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.reading import definedness, map_steps, module_facts, supported_constructs
+from soter.certificate.reading import left_out_states, map_steps, module_facts, supported_constructs
 from soter.certificate.reading.case_model import commanded
 from soter.certificate.terms.terms import Terms
-from soter.certificate.time import claimed_times, sensor_paths
+from soter.certificate.time import claimed_times, derived_times
 from soter.certificate.time.claimed_times import DECLARED_KEYS, TIME_KEYS, compare_times
 from soter.certificate.time.derived_times import Clock, Effect, TopicPath
 from soter.language.model import typed as t
@@ -206,16 +206,16 @@ def system_of(*parts: Any, queues: str = "") -> Any:
 def test_what_a_part_publishes_and_reads() -> None:
     for role in ("", "node", "sc"):
         made = part("p", drives="ab", reads="cd", role=role)
-        assert sensor_paths.published(made) == {ord("a"), ord("b")}
-        assert sensor_paths.read(made) == {ord("c"), ord("d")}
+        assert derived_times.published(made) == {ord("a"), ord("b")}
+        assert derived_times.read(made) == {ord("c"), ord("d")}
     nothing = part("p", bare=True)
-    assert sensor_paths.published(nothing) == sensor_paths.read(nothing) == set()
+    assert derived_times.published(nothing) == derived_times.read(nothing) == set()
 
 
 def test_ways_go_straight_from_a_plant_and_to_one() -> None:
     parts = (part("p", drives="a"), part("q", drives="ab", reads="c"), part("r"))
     module: Any = SimpleNamespace(outputs=[ord("c")])
-    ways = sensor_paths.Ways(system_of(*parts), module)
+    ways = derived_times.Ways(system_of(*parts), module)
     of = [TopicPath(Clock(n, 5, 1)) for n in "pq"]
     assert ways.to(ord("a")) == tuple(of)
     assert ways.to(ord("b")) == (of[1],)
@@ -227,7 +227,7 @@ def test_ways_go_straight_from_a_plant_and_to_one() -> None:
         with pytest.raises(NotRecheckedError, match="feels `d`"):
             ways.effects(0, 0)
     module.outputs = [ord("c")]
-    node_alone = sensor_paths.Ways(system_of(part("n", reads="c", role="node")), module)
+    node_alone = derived_times.Ways(system_of(part("n", reads="c", role="node")), module)
     with pytest.raises(NotRecheckedError, match="feels `c`"):
         node_alone.effects(0, 0)
 
@@ -253,7 +253,7 @@ def test_a_node_between_is_seen(of: dict[str, Any], queues: str, between: bool) 
     first = part("first", drives="e", role="dm")
     for parts in ((first, part("p", **of)), (part("p", **of), first)):
         system = system_of(*parts, queues=queues)
-        assert sensor_paths.nodes_between(system, module, [ord("a")]) is between
+        assert derived_times.nodes_between(system, module, [ord("a")]) is between
 
 
 # ---------------------------------------------------------------- what is understood
@@ -483,12 +483,12 @@ def test_rates_are_defined_or_somebody_looks(
 ) -> None:
     model = model_of(facts_with(tmp_path, ("der p = v;", f"der p = {rate};")))
     if fine:
-        definedness.rates_are_defined(model, seen)
+        left_out_states.rates_are_defined(model, seen)
     else:
         with pytest.raises(NotRecheckedError, match="not defined everywhere"):
-            definedness.rates_are_defined(model, seen)
+            left_out_states.rates_are_defined(model, seen)
 
 
 def test_of_a_map_every_cell_is_asked(tmp_path: Path) -> None:
     pairs = (*MAP[1:], ("der p = v;", "next p = 1.0 / v;"))
-    definedness.rates_are_defined(model_of(facts_with(tmp_path, *pairs)), [])
+    left_out_states.rates_are_defined(model_of(facts_with(tmp_path, *pairs)), [])

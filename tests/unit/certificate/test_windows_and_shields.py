@@ -13,7 +13,7 @@ import pytest
 
 from soter.certificate.cells.cell_sets import Cells
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.grid import estimates, inward_flow, sc_chains, shield
+from soter.certificate.grid import estimates_and_shield, inward_flow, sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
 from soter.certificate.terms.arb_balls import exact
 from tables import all_rows
@@ -81,14 +81,14 @@ def model_with(errors: dict[int, float], leaves: Any = (0, 1)) -> Any:
 
 @pytest.fixture
 def _errors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(estimates, "error_of", lambda facts, state: facts.errors[state])
+    monkeypatch.setattr(estimates_and_shield, "error_of", lambda facts, state: facts.errors[state])
 
 
 @pytest.mark.usefixtures("_errors")
 def test_estimates_are_as_far_off_as_errors_are() -> None:
     group = tables([1] * 4)
     for error in (0.0, 0.25, 1.5):
-        low, high = estimates.around(model_with({0: error}), group, LINE.box(((1, 3),)))
+        low, high = estimates_and_shield.around(model_with({0: error}), group, LINE.box(((1, 3),)))
         assert low == pytest.approx(1.0 - error)
         assert high == pytest.approx(3.0 + error)
         if error:
@@ -98,7 +98,7 @@ def test_estimates_are_as_far_off_as_errors_are() -> None:
             assert (low, high) == (1.0, 3.0)
         for members in itertools.product((0, 1), repeat=4):
             level = Cells(LINE, bools(*members))
-            kept = estimates.eroded(model_with({0: error}), group, level).members
+            kept = estimates_and_shield.eroded(model_with({0: error}), group, level).members
             for i in range(4):
                 near = [k for k in range(-3, 8) if k + 1 > i - error and k < i + 1 + error]
                 near = near if error else [i]
@@ -112,7 +112,9 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
     inside = Cells(LINE, bools(1, 1, 1, 0))
     for error, left in ((0.0, [3]), (0.5, [0, 2, 3])):
         model = model_with({0: error})
-        cells = estimates.levels_hold(model, group, bools(1, 1, 1, 1), inside, LINE.whole)
+        cells = estimates_and_shield.levels_hold(
+            model, group, bools(1, 1, 1, 1), inside, LINE.whole
+        )
         assert sorted(a for ((a, _),) in cells) == left
         asked: list[Any] = []
 
@@ -121,9 +123,9 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
             return within.contains([float(x) for x in box[0]])
 
         check: Any = SimpleNamespace(group=group, model=model, keeps=keeps)
-        found = estimates.drifts(check, bools(1, 1, 1, 1), inside, LINE.whole)
+        found = estimates_and_shield.drifts(check, bools(1, 1, 1, 1), inside, LINE.whole)
         assert sorted(a for ((a, _),) in found) == left
-        assert {s for w, s in asked if w == 1 + 2 * error} == {estimates.SPLITS}  # type: ignore[attr-defined]
+        assert {s for w, s in asked if w == 1 + 2 * error} == {estimates_and_shield.SPLITS}  # type: ignore[attr-defined]
         assert {s for w, s in asked if w > 1 + 2 * error} == {0}
 
 
@@ -132,7 +134,7 @@ def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis() -> None:
     group = tables([1] * 4)
     for leaves, wanted in (((0,), (1.0, 2.0)), ((), (0.0, 4.0))):
         model = model_with({0: 0.0}, leaves)
-        assert estimates.around(model, group, LINE.box(((1, 2),))) == wanted
+        assert estimates_and_shield.around(model, group, LINE.box(((1, 2),))) == wanted
 
 
 # ---------------------------------------------------------------- shields
@@ -148,19 +150,27 @@ class Control:
 def test_tables_of_a_shield_are_of_the_grid_and_the_command_cells() -> None:
     group = tables([1] * 4)
     good = np.array([[2, 2], [1, 0], [0, 2], [0, 0]], dtype=np.uint8)
-    assert shield.tops_of(good.tobytes(), group, 2).tolist() == good.tolist()
+    assert estimates_and_shield.tops_of(good.tobytes(), group, 2).tolist() == good.tolist()
     for row, fine in (([3, 0], False), ([1, 1], False), ([2, 1], False), ([1, 2], True)):
         wrong = good.copy()
         wrong[3] = row
         if fine:
-            assert shield.tops_of(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
+            assert (
+                estimates_and_shield.tops_of(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
+            )
         else:
             with pytest.raises(RejectedError, match="names"):
-                shield.tops_of(wrong.tobytes(), group, 2)
+                estimates_and_shield.tops_of(wrong.tobytes(), group, 2)
     for data in (good.tobytes()[:-1], good.tobytes() + b"\0", b""):
         with pytest.raises(RejectedError, match="size"):
-            shield.tops_of(data, group, 2)
-    assert [shield.cut(-1.0, 3.0, k, 4) for k in range(5)] == [-1.0, 0.0, 1.0, 2.0, 3.0]
+            estimates_and_shield.tops_of(data, group, 2)
+    assert [estimates_and_shield.cut(-1.0, 3.0, k, 4) for k in range(5)] == [
+        -1.0,
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+    ]
 
 
 def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
@@ -173,23 +183,25 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
         asked.append((check[0].controls[1], claimed.tolist(), core, block))
         return iter(())
 
-    monkeypatch.setattr(shield, "cells_of", lambda _: 2)
-    monkeypatch.setattr(shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))  # type: ignore[has-type]
-    monkeypatch.setattr(shield, "CaseModel", lambda facts, *_: facts)
-    monkeypatch.setattr(shield, "FreeCheck", lambda model, group, ns: (model, group, ns))
-    monkeypatch.setattr(shield, "drifts", drifts)
+    monkeypatch.setattr(estimates_and_shield, "cells_of", lambda _: 2)
+    monkeypatch.setattr(estimates_and_shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))  # type: ignore[has-type]
+    monkeypatch.setattr(estimates_and_shield, "CaseModel", lambda facts, *_: facts)
+    monkeypatch.setattr(
+        estimates_and_shield, "FreeCheck", lambda model, group, ns: (model, group, ns)
+    )
+    monkeypatch.setattr(estimates_and_shield, "drifts", drifts)
     controls = [Control("turn", 0.0, 1.0), Control("push", -1.0, 3.0)]
     facts = SimpleNamespace(controls=controls, times={"H_ns": 9})
     model: Any = SimpleNamespace(facts=facts, parameter=(), extents=())
     group, moves = tables([1] * 4, levels=[bools(1, 0, 0, 0)]), [1]
     core: Any = "core"
     with pytest.raises(RejectedError, match="not there"):
-        list(shield.to_show(model, group, core))
+        list(estimates_and_shield.to_show(model, group, core))
     group.tops = np.array([[2, 2], [1, 0], [2, 2], [1, 2]], dtype=np.uint8)
     with pytest.raises(RejectedError, match="says which"):
-        list(shield.to_show(model, group, core))
+        list(estimates_and_shield.to_show(model, group, core))
     group.command = 1
-    found = list(shield.to_show(model, group, core))
+    found = list(estimates_and_shield.to_show(model, group, core))
     assert [what.split(" in ")[1].split("],")[0] for what, _ in found] == [
         "[-1, 1",
         "[-1, 3",
@@ -207,12 +219,12 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
     assert controls[1] == Control("push", -1.0, 3.0)
     moves.clear()
     with pytest.raises(RejectedError, match="says which"):
-        list(shield.to_show(model, group, core))
+        list(estimates_and_shield.to_show(model, group, core))
     group.command = None
     with pytest.raises(RejectedError, match="no command keeps K"):
-        list(shield.to_show(model, group, core))
+        list(estimates_and_shield.to_show(model, group, core))
     group.tops[1:] = 0
-    assert list(shield.to_show(model, group, core)) == []
+    assert list(estimates_and_shield.to_show(model, group, core)) == []
 
 
 # ---------------------------------------------------------------- ends

@@ -15,12 +15,12 @@ import pytest
 
 from json_documents import SCHEMAS, _check
 from soter.api import load
-from soter.api.assurance.provenance import rechecker_sha256
+from soter.api.assurance.certificate_check import rechecker_sha256
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
 from soter.certificate.format.folder import canonical
 from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
 from soter.native.compiler import find, told_version
-from soter.native.package_sources import soter_sha256
+from soter.native.source_files import soter_sha256
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

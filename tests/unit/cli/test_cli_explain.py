@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.explain import all_codes, all_words
+from soter.diagnostics.codes import all_codes, all_words
 from soter.verify.claims.results import PROPERTIES
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import format_text
-from soter.policy.error_bound import error_bound
 from soter.policy.sb3_file import read_sb3
+from soter.policy.soter_source import error_bound
 
 if TYPE_CHECKING:
     from collections.abc import Callable

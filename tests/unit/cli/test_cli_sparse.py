@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.api.assurance.reproduced_flights import read_flights
+from soter.api.assurance.evidence import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.bounded_read import ReadError, read_bytes
-from soter.monitor.logs.files import bounded_gzip
+from soter.monitor.logs.files import csv_log
 from soter.native.cache import limit
 from soter.targets.package import Package, PackageFile
 
@@ -62,7 +62,7 @@ def test_nothing_is_read_of_what_is_too_large(tmp_path: Path) -> None:
 def test_zeros_behind_what_gzip_has_packed(tmp_path: Path) -> None:
     path = sparse(tmp_path / "a.gz", gzip.compress(b"t,x\n"))
     with path.open("rb") as file, pytest.raises(zlib.error, match="behind its end"):
-        bounded_gzip.BoundedGzip(file).readall()
+        csv_log.BoundedGzip(file).readall()
 
 
 def test_what_gzip_reads_is_read(tmp_path: Path) -> None:
@@ -71,18 +71,18 @@ def test_what_gzip_reads_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a.gz"
     path.write_bytes(b"".join(gzip.compress(p) + b"\0" * 100 for p in parts))
     with path.open("rb") as file:
-        assert bounded_gzip.BoundedGzip(file).readall() == b"".join(parts)
+        assert csv_log.BoundedGzip(file).readall() == b"".join(parts)
 
 
 def test_a_cut_and_an_endless_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, path = gzip.compress(b"x" * 10_000_000), tmp_path / "a.gz"
     path.write_bytes(whole[:-20])
     with path.open("rb") as file, pytest.raises(EOFError):
-        bounded_gzip.BoundedGzip(file).readall()
+        csv_log.BoundedGzip(file).readall()
     path.write_bytes(whole)
-    monkeypatch.setattr(bounded_gzip, "UNPACKED_MAX", 1_000_000)
+    monkeypatch.setattr(csv_log, "UNPACKED_MAX", 1_000_000)
     with path.open("rb") as file, pytest.raises(zlib.error, match="more than"):
-        bounded_gzip.BoundedGzip(file).readall()
+        csv_log.BoundedGzip(file).readall()
 
 
 def test_a_high_limit_takes_no_memory_for_what_is_not_there(tmp_path: Path) -> None:

@@ -17,8 +17,8 @@ import pytest
 
 import processes
 from json_documents import SCHEMAS, _check
-from soter.cli.terminal.parser import seconds
-from soter.explore.methods import STRATEGIES
+from soter.cli.terminal.command_line import seconds
+from soter.explore.search_options import STRATEGIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -69,11 +69,7 @@ node Half period 10ms {
 system Timed { node Half; }
 """
 ON_OTHER_INPUT = {
-    "soter.api.files": "every method of a Program that writes",
-    "soter.cli.ci.findings": "`--format`",
-    "soter.cli.terminal.ascii": "a terminal without UTF-8",
-    "soter.cli.terminal.child_result": "`except ChildResult`: commands in a process of their own",
-    "soter.cli.terminal.standard_input": "`soter check -`",
+    "soter.cli.terminal.open_program": "`soter check -`",
     "soter.diagnostics.current_phase": "a check that takes seconds",
     "soter.language.evaluate.fair_choice": "a fair choice in a constant",
 }

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.core import core
-from soter.core.read_write_footprint import walk
+from soter.core.core_walks import walk
 from soter.core.vector_values import index_components, rebuild, select
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 

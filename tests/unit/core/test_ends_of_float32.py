@@ -13,8 +13,8 @@ import pytest
 
 import soter
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.float32_ends import singles
 from soter.language.model.system import Bound
+from soter.language.model.values import singles
 from soter.policy.network import Affine, Clipped, Network, Policy
 from soter.policy.soter_source import soter_source
 from soter.remote.topics import Topic

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.read_write_footprint import walk, written_names, written_topics
+from soter.core.core_walks import walk, written_names, written_topics
 
 if TYPE_CHECKING:
     from collections.abc import Callable

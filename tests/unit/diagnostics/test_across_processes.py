@@ -11,8 +11,7 @@ import pytest
 
 import processes
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 
 SOURCE = Source("a.soter", "soter 1;\nconst A: float = 1;\n")
 ERROR = SoterError(

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import get_args
 
 from generators.file_listing import files_below
-from soter.diagnostics.codes import Code
+from soter.diagnostics.codes import Code, all_codes, explain, suggestions, title
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source
 from soter.language.syntax.parser import parse
 from tables import all_rows

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import pytest
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.fix import Edit, Fix, append, applied, insert, remove, replace
+from soter.diagnostics.diagnostic import (
+    Diagnostics,
+    Edit,
+    Fix,
+    append,
+    applied,
+    insert,
+    remove,
+    replace,
+)
 from soter.diagnostics.render import render, to_json
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 
 SOURCE = Source("a.soter", "let a = 1;\n  let b = 2;\nlet c = 3;\n")
 

@@ -9,8 +9,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Label, Severity
 from soter.diagnostics.render import render, render_all, safe, summary, to_json
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable

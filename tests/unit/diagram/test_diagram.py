@@ -11,11 +11,9 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from soter.diagram.from_system import graph_of
-from soter.diagram.graph import DiagramBox, DiagramGraph, cells
 from soter.diagram.layered_layout import Link, Spot, lay_out
-from soter.diagram.render import picture
-from soter.diagram.svg import draw
+from soter.diagram.svg import draw, picture
+from soter.diagram.system_graph import DiagramBox, DiagramGraph, cells, graph_of
 from soter.language.front_end import check_file, system_of
 from tables import all_rows
 

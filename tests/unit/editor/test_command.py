@@ -17,7 +17,7 @@ from soter.editor import symbols
 from soter.editor.completion import completed
 from soter.editor.documents import Documents
 from soter.editor.hover import described
-from soter.editor.positions import uri_of
+from soter.editor.protocol_conversions import uri_of
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 STEP = 97

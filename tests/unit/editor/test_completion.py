@@ -8,7 +8,7 @@ import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, place
-from soter.editor.cursor_context import cursor_at
+from soter.editor.completion import cursor_at
 from soter.editor.keywords import PLACES
 
 if TYPE_CHECKING:

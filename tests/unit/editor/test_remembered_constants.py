@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.editor.overlay import Overlay
-from soter.language.check.constants import Calculator
+from soter.editor.documents import Overlay
+from soter.language.check.constants_and_types import Calculator
 from soter.language.front_end import check_file
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def test_what_is_remembered_counts_as_computed(
 ) -> None:
     reading, main = Overlay(lambda _: None), str(folder / "main.soter")
     assert most(check_file(main, MAIN, reading=reading)) == 13.0
-    monkeypatch.setattr("soter.language.check.constants.CONSTANT_BUDGET", 3)
+    monkeypatch.setattr("soter.language.check.constants_and_types.CONSTANT_BUDGET", 3)
     again, anew = (check_file(main, MAIN, reading=r) for r in (reading, Overlay(lambda _: None)))
     told = [[(d.code, d.message) for d in c.diagnostics.items] for c in (again, anew)]
     assert told[0] == told[1]

@@ -8,12 +8,12 @@ import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
-from soter.diagnostics.fix import applied
+from soter.diagnostics.diagnostic import applied
 from soter.diagnostics.source import Source
-from soter.editor import code_lenses as lenses
-from soter.editor.code_actions import actions
+from soter.editor import code_actions_and_lenses as lenses
+from soter.editor.code_actions_and_lenses import actions
 from soter.editor.documents import Documents
-from soter.editor.positions import Lines, path_of, uri_of
+from soter.editor.protocol_conversions import Lines, path_of, uri_of
 from soter.language.front_end import check_file
 from soter.native import cached_verdicts
 from tables import all_rows

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from generators.brute_force import Answers, BruteForce
-from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
+from soter.explore.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _choices(asked: list[tuple[str, int, int]], prefix: str) -> tuple[Choice, ..
 
 
 def _trace(system: System, broken: tuple[str, int] | None, steps: list[Step]) -> Trace:
-    from soter.explore.judge.replay import violation_id_of
+    from soter.explore.replay import violation_id_of
 
     assert system.test is not None
     anything = [("property", 0), ("contract", 0), ("timed", 0)]

@@ -17,8 +17,8 @@ import processes
 import soter
 from generators.interrupted_searches import chance
 from generators.long_search_programs import wanderers
-from soter.explore.checkpoint import checkpoint_file, saver
-from soter.explore.checkpoint.checkpoint_file import HEAD, MAGIC, read
+from soter.explore import checkpoints
+from soter.explore.checkpoints import HEAD, MAGIC, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +110,7 @@ def test_where_nothing_can_be_written_it_is_told(tmp_path: Path) -> None:
     )
     assert test.bound in {"states", "memory"}
     assert test.checkpoint is not None
-    assert (test.checkpoint.states, test.checkpoint.problem) == (0, saver.UNWRITTEN)
+    assert (test.checkpoint.states, test.checkpoint.problem) == (0, checkpoints.UNWRITTEN)
 
 
 @pytest.mark.parametrize(
@@ -150,7 +150,7 @@ def test_what_is_there_is_not_written_over(program: soter.Program) -> None:
 
 
 def test_two_searches_do_not_write_to_one_place(program: soter.Program, tmp_path: Path) -> None:
-    place = saver.Checkpoint(tmp_path / "save" / "T.checkpoint", 60.0, {})
+    place = checkpoints.Checkpoint(tmp_path / "save" / "T.checkpoint", 60.0, {})
     file = place.open(".ending")
     code, text = code_of(lambda: program.explore(output=None, checkpoint="save"))
     assert (code, "another search writes" in text) == ("D014", True)
@@ -281,7 +281,7 @@ def test_a_disk_that_is_full_ends_no_search(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(saver, "seal", full)
+    monkeypatch.setattr(checkpoints, "seal", full)
     (test,) = program.explore(output=None, reduction="none", checkpoint="save").tests
     assert test.verdict == "exhausted"
     assert test.checkpoint is not None
@@ -303,7 +303,7 @@ def test_while_it_is_searched_it_is_written_again_and_again(
 ) -> None:
     (tmp_path / "w.soter").write_text(ENDLESS)
     written: list[int] = []
-    honest = checkpoint_file.take_place
+    honest = checkpoints.take_place
 
     def counted(made: Path, path: Path) -> None:
         honest(made, path)
@@ -315,7 +315,7 @@ def test_while_it_is_searched_it_is_written_again_and_again(
             raise KeyboardInterrupt
 
     told: list[int] = []
-    monkeypatch.setattr(saver, "take_place", counted)
+    monkeypatch.setattr(checkpoints, "take_place", counted)
     report = soter.load(tmp_path / "w.soter").explore(
         output=None,
         reduction="none",

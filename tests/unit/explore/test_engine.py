@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
-from soter.explore.methods import EXHAUSTIVE, STEPS_MAX, STRATEGIES
+from soter.explore.search_options import EXHAUSTIVE, STEPS_MAX, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
-from soter.native.package_sources import SOTER
+from soter.native.source_files import SOTER
 
 if TYPE_CHECKING:
+    from soter.explore.engine.engine_exchange import EngineProgress
     from soter.explore.engine.explorer_library import Searched
-    from soter.explore.engine.progress import EngineProgress
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "testing"
 PLAIN = """soter 1;

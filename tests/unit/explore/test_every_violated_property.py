@@ -12,9 +12,9 @@ from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, save
-from soter.explore.judge.replay import replay
+from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
-from soter.explore.trace.trace import read_trace
+from soter.explore.trace import read_trace
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:

@@ -10,11 +10,11 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
-from soter.diagnostics.option_fields import bytes_of, made
+from soter.diagnostics.command_records import bytes_of, made
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test, with_times
-from soter.explore.judge.replay import replay
+from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
-from soter.explore.trace.trace import read_trace
+from soter.explore.trace import read_trace
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import processes
 from soter.explore.engine.explorer_library import FLAGS, sources
-from soter.native.build import RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.shared_library import RUNTIME, include_flags
 from tables import all_rows
 
 if TYPE_CHECKING:

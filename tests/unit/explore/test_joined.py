@@ -7,7 +7,7 @@ import math
 import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.explore.engine.properties_across_parts import ComposedSearch
+from soter.explore.engine.reductions import ComposedSearch
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.explore.engine.explorer_library import Engine, EngineSettings
-from soter.explore.methods import REDUCTIONS
+from soter.explore.search_options import REDUCTIONS
 from soter.language.front_end import check_file, system_of_test
 from tables import all_rows
 

@@ -13,10 +13,16 @@ import pytest
 import soter.cli.run
 import soter.cli.test
 from soter.api.program import Program
+from soter.diagnostics.command_records import made, options_of
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.option_fields import made, options_of
-from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES, constant
-from soter.explore.search_options import SearchKeywords, SearchOptions
+from soter.explore.search_options import (
+    REDUCTIONS,
+    STORAGES,
+    STRATEGIES,
+    SearchKeywords,
+    SearchOptions,
+    constant,
+)
 from soter.simulate.run_options import RunKeywords, RunOptions
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import pytest
 
 from generators.vacuous_tests import program
 from long_tests import examples
-from soter.explore.vacuity.constant_truth import holds_always
-from soter.explore.vacuity.value_domains import Domains
+from soter.explore.constant_truth import holds_always
+from soter.explore.vacuous_tests import Domains
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator

@@ -10,9 +10,9 @@ import pytest
 from generators.programs_in_instants import program_in_instants
 from generators.small_test_programs import small_program
 from long_tests import examples
-from soter.explore.engine import reduction_choice
+from soter.explore.engine import reductions
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
-from soter.explore.engine.reduction_choice import between, explored, may_choose
+from soter.explore.engine.reductions import between, explored, may_choose
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -61,7 +61,7 @@ def test_what_ends_show_counts_though_the_larger_search_came_further(
         True: replace(ended, status="memory", covered_ns=103),
         False: replace(ended, status=ending, covered_ns=100),
     }
-    monkeypatch.setattr(reduction_choice, "_chosen", lambda _, s, __: replace(s, between=True))
+    monkeypatch.setattr(reductions, "_chosen", lambda _, s, __: replace(s, between=True))
     monkeypatch.setattr(engine, "explore", lambda how, *_: answers[how.between])
     cut = ending == "stopped"
     assert explored(engine, DEFAULT).status == ("memory" if cut else ending)
@@ -106,7 +106,7 @@ def test_threads_change_nothing_of_the_choice(
 def test_random_programs_are_told_the_same_either_way(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(reduction_choice, "RUN", 1)  # nothing ends in the beginnings
+    monkeypatch.setattr(reductions, "RUN", 1)  # nothing ends in the beginnings
     make = program_in_instants if seed % 2 else small_program
     checked = check_file("random.soter", make(seed))
     if not checked.ok:

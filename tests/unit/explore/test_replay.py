@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.judge.replay import replay
-from soter.explore.trace.trace import BEGIN, EFFECT, LOST, STEP, Choice, Step, ViolationId
-from soter.language.model.python_values import to_json
+from soter.explore.replay import replay
+from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Choice, Step, ViolationId
+from soter.language.model.values import to_json
 from unit.explore.explored_programs import (
     CONTRACTS,
     FAULTS,

@@ -10,14 +10,14 @@ import pytest
 
 from generators.brute_force import BruteForce
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
-from soter.explore.trace.trace import STEP_KINDS
-from soter.semantics.random.random_draws import fnv
+from soter.explore.trace import STEP_KINDS
+from soter.semantics.random_draws import fnv
 from unit.explore.random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.explore.trace.trace import Step
+    from soter.explore.trace import Step
 
 PROGRAM = """soter 1;
 type Hue = enum {{ Red, Green }};

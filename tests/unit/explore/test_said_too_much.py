@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.methods import EXHAUSTIVE
-from soter.explore.search_options import SearchOptions
+from soter.explore.search_options import EXHAUSTIVE, SearchOptions
 from tables import all_rows
 from unit.explore.random_walks import system_of_text
 

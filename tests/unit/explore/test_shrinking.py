@@ -12,19 +12,17 @@ from generators.small_test_programs import small_program
 from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, trace_of
-from soter.explore.engine.guided_execution import Guided, array_of, steps_of
 from soter.explore.engine.search import Search
-from soter.explore.engine.shrink import Shrinker, cost_of
-from soter.explore.judge.replay import replay
+from soter.explore.engine.shrink import Guided, Shrinker, array_of, cost_of, steps_of
+from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.guided_execution import Steps
     from soter.explore.engine.search import Found
-    from soter.explore.engine.shrink import Cost
-    from soter.explore.judge.replay import Replayed
+    from soter.explore.engine.shrink import Cost, Steps
+    from soter.explore.replay import Replayed
     from soter.explore.results import TestResult
     from soter.language.model.system import System
 

@@ -14,8 +14,8 @@ from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine
-from soter.explore.engine.guided_execution import Guided, array_of
 from soter.explore.engine.search import Search
+from soter.explore.engine.shrink import Guided, array_of
 from soter.explore.search_options import SearchOptions
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
@@ -23,7 +23,7 @@ from unit.explore.random_walks import system_of_text
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.explore.judge.replay import Replayed
+    from soter.explore.replay import Replayed
     from soter.language.model.system import System
 
 TOLD = TraceHeader("small.soter", {})
@@ -128,7 +128,7 @@ def test_what_does_not_matter_may_choose_otherwise_in_random_programs(
 def test_marks_are_kept_in_the_file(tmp_path: object) -> None:
     from pathlib import Path
 
-    from soter.explore.trace.trace import read_trace, write_trace
+    from soter.explore.trace import read_trace, write_trace
 
     violation = violated(system_of_text(TALK, "Three"), "bfs")
     assert violation is not None

@@ -8,7 +8,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import command, contract_use
-from soter.explore.assume_guarantee import wholes
+from soter.explore.results import wholes
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 

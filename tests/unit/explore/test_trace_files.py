@@ -10,20 +10,14 @@ import pytest
 
 from generators.damaged_json import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.trace.trace import (
-    BYTES_MAX,
-    program_path,
-    read_trace,
-    to_document,
-    write_trace,
-)
+from soter.explore.trace import BYTES_MAX, program_path, read_trace, to_document, write_trace
 from unit.explore.explored_programs import TESTED
 from unit.explore.random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.explore.trace.trace import Trace
+    from soter.explore.trace import Trace
 
 
 @pytest.fixture(scope="module")

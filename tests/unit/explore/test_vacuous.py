@@ -10,17 +10,17 @@ import pytest
 from generators.vacuous_tests import OTHERS, RELATED, TAUTOLOGIES, TELLING, TIMED, VACUOUS, program
 from long_tests import some
 from soter.cli.main import main
+from soter.explore import constant_truth, vacuous_tests
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.contract_use import replaced_in
 from soter.explore.search_options import SearchOptions
-from soter.explore.vacuity import constant_truth, vacuous_tests
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.explore.results import TestResult
-    from soter.explore.vacuity.vacuous_tests import VacuousPart
+    from soter.explore.vacuous_tests import VacuousPart
 
 STATIC = (*TAUTOLOGIES, *RELATED)
 

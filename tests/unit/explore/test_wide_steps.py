@@ -15,12 +15,11 @@ from soter.explore import assumptions
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 from soter.explore.engine.search import Found
-from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
-from soter.explore.search_options import SearchOptions
+from soter.explore.search_options import CHOICES_MAX, THREADS_BFS, WORDS_MAX, SearchOptions
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.progress import EngineProgress
+    from soter.explore.engine.engine_exchange import EngineProgress
     from soter.explore.results import TestResult
 
 TOLD = TraceHeader("wide.soter", {})

@@ -12,7 +12,7 @@ from gym_cart import CART, Cart  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.gym import Protected
-from soter.gym.python_methods import NO_NUMBERS
+from soter.gym.session import NO_NUMBERS
 from tables import all_rows
 
 if TYPE_CHECKING:

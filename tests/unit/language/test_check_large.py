@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
-from soter.language.check import constants
+from soter.language.check import constants_and_types
 from soter.language.elaborate.lints import step_ranges
 from soter.language.front_end import CheckResult, check_file, system_of
 from work import work_of
@@ -220,8 +220,8 @@ def test_a_hundred_topics_of_a_hundred_thousand_numbers() -> None:
 @pytest.fixture
 def _budgets_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
     """That a check ends hangs on budgets alone: they may be twenty seconds as well."""
-    monkeypatch.setattr(constants, "CONSTANT_BUDGET", 1_000_000)
-    monkeypatch.setattr(constants, "PROGRAM_BUDGET", 2_000_000)
+    monkeypatch.setattr(constants_and_types, "CONSTANT_BUDGET", 1_000_000)
+    monkeypatch.setattr(constants_and_types, "PROGRAM_BUDGET", 2_000_000)
 
 
 @pytest.mark.usefixtures("_budgets_of_a_second")

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_below, files_in
+from soter.diagnostics.codes import all_codes, explain
 from soter.diagnostics.diagnostic import Severity
-from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
 from tables import all_rows

@@ -12,13 +12,11 @@ import pytest
 
 import soter
 from soter.core.layout import encode_into, image_of_table, size_of
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
-from soter.language.check import constants
+from soter.diagnostics.source import Source, Span
+from soter.language.check import constants_and_types
 from soter.language.evaluate import expressions
 from soter.language.front_end import check_file, system_of
-from soter.language.model import data_table
-from soter.language.model.data_table import VALUE_MAX, Table, is_table
+from soter.language.model import values as data_table
 from soter.language.model.typed import Literal
 from soter.language.model.types import (
     BOOL,
@@ -32,9 +30,10 @@ from soter.language.model.types import (
     Type,
     Value,
 )
+from soter.language.model.values import VALUE_MAX, Table, is_table
 from soter.native.compiler import WARNINGS
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.verify.tables.typed_tree_builder import Writer
+from soter.verify.tables.level_table import Writer
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -282,7 +281,7 @@ fun f(n: int): int { var s = n; for i in 0..800 { for j in 0..80 { s = s + 1; } 
 
 def test_a_constant_that_takes_long_says_so_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(expressions, "SLICE", 10_000)
-    monkeypatch.setattr(constants, "MILLION", 1)
+    monkeypatch.setattr(constants_and_types, "MILLION", 1)
     told: list[str] = []
     assert check_file("m.soter", LOOP + "const A: int = f(1);\n", tell=told.append).ok
     assert len(told) > 8
@@ -296,8 +295,8 @@ def test_a_constant_that_takes_long_says_so_and_ends(monkeypatch: pytest.MonkeyP
 def test_constants_may_take_only_so_much(
     monkeypatch: pytest.MonkeyPatch, most: int, together: int, failing: int
 ) -> None:
-    monkeypatch.setattr(constants, "CONSTANT_BUDGET", most)
-    monkeypatch.setattr(constants, "PROGRAM_BUDGET", together)
+    monkeypatch.setattr(constants_and_types, "CONSTANT_BUDGET", most)
+    monkeypatch.setattr(constants_and_types, "PROGRAM_BUDGET", together)
     text = LOOP + "".join(f"const A{i}: int = f({i});\n" for i in range(3))
     diagnostics = check_file("m.soter", text).diagnostics.items
     assert [d.code for d in diagnostics] == ["T020"] * failing

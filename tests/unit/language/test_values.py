@@ -14,15 +14,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.language.model.python_values import (
-    ValueShapeError,
-    from_json,
-    from_python,
-    inputs_to_python,
-    outputs_from_python,
-    to_json,
-    to_python,
-)
 from soter.language.model.types import (
     BOOL,
     DURATION,
@@ -37,6 +28,15 @@ from soter.language.model.types import (
     RecordType,
     Type,
     Value,
+)
+from soter.language.model.values import (
+    ValueShapeError,
+    from_json,
+    from_python,
+    inputs_to_python,
+    outputs_from_python,
+    to_json,
+    to_python,
 )
 from tables import all_rows
 

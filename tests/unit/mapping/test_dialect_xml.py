@@ -15,9 +15,14 @@ pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
 
 from pymavlink.generator import mavparse
 
-from soter.mapping.dialect_xml import comment_text, dialect_xml
-from soter.mapping.mavlink_types import dialect_path, read_dialect, standard_dialects
-from soter.targets.mavlink.dialect_headers import dialect_headers
+from soter.mapping.mavlink import (
+    comment_text,
+    dialect_path,
+    dialect_xml,
+    read_dialect,
+    standard_dialects,
+)
+from soter.targets.mavlink.mavlink_package import dialect_headers
 from tables import all_rows
 
 MESSAGE = '<message id="54000" name="{name}">{inside}</message>'

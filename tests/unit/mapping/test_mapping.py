@@ -18,11 +18,10 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.mapping.frames import turn_between
+from soter.mapping.message_types import StampSource
 from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.mapping.stamp_source import StampSource
 from soter.mapping.topic_mapping import SignalSource
-from soter.mapping.units import UNITS, factor_between
+from soter.mapping.units import UNITS, factor_between, turn_between
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from soter.mapping.message_types import (
     NoSuchFieldError,
     UnknownMessageError,
 )
-from soter.mapping.standard_units import STANDARD_UNITS, standard_unit
-from soter.mapping.units import UNITS
+from soter.mapping.units import STANDARD_UNITS, UNITS, standard_unit
 from tables import all_rows
 
 

@@ -17,7 +17,7 @@ from mcap.writer import Writer as McapWriter
 from generators.robot_logs import CART, MS, T0
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files.row_choice import RowChoice
+from soter.monitor.logs.files.log_columns import RowChoice
 
 if TYPE_CHECKING:
     from pathlib import Path

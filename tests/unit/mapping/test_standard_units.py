@@ -17,9 +17,8 @@ from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.message_types import MessageTypes
 from soter.mapping.read_mapping import mapping_of
-from soter.mapping.standard_units import standard_unit
 from soter.mapping.topic_mapping import SignalSource
-from soter.mapping.units import UNITS
+from soter.mapping.units import UNITS, standard_unit
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -19,9 +19,8 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping
-from soter.mapping.topic_sources import SourcePromise, SourceTurns, early_turns
-from soter.targets.bridged_topics import bridged_topics, by_topic
-from soter.targets.redundant_sources_check import compared
+from soter.mapping.topic_mapping import SourcePromise, SourceTurns, early_turns
+from soter.targets.bridge_base import bridged_topics, by_topic, compared
 from soter.targets.ros.ros_packages import TOPIC
 from tables import all_rows
 

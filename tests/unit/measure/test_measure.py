@@ -15,7 +15,7 @@ import soter
 from soter.api.measuring import document, measure, measure_on_board, written
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
-from soter.measure.sample_states import of_run, varied
+from soter.measure.stopwatch import of_run, varied
 from soter.targets.cortex_m.board import BOARDS, read_board
 from soter.targets.cortex_m.image import build_image, missing_tools
 

@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.mcap_log import DATA_END, FOOTER, MAGIC, RECORD, mended
-from soter.report.mcap_records import (
+from soter.report.mcap_reading import (
     ATTACHMENT,
     CHANNEL,
     CHUNK,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter import SoterError, load
-from soter.api.assurance.provenance import compiler_used
-from soter.native import build
+from soter.api.assurance.certificate_check import compiler_used
+from soter.native import shared_library
 from soter.native.compiler import compile_with, find
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def test_a_mistake_in_linked_c_is_said_before_the_program_is_compiled(
         compiled.extend(word for word in command if word.endswith(".c"))
         compile_with(command, *given)
 
-    monkeypatch.setattr(build, "compile_with", noting)
+    monkeypatch.setattr(shared_library, "compile_with", noting)
     with pytest.raises(SoterError, match="does not compile"):
         load(tmp_path / "mine.soter").simulate("S")
     assert not [name for name in compiled if name.endswith("mine.c")]

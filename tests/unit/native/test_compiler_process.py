@@ -15,7 +15,7 @@ import pytest
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import compiler
-from soter.native.compiler_process import OUTPUT_MAX, CompilerOutput, end_compilers, run_compiler
+from soter.native.compiler import OUTPUT_MAX, CompilerOutput, end_compilers, run_compiler
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="groups and /proc of Linux")
 TALKS = "import sys\nwhile True: sys.stderr.write('error: no\\n' * 1000)\n"
@@ -53,7 +53,7 @@ def test_what_it_started_ends_with_its_time(tmp_path: Path) -> None:
 def test_what_it_started_ends_with_us(tmp_path: Path) -> None:
     """Whoever runs the compiler is killed, and can end nothing itself."""
     (tmp_path / "asks.py").write_text(
-        "from pathlib import Path\nfrom soter.native.compiler_process import run_compiler\n"
+        "from pathlib import Path\nfrom soter.native.compiler import run_compiler\n"
         f"run_compiler(['sh', '-c', {LEAVES!r}], Path('.'), 60.0)\n"
     )
     with processes.started([sys.executable, "asks.py"], cwd=tmp_path) as process:

@@ -11,10 +11,10 @@ import pytest
 
 import processes
 from soter.explore.engine.explorer_library import FLAGS as EXPLORER
-from soter.native.build import CHECK_FAILED, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.package_sources import SOTER
-from soter.verify.enclose.engine_library import FLAGS as SETS
+from soter.native.shared_library import CHECK_FAILED, RUNTIME, include_flags
+from soter.native.source_files import SOTER
+from soter.verify.enclose.compiled_enclosures import FLAGS as SETS
 
 if TYPE_CHECKING:
     from pathlib import Path

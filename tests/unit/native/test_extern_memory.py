@@ -14,8 +14,8 @@ import soter
 from generators import stateful_externs
 from generators.flights_of_runs import alone, figures
 from soter.codegen.unit import generate
-from soter.native.build import library
 from soter.native.extern_memory import kept_by, unknown_of
+from soter.native.shared_library import library
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:

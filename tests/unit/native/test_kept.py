@@ -12,8 +12,8 @@ import pytest
 import processes
 from soter.diagnostics.diagnostic import SoterError
 from soter.native import cache
-from soter.native.build import objects
 from soter.native.cache import cached, find_cached
+from soter.native.shared_library import objects
 
 if TYPE_CHECKING:
     from collections.abc import Callable

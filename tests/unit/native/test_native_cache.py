@@ -11,9 +11,9 @@ import pytest
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.native.build import KERNEL, RUNTIME, library
 from soter.native.compiler import compile_with, find
-from soter.native.includes import included
+from soter.native.shared_library import KERNEL, RUNTIME, library
+from soter.native.source_files import included
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -96,7 +96,7 @@ def test_the_kernel_is_compiled_once_for_programs_compiled_alike(
         asked.append(command)
         compile_with(command, *rest)
 
-    monkeypatch.setattr("soter.native.build.compile_with", noted)
+    monkeypatch.setattr("soter.native.shared_library.compile_with", noted)
 
     def of_soter(change: str, level: str) -> list[str]:
         (tmp_path / "gain.c").write_text(f"#define GAIN {change}\n{CODE}")

@@ -12,7 +12,7 @@ import pytest
 import processes
 from soter.campaign import release_lateness
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.python_child import python_child, python_module
+from soter.native.compiler import python_child, python_module
 from unit.test_house_rules import ROOT, SOURCES
 
 if TYPE_CHECKING:
@@ -86,16 +86,15 @@ def told(pattern: re.Pattern[str]) -> set[str]:
 
 
 def test_nothing_else_in_soter_starts_python() -> None:
-    assert told(PYTHON) == {"native/python_child.py"}
+    assert told(PYTHON) == {"native/compiler.py"}
 
 
 def test_every_way_to_start_a_process_is_known() -> None:
     assert told(PROCESSES) == {
         "campaign/release_lateness.py",  # Python
         "simulate/real_time.py",  # the program that was compiled
-        "native/compiler.py",  # Python, for the version of ziglang
-        "native/compiler_process.py",  # compilers, make, nm
-        "playground/pyodide_download.py",  # npm
+        "native/compiler.py",  # Python, for the version of ziglang; compilers, make, nm
+        "playground/write.py",  # npm
     }
 
 

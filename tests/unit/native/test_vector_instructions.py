@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.native.compiler import MEANING
-from soter.native.vector_instructions import VECTORS, of_processor, vector_flags
+from soter.native.compiler import MEANING, VECTORS, of_processor, vector_flags
 
 if TYPE_CHECKING:
     import pytest

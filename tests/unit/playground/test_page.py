@@ -14,8 +14,7 @@ import pytest
 
 import browser
 from soter.diagnostics.diagnostic import SoterError
-from soter.playground.pyodide_download import runtime_files
-from soter.playground.write import write_playground
+from soter.playground.write import runtime_files, write_playground
 
 if TYPE_CHECKING:
     from pathlib import Path

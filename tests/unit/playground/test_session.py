@@ -11,9 +11,8 @@ from typing import Any
 
 import processes
 import soter
-from soter.playground.page import ROOMS, archive
 from soter.playground.session import PlaygroundSession, check, explain, layout, start
-from soter.playground.write import own_examples
+from soter.playground.write import ROOMS, archive, own_examples
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text(encoding="utf-8")

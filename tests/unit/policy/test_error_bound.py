@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from policy_files import FILES, random_layers  # type: ignore[import-not-found]
 
-from soter.policy.error_bound import error_bound
 from soter.policy.network import (
     Affine,
     Clipped,
@@ -22,6 +21,7 @@ from soter.policy.network import (
     answer,
 )
 from soter.policy.sb3_file import read_sb3
+from soter.policy.soter_source import error_bound
 from tables import all_rows
 
 if TYPE_CHECKING:

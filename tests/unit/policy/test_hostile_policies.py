@@ -15,7 +15,7 @@ import pytest
 from policy_files import FILES, change_pickle, changed, onnx_of, random_layers, renamed, zipped  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.policy.onnx_graph import read_onnx
+from soter.policy.onnx_file import read_onnx
 from soter.policy.sb3_file import read_sb3
 
 if TYPE_CHECKING:
@@ -300,8 +300,7 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
 def test_an_onnx_file_that_cannot_be_read_says_why(name: str) -> None:
     pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
     pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
-    from soter.policy.onnx_graph import read_onnx
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession, read_onnx
 
     data, read, asked = _onnx(name)
     path = Path("policy.onnx")

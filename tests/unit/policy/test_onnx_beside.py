@@ -13,7 +13,7 @@ from policy_files import onnx_of, random_layers  # type: ignore[import-not-found
 import processes
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.policy import onnx_content as content
+from soter.policy import onnx_file as content
 from soter.policy.network import answer
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ def moved(
 
 def refusal(path: Path) -> list[str]:
     """What both readers say, which is the same."""
-    from soter.policy.onnx_graph import read_onnx
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession, read_onnx
 
     told = []
     for what in (read_onnx, OnnxSession):
@@ -61,8 +60,7 @@ def refusal(path: Path) -> list[str]:
 
 def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
     """As layers and in onnxruntime; one file may have several constants, or each its own."""
-    from soter.policy.onnx_graph import read_onnx
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession, read_onnx
 
     layers = random_layers(3, 4, 8, 2)
     model = onnx_of(layers, "Tanh")
@@ -84,7 +82,7 @@ def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
 def test_a_constant_of_an_operator_may_lie_beside(tmp_path: Path) -> None:
     from onnx import helper
 
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession
 
     model = onnx_of(random_layers(3, 2, 2), "Relu")
     raw = moved(model)
@@ -242,7 +240,7 @@ LAYOUTS = ("beside", "both", "all", "stored", "linked", "target", "out")
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_weights_of_a_link_are_those_beside_the_link(tmp_path: Path, name: str) -> None:
     """As named, and never those of another folder: what lies only beside the target is told."""
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession
 
     path, bias = layouts(tmp_path)[name]
     if bias is not None:
@@ -284,7 +282,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 ) -> None:
     """The program's hash is the same; statistics of a zip and what C includes are of the kind."""
     from soter import load
-    from soter.report.run_log import metadata
+    from soter.report.mcap_reading import metadata
 
     pytest.importorskip("mcap", reason="the extra is absent: soter[log]")
     monkeypatch.chdir(tmp_path)
@@ -311,7 +309,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
 
 
 def test_what_a_c_file_includes_and_what_a_zip_is_normalised_by_are_said(tmp_path: Path) -> None:
-    from soter.simulate.externs.extern_files import files_of
+    from soter.simulate.externs.bindings import files_of
 
     (tmp_path / "a.c").write_text('#include "gain.h"\n')
     told = []
@@ -331,7 +329,7 @@ def test_a_loop_is_refused_as_it_need_not_end(tmp_path: Path, inside: bool) -> N
     """2^62 turns: a run waits for what answers it. Also where it stands in a branch."""
     from onnx import TensorProto, helper
 
-    from soter.policy.onnx_session import OnnxSession
+    from soter.policy.onnx_file import OnnxSession
 
     def info(name: str, kind: int, shape: list[Any] | None) -> Any:
         return helper.make_tensor_value_info(name, kind, shape)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from soter.remote.action_chunks import Chunk, Player
+from soter.remote.robot import Chunk, Player
 
 MS = 10**6
 EVERY = 20 * MS

@@ -6,8 +6,7 @@ import io
 
 import pytest
 
-from soter.cli.terminal.ascii import PLAIN, plainly
-from soter.cli.terminal.console import Console
+from soter.cli.terminal.console import PLAIN, Console, plainly
 from soter.report.terminal_tables import Styled, display_width, table
 
 HEAD = ("property", "verdict", "time", "how")

@@ -10,11 +10,18 @@ from xml.etree import ElementTree as ET
 import pytest
 
 import browser
-from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
 from soter.report.assurance.gsn_diagram import BOX, LEGEND, pictures
 from soter.report.assurance.page import body, write_case
-from soter.report.assurance.safety_case import CaseNode, SafetyCase
-from soter.report.assurance.traceability import OpenItem, Traceability, TracedItem, TracedProperty
+from soter.report.assurance.safety_case import (
+    CaseNode,
+    Definition,
+    ExpandedPredicate,
+    OpenItem,
+    SafetyCase,
+    Traceability,
+    TracedItem,
+    TracedProperty,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

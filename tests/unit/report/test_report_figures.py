@@ -18,7 +18,7 @@ from soter.report.run.figure_elements import arm_group, decision_hover
 from soter.report.run.packed_json import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
-from soter.report.run.signal_thinning import DENSE_STEPS
+from soter.report.run.signals_for_drawing import DENSE_STEPS
 from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
 
 if TYPE_CHECKING:

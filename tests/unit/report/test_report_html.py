@@ -15,7 +15,7 @@ import pytest
 from city_view import CityView
 
 import processes
-from soter.report.errors import ReportError, ReportUnavailableError
+from soter.report.atomic_write import ReportError, ReportUnavailableError
 from soter.report.html import BESIDE, POLICY, html_document, write_html
 from soter.report.run.record import Decision, ReportPage, Violation
 from soter.report.run.result_wording import headline, prose, value_text

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.report.errors import LogError, LogUnavailableError
+from soter.report.atomic_write import LogError, LogUnavailableError
 from soter.report.mcap_log import (
     BOOLEAN,
     DECISIONS_TOPIC,

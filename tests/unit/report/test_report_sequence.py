@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from soter.report.errors import ReportError
+from soter.report.atomic_write import ReportError
 from soter.report.html import POLICY
 from soter.report.printable_text import visible
 from soter.report.sequence.drawing import plan
 from soter.report.sequence.page import page, write_page
-from soter.report.sequence.step_wording import clipped, explanation
-from soter.report.sequence.text import HEADERS, rows, text
+from soter.report.sequence.text import HEADERS, clipped, explanation, rows, text
 from soter.report.sequence.trace_to_mcap import STEPS_TOPIC, write_log
 from soter.report.sequence.view import (
     Lane,

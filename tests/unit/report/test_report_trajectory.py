@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.report.run.record import Decision, Violation
-from soter.report.run.signal_thinning import (
+from soter.report.run.signals_for_drawing import (
     POINTS_MAX,
     by_controller,
     flight_indices,

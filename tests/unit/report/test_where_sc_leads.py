@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from soter.api import Program
-from soter.report.run.led_picture import FAILED
-from soter.simulate.decided_instants import decided_at
+from soter.report.run.live_diagram import FAILED
 from soter.simulate.outputs.led_looks import GOOD, MOVES, REST, SAFE, _watched, looks_of
-from soter.simulate.outputs.led_of_run import led_of_run
+from soter.simulate.outputs.to_report import led_of_run
+from soter.simulate.run_observer import decided_at
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:

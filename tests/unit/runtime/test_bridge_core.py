@@ -13,7 +13,7 @@ import pytest
 
 import processes
 from generators.channel_programs import Number, Words, library
-from soter.native.build import RUNTIME
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     import ctypes

@@ -14,8 +14,8 @@ import processes
 from generators.c_packages import command, make
 from generators.posix_packages import FAST as AC
 from generators.posix_packages import FORGIVING, cart_with_extern
-from soter.native.build import RUNTIME
 from soter.native.compiler import find
+from soter.native.shared_library import RUNTIME
 from soter.workers import shared_memory_channel as channel_of_python
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ from generators.outside_input_driver import Outside
 from soter.core.layout import encode_into, size_of, struct_of
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.system import environment_topics
-from soter.semantics.configuration import NEVER
+from soter.semantics.configuration import AC, NEVER, SC
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import AC, SC
 from soter.semantics.rules import discrete_time_progress_step
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from soter.native.build import RUNTIME
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from pathlib import Path

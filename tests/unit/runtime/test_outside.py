@@ -16,7 +16,7 @@ import pytest
 
 import processes
 from generators.channel_programs import Number, Outside, library
-from soter.native.build import RUNTIME
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from pathlib import Path

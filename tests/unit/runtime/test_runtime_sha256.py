@@ -9,8 +9,8 @@ import pytest
 from cffi import FFI
 
 import processes
-from soter.native.build import CHECK_FAILED, RUNTIME
 from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.shared_library import CHECK_FAILED, RUNTIME
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,8 +11,8 @@ import pytest
 from cffi import FFI
 
 import processes
-from soter.native.build import RUNTIME
 from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.shared_library import RUNTIME
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.semantics.configuration import NEVER
-from soter.semantics.observer_records import AC, SC
+from soter.semantics.configuration import AC, NEVER, SC
 from soter.semantics.rules import ac_or_sc_step
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.semantics.configuration import Configuration
+    from soter.semantics.configuration import Configuration, StepOutcome
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.observer_records import StepOutcome
 
     Build = Callable[..., Interpreter]
 

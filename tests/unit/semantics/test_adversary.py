@@ -15,9 +15,9 @@ from soter.core.layout import state_layout
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, EnumType, IntType
-from soter.native.build import library
 from soter.native.library import Library
-from soter.semantics.adversary import (
+from soter.native.shared_library import library
+from soter.semantics.chosen_draws import (
     CORNER,
     HOLDS,
     MIXED,
@@ -30,7 +30,7 @@ from soter.semantics.adversary import (
     adverse_float,
 )
 from soter.semantics.interpreter import Interpreter
-from soter.simulate.state_bytes import state_bytes
+from soter.simulate.run import state_bytes
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

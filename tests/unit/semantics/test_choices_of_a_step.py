@@ -11,10 +11,9 @@ import pytest
 from soter.language.evaluate.fair_choice import allowed, taken
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import IntType
-from soter.semantics.adversary import ChoiceError, RecordedDraws, Recorder
-from soter.semantics.answered_draws import AnsweredDraws
+from soter.semantics.chosen_draws import AnsweredDraws, ChoiceError, RecordedDraws, Recorder
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random.random_draws import SeededDraws, draw_bits
+from soter.semantics.random_draws import SeededDraws, draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

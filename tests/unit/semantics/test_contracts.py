@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.language.front_end import check_file, system_of
+from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import StepOutcome
 from soter.semantics.properties import violated
 
 if TYPE_CHECKING:

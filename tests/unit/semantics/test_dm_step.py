@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.semantics.configuration import NEVER
-from soter.semantics.observer_records import AC, SC, DecisionVerdict
+from soter.semantics.configuration import AC, NEVER, SC, DecisionVerdict
 from soter.semantics.rules import dm_step
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
+from soter.semantics.configuration import AC, SC
 from soter.semantics.externs import ExternResetError, UnboundExternError
-from soter.semantics.observer_records import AC, SC
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.semantics.random.random_draws import draw_float
+from soter.semantics.random_draws import draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from types import SimpleNamespace
 
-    from soter.semantics.configuration import Configuration
+    from soter.semantics.configuration import Configuration, Record
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.observer_records import Record
 
     Build = Callable[..., Interpreter]
 

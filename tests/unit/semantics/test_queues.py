@@ -9,9 +9,8 @@ import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
-from soter.semantics.configuration import LOST, NEVER
+from soter.semantics.configuration import LOST, NEVER, StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import StepOutcome
 
 if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration

@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 
 from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
-from soter.semantics.random.random_draws import (
-    draw_bits,
-    draw_float,
-    draw_value,
-    fnv,
-    mix,
-    stream_key,
-)
+from soter.semantics.random_draws import draw_bits, draw_float, draw_value, fnv, mix, stream_key
 
 GOLDEN = 0x9E3779B97F4A7C15
 

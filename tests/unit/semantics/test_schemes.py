@@ -13,11 +13,11 @@ import soter
 from generators.random_programs import program
 from soter.core import core
 from soter.core import plants as lowered
-from soter.core.read_write_footprint import walk
+from soter.core.core_walks import walk
 from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.language.syntax.schemes import SCHEMES
-from soter.semantics import plants as interpreted
+from soter.semantics import environment as interpreted
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:

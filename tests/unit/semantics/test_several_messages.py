@@ -9,8 +9,8 @@ import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
+from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import StepOutcome
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

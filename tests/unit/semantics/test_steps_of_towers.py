@@ -9,8 +9,8 @@ import pytest
 
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import modules_above
+from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import StepOutcome
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -6,16 +6,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.semantics.configuration import NEVER
-from soter.semantics.observer_records import AC, SC
-from soter.semantics.random.random_draws import draw_bits
+from soter.semantics.configuration import AC, NEVER, SC
+from soter.semantics.random_draws import draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.semantics.configuration import Configuration
+    from soter.semantics.configuration import Configuration, Record
     from soter.semantics.interpreter import Interpreter
-    from soter.semantics.observer_records import Record
 
     Build = Callable[..., Interpreter]
 

@@ -9,18 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soter.language.front_end import check_file, system_of
-from soter.semantics.configuration import NEVER
+from soter.semantics.configuration import AC, NEVER, SC
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import AC, SC
-from soter.semantics.random.random_draws import draw_float
+from soter.semantics.random_draws import draw_float
 from soter.semantics.rules import discrete_time_progress_step, environment_input
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.language.model.types import Value
-    from soter.semantics.configuration import Configuration
-    from soter.semantics.observer_records import Record
+    from soter.semantics.configuration import Configuration, Record
 
     Build = Callable[..., Interpreter]
 

@@ -12,7 +12,7 @@ import pytest
 import soter
 from generators.c_packages import CART
 from soter.core.layout import NEVER, state_layout
-from soter.report.run_log import messages
+from soter.report.mcap_reading import messages
 from soter.targets.posix import FIRST_LINE, head_of
 
 if TYPE_CHECKING:

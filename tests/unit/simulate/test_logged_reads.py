@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from soter.api import Program
-from soter.report.run_log import messages
+from soter.report.mcap_reading import messages
 
 FOLLOW = Path(__file__).parents[3] / "examples" / "evidence" / "follow.soter"
 TEXT = FOLLOW.read_text(encoding="utf-8")

@@ -122,7 +122,7 @@ def test_bools_and_ints_are_signals_too(flat: Callable[[str], System]) -> None:
 def test_extras_that_are_not_installed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.report.run_log.find_spec", lambda _: None)
+    monkeypatch.setattr("soter.report.mcap_reading.find_spec", lambda _: None)
     monkeypatch.setattr("soter.simulate.outputs.to_report.find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         write_log(run, tmp_path / "a.mcap", "1")

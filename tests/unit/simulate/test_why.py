@@ -14,8 +14,8 @@ import pytest
 import processes
 import soter
 from soter.simulate import decisions
-from soter.simulate.decided_instants import decided_at
 from soter.simulate.explain_decision import Explainer
+from soter.simulate.run_observer import decided_at
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run

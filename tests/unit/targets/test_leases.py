@@ -16,10 +16,9 @@ import soter
 from generators.c_packages import EXAMPLES, command, package
 from long_tests import examples
 from soter.language.front_end import check_file, system_of
-from soter.native.build import CHECK_FAILED, RUNTIME
 from soter.native.compiler import STANDARD, WARNINGS, find
-from soter.targets.lateness_limits import ages_of
-from soter.targets.leases import lease_times
+from soter.native.shared_library import CHECK_FAILED, RUNTIME
+from soter.targets.leases_and_lateness import ages_of, lease_times
 from soter.verify.problem.extract import extract
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule
 from tables import all_rows

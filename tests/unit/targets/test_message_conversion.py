@@ -158,7 +158,7 @@ def convert(system: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def _runtime() -> Path:
-    from soter.native.build import RUNTIME
+    from soter.native.shared_library import RUNTIME
 
     return RUNTIME
 

@@ -25,7 +25,7 @@ from soter.api import load
 from soter.mapping.read_mapping import mapping_of
 from soter.monitor.logs.files.read_columns import read_columns
 from soter.monitor.logs.typed_samples import samples_of
-from soter.native.build import CHECK_FAILED
+from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:
     from collections.abc import Callable

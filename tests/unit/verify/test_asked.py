@@ -10,7 +10,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
-from soter.verify.attack import refutations
+from soter.verify.attack import refute as refutations
 from soter.verify.attack.refute import refute
 from soter.verify.command import verify
 from soter.verify.problem.extract import extract

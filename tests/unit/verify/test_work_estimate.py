@@ -12,7 +12,7 @@ from soter.cli.terminal.console import Console
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
-from soter.verify.claims.grid_refinement import cells_of
+from soter.verify.claims.cells import cells_of
 from soter.verify.command import modules_of, problems_of
 from soter.verify.deploy import missing_predicates
 from soter.verify.work_estimate import announce_work

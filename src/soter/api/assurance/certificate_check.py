@@ -1,14 +1,21 @@
-"""The certificate of a safety case: what its hashes say at once, then what the re-checker confirms.
+"""The certificate of a safety case, and with what the case was made.
 
 Purpose: `proof_of`: a certificate of another program, system, module or parameters, or with a
 broken seal, is found before any claim is checked; only one that may support something is rechecked.
-Non-goals: checking claims (`soter.recheck`); goals (`proof_goals.py`).
+`provenance_of`, `compiler_used`: versions, hashes, flags and the command: enough to make the case
+again, and to see on each printed page which tools and which certificate it is about.
+Non-goals: checking claims (`soter.recheck`); goals (`proof_goals.py`); the time and the machine,
+which would make equal cases differ.
 """
 
 from __future__ import annotations
 
 import hashlib
+import platform
+import shlex
 from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,12 +26,19 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.bounded_read import opened
+from soter.native.compiler import find, told_version
+from soter.native.shared_library import library_flags
+from soter.native.source_files import SOTER, files_below, soter_sha256
+from soter.version import VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.api.arguments import Progress
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.model.system import Module, System
+
 
 OTHER_PROGRAM = "the certificate is of another program: the hashes differ"
 OTHER_PARAMETERS = "the certificate is about other values of the parameters"
@@ -101,13 +115,13 @@ def proof_of(
 
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Seal, hashes and what the manifest says that it is about: all that takes no time."""
-    from soter.certificate.format.certificate_program import program_of  # noqa: PLC0415 - needs NumPy
     from soter.certificate.format.errors import (  # noqa: PLC0415 - needs NumPy
         NotRecheckedError,
         RejectedError,
     )
     from soter.certificate.format.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
+        program_of,
         read_certificate,
     )
 
@@ -171,3 +185,52 @@ def file_hash(path: Path) -> str:
     except OSError as error:
         message = f"cannot read `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error
+
+
+RECHECKER = ("certificate", "language")
+"""The rooms that a re-check rests on: its own, and the front end that it shares."""
+UNUSED = "none: no decision module was compiled for this case"
+
+
+@cache
+def rechecker_sha256() -> str:
+    """A hash of the files of the re-checker."""
+    told = hashlib.sha256()
+    for room in RECHECKER:
+        for path in files_below(SOTER / room, "*.py", "*.soter"):
+            told.update(path.relative_to(SOTER).as_posix().encode())
+            told.update(hashlib.sha256(path.read_bytes()).digest())
+    return told.hexdigest()
+
+
+def compiler_used() -> str:
+    """The compiler that compiles decision modules here, and its flags; SoterError X005."""
+    compiler = find()
+    return f"{told_version(compiler)}; {' '.join((*compiler.flags, *library_flags()))}"
+
+
+def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
+    """What made the case, by the names that a page has for it; the compiler is entered later."""
+    certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
+    why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
+    why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
+    return {
+        "Soter": f"{VERSION}, SHA-256 {soter_sha256()}",
+        "re-checker": f"of Soter {VERSION}, SHA-256 {rechecker_sha256()}",
+        "certificate": "; ".join(filter(None, (certificate, why))),
+        "C compiler": UNUSED,
+        "Python": f"{platform.python_version()}, NumPy {version('numpy')}",
+        "command": command,
+    }
+
+
+def command_line(path: str, options: Mapping[str, object], params: Mapping[str, object]) -> str:
+    """`soter assure` with these options: None and False are left out, True has no value."""
+    words = ["soter", "assure", path]
+    for name, value in params.items():
+        words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
+    for name, value in options.items():
+        if value is None or value is False:
+            continue
+        words += [name] if value is True else [name, str(value)]
+    return shlex.join(words)

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
-from soter.language.model.python_values import to_json
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import DurationType, EnumType, FloatType, IntType, RecordType
-from soter.language.syntax.parsing.operators import PRECEDENCE
-from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
+from soter.language.model.values import to_json
+from soter.language.syntax.parsing.expression_elements import PRECEDENCE
+from soter.report.assurance.safety_case import Definition, ExpandedPredicate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -13,21 +13,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.api.arguments import require_no_certificate
 from soter.api.assurance.certificate_check import proof_of
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
-from soter.api.files import require_no_certificate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
-from soter.report.atomic_write import own_place
-from soter.report.errors import ReportError
+from soter.report.atomic_write import ReportError, own_place
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from soter.api.arguments import Progress
-    from soter.api.assurance.reproduced_flights import AssuredProgram
+    from soter.api.assurance.evidence import AssuredProgram
     from soter.language.model.system import System
     from soter.language.model.typed import PlantSymbol
 
@@ -81,7 +80,7 @@ def assure(
     where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
     D006 where something cannot be read or written, and as of `Program.flat`.
     """
-    from soter.api.assurance.provenance import command_line, provenance_of  # noqa: PLC0415 - NumPy
+    from soter.api.assurance.certificate_check import command_line, provenance_of  # noqa: PLC0415 - NumPy
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     for name in FILES:

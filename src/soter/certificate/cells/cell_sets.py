@@ -7,7 +7,7 @@ Non-goals: arithmetic other than counting; where tables come from (`folder.py`).
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
 
 An axis may have no ends: then its first and its last cell hold all that lies beyond, and nothing
-reads its state (`unbounded_axes.py`). Of the runs that begin there those are enclosed that
+reads its state (`axes_without_ends.py`). Of the runs that begin there those are enclosed that
 begin between the edges. Let one begin at z beyond the upper edge e, which a box from which runs are
 enclosed touches. Take from it, at all times, z - e along that axis: that is a run from the box.
 Where it does not fall by more than the last cell is wide it stays in the last cell, and the other
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import arb
 
-from soter.certificate.cells.unbounded_axes import FARTHEST
+from soter.certificate.reading.axes_without_ends import FARTHEST
 from soter.certificate.terms.arb_balls import HALF, above, below, exact
 
 if TYPE_CHECKING:

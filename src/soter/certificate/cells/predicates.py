@@ -1,7 +1,8 @@
 """Where predicates certainly hold.
 
 Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is.
-Non-goals: computed predicates (`grid/estimates.py`), which claims there are (`case_check.py`).
+Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
+(`case_check.py`).
 """
 
 from __future__ import annotations

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
-from soter.certificate.terms.rows import dot, product, sum_of_sizes, total, units
-from soter.certificate.terms.straight_line import applied
+from soter.certificate.terms.straight_line import applied, dot, product, sum_of_sizes, total, units
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.certificate.grid.flow_enclosures import Interval
-    from soter.certificate.terms.rows import Rows
+    from soter.certificate.terms.straight_line import Rows
 
     Form = tuple[Any, ...]
 

@@ -43,9 +43,18 @@ from soter.certificate.grid.flow_enclosures import domain_of
 from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
-from soter.certificate.terms.operations import DEMAND, NotCertainError, grown
-from soter.certificate.terms.rows import beside, dot, plus, product, sum_of_sizes, units
-from soter.certificate.terms.straight_line import applied
+from soter.certificate.terms.straight_line import (
+    DEMAND,
+    NotCertainError,
+    applied,
+    beside,
+    dot,
+    grown,
+    plus,
+    product,
+    sum_of_sizes,
+    units,
+)
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -60,8 +69,7 @@ if TYPE_CHECKING:
     )
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.linear_flows import Solution
-    from soter.certificate.terms.rows import Rows
-    from soter.certificate.terms.straight_line import Function
+    from soter.certificate.terms.straight_line import Function, Rows
 
     Boxes = list[Any]
     Image = tuple[Form, Boxes]

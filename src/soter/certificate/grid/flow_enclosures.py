@@ -48,8 +48,9 @@ from soter.certificate.terms.arb_balls import (
     smaller,
 )
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
-from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.rows import (
+from soter.certificate.terms.straight_line import (
+    NotCertainError,
+    applied,
     beside,
     dot,
     plus,
@@ -59,7 +60,6 @@ from soter.certificate.terms.rows import (
     total,
     units,
 )
-from soter.certificate.terms.straight_line import applied
 from soter.certificate.terms.terms import NotRecheckedError, Proposition, inputs_of
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from fractions import Fraction
 
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.rows import Rows
+    from soter.certificate.terms.straight_line import Rows
     from soter.certificate.terms.terms import Terms
 
     Interval = tuple[Any, Any]

@@ -2,7 +2,8 @@
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
-Non-goals: the inclusions themselves (`group_claims.py`, `estimates.py`, `shield.py`).
+Non-goals: the inclusions themselves (`group_claims.py`, `estimates_and_shield.py`,
+`estimates_and_shield.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,14 @@ from soter.certificate.cells.cell_sets import Cells, Grid, brought_back, parts, 
 from soter.certificate.cells.predicates import AdmitCheck, admitted
 from soter.certificate.format.claimed_parts import FREE
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.grid.estimates import drifts, eroded, levels_hold
+from soter.certificate.grid.estimates_and_shield import (
+    cells_of,
+    drifts,
+    eroded,
+    levels_hold,
+    to_show,
+    tops_of,
+)
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
     PIECES,
@@ -29,7 +37,6 @@ from soter.certificate.grid.group_claims import (
 )
 from soter.certificate.grid.inward_flow import points_inwards
 from soter.certificate.grid.resting import RESTS, rests
-from soter.certificate.grid.shield import cells_of, to_show, tops_of
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.terms.terms import NotRecheckedError

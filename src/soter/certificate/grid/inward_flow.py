@@ -24,7 +24,7 @@ from soter.certificate.cells.cell_sets import finer
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.operations import NotCertainError
+from soter.certificate.terms.straight_line import NotCertainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

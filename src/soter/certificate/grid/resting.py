@@ -23,7 +23,7 @@ import numpy as np
 
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import FARTHEST, control_inputs
-from soter.certificate.reading.definedness import all_certain
+from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import bounded_topics

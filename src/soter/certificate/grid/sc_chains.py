@@ -28,8 +28,7 @@ from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
 from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.map_steps import map_free, map_step
-from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.straight_line import Builder, Function
+from soter.certificate.terms.straight_line import Builder, Function, NotCertainError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -30,7 +30,7 @@ from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NO
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
-from soter.workers.interruptible_solver import answer_of, ctrl_c_waits
+from soter.workers.solvers import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts

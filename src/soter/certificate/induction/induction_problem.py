@@ -12,11 +12,11 @@ from math import lcm
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.reading.modes_of_other_modules import modes_in
+from soter.certificate.reading.sc_locals_and_modes import modes_in
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.trusted_thread import delayed
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants import Calculator
+from soter.language.check.constants_and_types import Calculator
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:

@@ -15,25 +15,25 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.exactness_rules import is_exact
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
     both,
     either,
     inside,
+    is_exact,
     negation,
     one_of,
     shaped,
     term,
     unknown,
 )
-from soter.certificate.reading.symbolic_values import is_known
-from soter.language.evaluate.predicates.numbers_in_predicates import maybe_nan
+from soter.certificate.reading.symbolic_operations import is_known
+from soter.language.evaluate.numbers_in_predicates import maybe_nan
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.types import MODE
-from soter.workers.interruptible_solver import raise_if_interrupted
+from soter.workers.solvers import raise_if_interrupted
 
 if TYPE_CHECKING:
     from soter.certificate.induction.induction_problem import InductionFacts

@@ -2,7 +2,7 @@
 
 Purpose: for rows c and times t, `HoldImage` and `FreeImage` give (row, loss) with c x(t) <= row
 x(0) + loss.
-Non-goals: reading programs (`sc_linear_law.py`, `linear_flows.py`); sets (`polytope_check.py`).
+Non-goals: reading programs (`linear_laws.py`, `linear_flows.py`); sets (`polytope_check.py`).
 
 x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds
 |A x + B u + b| there. For one row c:
@@ -42,8 +42,8 @@ from soter.certificate.terms.terms import NotRecheckedError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.polytope.half_spaces import Rows
-    from soter.certificate.polytope.sc_linear_law import CommandLaw
+    from soter.certificate.polytope.certificate_tables import Rows
+    from soter.certificate.polytope.linear_laws import CommandLaw
     from soter.certificate.reading.linear_flows import LinearFlow
 
     Moved = tuple[list[list[arb]], list[arb]]

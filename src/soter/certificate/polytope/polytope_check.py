@@ -19,12 +19,10 @@ import numpy as np
 from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.polytope.certificate_tables import INSTANTS
+from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces, less
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
-from soter.certificate.polytope.half_spaces import HalfSpaces, less
-from soter.certificate.polytope.linear_with_noise import enclosed_flow
+from soter.certificate.polytope.linear_laws import enclosed_flow, linear_law
 from soter.certificate.polytope.published_value_ranges import all_published, starts_in_sets
-from soter.certificate.polytope.sc_linear_law import linear_law
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.problem import error_of
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
@@ -38,9 +36,8 @@ if TYPE_CHECKING:
 
     from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Task
-    from soter.certificate.polytope.certificate_tables import PolytopeTables, Triples
-    from soter.certificate.polytope.half_spaces import Rows
-    from soter.certificate.polytope.sc_linear_law import CommandLaw
+    from soter.certificate.polytope.certificate_tables import PolytopeTables, Rows, Triples
+    from soter.certificate.polytope.linear_laws import CommandLaw
     from soter.certificate.reading.case_model import CaseModel
     from soter.language.model import typed
 

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from soter.certificate.cells.cell_sets import Axes, Cells
     from soter.certificate.format.folder import Certificate
     from soter.certificate.groups import Entry
-    from soter.certificate.polytope.certificate_tables import PolytopeTables
-    from soter.certificate.polytope.half_spaces import HalfSpaces
+    from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import RecheckedModule

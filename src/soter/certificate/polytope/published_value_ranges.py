@@ -5,9 +5,9 @@ a hold, and at all times of such a hold (`docs/verification.md`, section 10); an
 Non-goals: states on grids (`cells/predicates.py`); what is not affine in the states.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
-of the instants (`half_space_images.py`), and a' x <= b on K by weak duality (`half_spaces.py`).
-Multipliers are HiGHS's where it is installed; any are right, and without them only the box of K is
-counted with.
+of the instants (`half_space_images.py`), and a' x <= b on K by weak duality
+(`certificate_tables.py`). Multipliers are HiGHS's where it is installed; any are right, and without
+them only the box of K is counted with.
 """
 
 from __future__ import annotations
@@ -24,16 +24,15 @@ from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.terms.arb_balls import ZERO, exact
-from soter.workers.quiet_highs import new_highs
+from soter.workers.solvers import new_highs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flint import arb
 
-    from soter.certificate.polytope.certificate_tables import PolytopeTables
+    from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables, Weights
     from soter.certificate.polytope.half_space_images import HoldImage
-    from soter.certificate.polytope.half_spaces import HalfSpaces, Weights
     from soter.certificate.terms.terms import Linear, Terms
 
     Kept = tuple[PolytopeTables, HoldImage]

@@ -20,11 +20,10 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.modes_of_other_modules import any_mode
 from soter.certificate.reading.module_facts import driven_topics, modes_read, topics_of_others
-from soter.certificate.reading.sc_locals import every_step, one_of
+from soter.certificate.reading.sc_locals_and_modes import any_mode, every_step, one_of
+from soter.certificate.reading.symbolic_operations import filled, flat, truth_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
-from soter.certificate.reading.symbolic_values import filled, flat, truth_of
 from soter.certificate.terms.arb_balls import ONE, exact, greatest_below
 from soter.certificate.terms.terms import (
     TRUE,

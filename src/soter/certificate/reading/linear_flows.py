@@ -16,14 +16,14 @@ from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, magnitude
-from soter.certificate.terms.rows import beside, plus, product, total, units
+from soter.certificate.terms.straight_line import beside, plus, product, total, units
 from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.certificate.reading.case_model import CaseModel
-    from soter.certificate.terms.rows import Rows
+    from soter.certificate.terms.straight_line import Rows
 
 PIECES = 16
 """Into how many pieces a span of time is cut where a kernel may change its sign."""

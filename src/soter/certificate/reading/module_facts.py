@@ -22,8 +22,7 @@ from soter.language.model.types import leaf_name, leaves
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
-    from soter.certificate.time.sensor_paths import Ways
+    from soter.certificate.time.derived_times import DerivedTimes, TimingSetting, Ways
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
@@ -111,7 +110,7 @@ class Facts:
     unbounded: set[int] = field(default_factory=set)
     """States whose axis has no ends: what lies beyond belongs to its outer cells."""
     turning: set[int] = field(default_factory=set)
-    """States whose axis is a full turn that wraps around (`turned_states.py`)."""
+    """States whose axis is a full turn that wraps around (`axes_without_ends.py`)."""
     left_out: list[Input] = field(default_factory=list)
     """States of which a certificate has no sets, as nothing that is asked depends on them."""
     view: str = ""

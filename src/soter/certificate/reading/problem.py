@@ -25,7 +25,7 @@ from soter.certificate.reading.module_facts import (
     read_by_sc,
     topics_of_others,
 )
-from soter.certificate.reading.symbolic_values import flat
+from soter.certificate.reading.symbolic_operations import flat
 from soter.certificate.reading.verification_system import abstracted, as_it_runs, flown
 from soter.certificate.reading.view_predicates import seen
 from soter.certificate.terms.terms import NotRecheckedError

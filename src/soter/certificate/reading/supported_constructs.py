@@ -13,9 +13,9 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.format.errors import FOLLOWED
-from soter.certificate.reading.modes_of_other_modules import only_modes_of_others
+from soter.certificate.module_above import refuse_unproved_towers
+from soter.certificate.reading.sc_locals_and_modes import only_modes_of_others
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.tower import refuse_unproved_towers
 from soter.language.model import system as model
 from soter.language.model import typed as t
 
@@ -60,7 +60,7 @@ CODE: dict[type, str] = {
 
 Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
 `choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
-(`modes_of_other_modules.py`).
+(`sc_locals_and_modes.py`).
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "

@@ -1,28 +1,24 @@
-"""Operations on values of the second reading.
+"""What code means on paper: values, with numbers where known and terms where not, and operations.
 
-Purpose: operators, built-in functions, choices and look-ups in tables: computed where all numbers
-are known, a term otherwise.
-Non-goals: expressions and statements (`symbolic_reading.py`); terms of a solver
-(`certificate/induction/solver_operations.py`).
+Purpose: the parts of a value: its leaves, its type, whether it is whole or decided; operators,
+built-in functions, choices and look-ups in tables: computed where all numbers are known, a term
+otherwise.
+Non-goals: expressions and statements (`symbolic_reading.py`); terms themselves
+(`certificate/terms/`), those of a solver (`certificate/induction/solver_reading.py`).
+
+A value is a bool, int or float, a `Linear` (float or int), a `Proposition` (bool), or a tuple of
+values.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
-from soter.certificate.reading.symbolic_values import (
-    NOT_HERE,
-    Rows,
-    SymbolicInt,
-    Value,
-    identical,
-    plain,
-    truth_of,
-)
 from soter.certificate.terms.arb_balls import HALF, ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.certificate.terms.terms import (
     LARGEST,
+    TRUE,
     Linear,
     NotRecheckedError,
     Proposition,
@@ -33,6 +29,7 @@ from soter.certificate.terms.terms import (
     negation,
 )
 from soter.language.evaluate import arithmetic as arith
+from soter.language.model.types import default_value
 from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
@@ -41,11 +38,92 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
+Value: TypeAlias = Any
+NOT_HERE = "is not rechecked yet"
+
+
+@dataclass(eq=False)
+class SymbolicInt(Linear):
+    """An int that depends on inputs."""
+
+
+@dataclass(eq=False)
+class Rows:
+    """A row of numbers out of several, at an index that depends on inputs."""
+
+    elements: Sequence[tuple[Value, ...]]
+    index: Linear
+
+
+def truth_of(x: bool | Proposition) -> Proposition:
+    """A bool as a proposition; NotRecheckedError for any other value."""
+    if isinstance(x, Proposition):
+        return x
+    if not isinstance(x, bool):
+        raise NotRecheckedError(f"such a bool {NOT_HERE}")
+    return TRUE if x else negation(TRUE)
+
+
+def plain(x: Proposition) -> bool | Proposition:
+    """A bool where it is decided."""
+    return x.value if x.kind == "constant" else x
+
+
+def is_known(x: Value) -> bool:
+    """Whether all numbers and truths of a value are known."""
+    return all(map(is_known, x)) if isinstance(x, tuple) else isinstance(x, (bool, int, float))
+
+
+def identical(a: Value, b: Value) -> bool:
+    """Whether two known numbers are the same, sign of zero and type included."""
+    return bool(a == b) and repr(a) == repr(b)
+
+
+def mapped(f: Callable[[Value], Value], x: Value) -> Value:
+    """A function of every scalar leaf."""
+    return tuple(mapped(f, v) for v in x) if isinstance(x, tuple) else f(x)
+
+
+def zipped(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
+    """A function of the scalar leaves of two values of one shape."""
+    if isinstance(a, tuple):
+        return tuple(zipped(f, x, y) for x, y in zip(a, b, strict=True))
+    return f(a, b)
+
+
+def flat(x: Value) -> list[Value]:
+    """The scalar leaves of a value without lists, in declared order."""
+    return [leaf for v in x for leaf in flat(v)] if isinstance(x, tuple) else [x]
+
+
+def filled(of: Type, values: Sequence[Value]) -> Value:
+    """The value of a type without lists that has these scalar leaves.
+
+    NotRecheckedError where leaves are left over.
+    """
+    left = list(values)
+
+    def build(template: Value) -> Value:
+        if isinstance(template, tuple):
+            return tuple(build(x) for x in template)
+        return left.pop(0)
+
+    value = build(default_value(of))
+    if left:
+        raise NotRecheckedError(f"a list on a topic or in a state {NOT_HERE}")
+    return value
+
+
+def whole(x: Linear) -> Linear:
+    """A term that is a whole number."""
+    return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
+
+
 OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions of the prelude that are the same a turn further."""
 FAR_TURNS = exact(2.0**-33)
 """By how much more a sum with an angle in it may be rounded where that is many turns further: what
-is shown of such sums in `turned_states.py`."""
+is shown of such sums in `axes_without_ends.py`."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 

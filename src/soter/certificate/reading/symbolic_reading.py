@@ -15,13 +15,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
-from soter.certificate.reading.symbolic_operations import OF_A_TURN, Operations, in_range
-from soter.certificate.reading.symbolic_values import (
+from soter.certificate.reading.symbolic_operations import (
     NOT_HERE,
+    OF_A_TURN,
+    Operations,
     Rows,
     SymbolicInt,
     Value,
     flat,
+    in_range,
     mapped,
     zipped,
 )

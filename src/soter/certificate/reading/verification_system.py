@@ -14,7 +14,7 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once
 from soter.language.elaborate.elaborator import Elaborator
-from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads

@@ -2,8 +2,8 @@
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
 view of a certificate shows), `without_ages` (`ttf` without the parts that ask for an age).
-Non-goals: sharing code with `language/elaborate/views.py` and `verify/problem/age_disjuncts.py`,
-which the prover goes by.
+Non-goals: sharing code with `language/elaborate/views_for_proofs.py` and
+`verify/problem/supported_constructs.py`, which the prover goes by.
 
 A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
 view shows a part if its plants drive every topic in it. Dropping a part of what the DM finds makes
@@ -24,7 +24,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Module
 
     Part = tuple[typed.TypedExpr, bool]

@@ -2,7 +2,7 @@
 
 Purpose: declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
 on the way, and from it every time of the manifest.
-Non-goals: the derivation (`derived_times.py`), the nodes (`sensor_paths.py`).
+Non-goals: the derivation (`derived_times.py`), the nodes (`derived_times.py`).
 """
 
 from __future__ import annotations
@@ -18,9 +18,15 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.verification_system import seen_from_what_is_abstracted
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import Clock, TimingSetting, TopicReading, derive
+from soter.certificate.time.derived_times import (
+    Clock,
+    TimingSetting,
+    TopicReading,
+    Ways,
+    derive,
+    nodes_between,
+)
 from soter.certificate.time.node_paths import NodeWays
-from soter.certificate.time.sensor_paths import Ways, nodes_between
 from soter.certificate.time.trusted_thread import check_thread
 from soter.language.model.durations import show_ns
 

@@ -15,8 +15,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import Clock, Effect, TopicPath, releases
-from soter.certificate.time.sensor_paths import Ways, published, read, straight
+from soter.certificate.time.derived_times import (
+    Clock,
+    Effect,
+    TopicPath,
+    Ways,
+    published,
+    read,
+    releases,
+    straight,
+)
 from soter.language.model import typed
 from soter.language.model.system import holder_of, tower_of
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.case_model import commanded, stepping
-from soter.certificate.reading.definedness import all_certain
-from soter.certificate.reading.modes_of_other_modules import any_mode
+from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.module_facts import read_by_sc
-from soter.certificate.reading.symbolic_values import filled
+from soter.certificate.reading.sc_locals_and_modes import any_mode
+from soter.certificate.reading.symbolic_operations import filled
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms
 from soter.language.model.types import FloatType, leaves

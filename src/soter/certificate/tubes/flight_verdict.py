@@ -23,17 +23,16 @@ import flint
 from flint import arb
 
 from soter.certificate.grid.inward_flow import uncrossed_ends
-from soter.certificate.reading.symbolic_values import filled, flat
+from soter.certificate.reading.symbolic_operations import filled, flat
 from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF, exact
-from soter.certificate.terms.operations import NotCertainError
+from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.tubes.rest_problem import (
     NANOSECOND,
     WIDE,
     RestModel,
     constraint,
 )
-from soter.certificate.tubes.truths import Truths
-from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
+from soter.certificate.tubes.tube_chains import Body, Truths, TubeChain, TubeFlow
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,8 +1,13 @@
 """What is claimed of a module with `rest` before anything flies, shown by another tube.
 
 Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", docs/proof.md):
-`keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says.
+`keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says; `slope`:
+a ball around every derivative of a term in one input, at kinks around Clarke's.
 Non-goals: the start and single estimates (`flight_verdict.py`); finding B and Y.
+
+The argument is the chain rule, atom by atom, with the range of each atom for its value: by the mean
+value theorem (Lebourg's, of functions that are Lipschitz) a term differs between two values of the
+input by something in that ball times how far these are apart.
 
 Rule 1: outside of B, in the sets of states, `rest` certainly does not hold, B is in Y, and from all
 of B, whatever acted before, a chain of SC is in Y until all states in which some later output
@@ -32,30 +37,105 @@ from flint import arb
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.reading.case_model import control_inputs
-from soter.certificate.reading.definedness import all_certain
+from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.reading.module_facts import read_by_sc
-from soter.certificate.reading.symbolic_values import filled
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, above, exact
+from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, hull
 from soter.certificate.terms.compile_terms import compile_lines, form_of_box
-from soter.certificate.terms.operations import NotCertainError
-from soter.certificate.terms.terms import Terms, inputs_of
+from soter.certificate.terms.straight_line import NotCertainError
+from soter.certificate.terms.terms import Terms, closure, inputs_of
 from soter.certificate.time.sc_on_default_inputs import harmless
 from soter.certificate.tubes.rest_problem import NANOSECOND, REACH, RestModel
-from soter.certificate.tubes.slopes import NoSlopeError, slope
-from soter.certificate.tubes.truths import Truths
-from soter.certificate.tubes.tube_chains import Body, TubeChain, TubeFlow
+from soter.certificate.tubes.tube_chains import Body, Truths, TubeChain, TubeFlow
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from soter.certificate.terms.terms import Linear
+    from soter.certificate.terms.terms import Atom, Linear, Proposition
     from soter.certificate.tubes.rest_problem import Range, RestProblem
     from soter.certificate.tubes.tube_chains import Box
 
     Ranges = Mapping[int, Range]
     """By state."""
+
+
+class NoSlopeError(Exception):
+    """The term may jump, or nothing is known of it."""
+
+
+def slope(terms: Terms, x: Linear, at: int) -> arb:
+    """Of a term in the input that is atom `at`; NoSlopeError where there may be none."""
+    slopes: dict[int, arb] = {at: ONE}
+
+    def of(x: Linear) -> arb:
+        if not x.radius.is_zero():
+            raise NoSlopeError
+        return sum((c * slopes[a] for a, c in x.terms.items()), ZERO)
+
+    for index in sorted(closure(terms, [x])):
+        atom = terms.atoms[index]
+        if index == at:
+            continue
+        roots: list[Linear | Proposition] = [*atom.arguments]
+        roots += [] if atom.condition is None else [atom.condition]
+        if at not in inputs_of(terms, roots):
+            slopes[index] = ZERO
+            continue
+        if not atom.extra.is_zero() or atom.kind not in _RULES:
+            raise NoSlopeError
+        slopes[index] = _RULES[atom.kind](atom, [of(y) for y in atom.arguments])
+    return of(x)
+
+
+def _range(x: Linear) -> arb:
+    return hull(x.low, x.high)
+
+
+def _of_one(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
+    """The rule of a function of one number: the derivative over its range."""
+    return lambda atom, slopes: factor(_range(atom.arguments[0])) * slopes[0]
+
+
+def _kinked(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
+    """The same of max(x, 0) and |x|: one of two functions where x keeps its sign."""
+
+    def rule(atom: Atom, slopes: list[arb]) -> arb:
+        (x,) = atom.arguments
+        return slopes[0] * (ONE if x.low >= 0 else beneath if x.high <= 0 else between)
+
+    return rule
+
+
+def _product(atom: Atom, slopes: list[arb]) -> arb:
+    a, b = map(_range, atom.arguments)
+    return a * slopes[1] + b * slopes[0]
+
+
+def _extreme(_: Atom, slopes: list[arb]) -> arb:
+    return slopes[0].union(slopes[2])
+
+
+_RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
+    "product": _product,
+    "min": _extreme,
+    "max": _extreme,
+    "max0": _kinked(ZERO, hull(ZERO, ONE)),
+    "abs": _kinked(-ONE, UNIT),
+    "square": _of_one(lambda x: 2 * x),
+    "inverse": _of_one(lambda x: -((1 / x) ** 2)),
+    "sqrt": _of_one(lambda x: HALF / x.sqrt()),
+    "soft_sign": _of_one(lambda x: (1 / (1 + abs(x))) ** 2),
+    "sin": _of_one(lambda x: x.cos()),
+    "cos": _of_one(lambda x: -x.sin()),
+    "exp": _of_one(lambda x: x.exp()),
+    "log": _of_one(lambda x: 1 / x),
+    "tanh": _of_one(lambda x: 1 - x.tanh() ** 2),
+    "atan": _of_one(lambda x: 1 / (1 + x * x)),
+    "tan": _of_one(lambda x: 1 + x.tan() ** 2),
+}
+
 
 HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
 """How often a slab outside of B, and B itself, is halved; how many steps a hold then has."""

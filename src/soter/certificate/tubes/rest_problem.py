@@ -11,7 +11,7 @@ is asked, which they do where their rates grow no faster than they do (Gronwall)
 C is the states at which `safe` holds and that lie in the sets of states, boxes of doubles; where
 more than a state is published, that it can be is asked too. Plants can publish all of that. A few
 real states between these doubles and what the declared sets leave are not in C: this is the
-theorem for a smaller C, of which every tube is asked that it stays there (`truths.py`).
+theorem for a smaller C, of which every tube is asked that it stays there (`tube_chains.py`).
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from soter.certificate.format.errors import RejectedError
+from soter.certificate.grid.estimates_and_shield import cells_of
 from soter.certificate.grid.flow_chains import NOW, Times
-from soter.certificate.grid.shield import cells_of
 from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.left_out_states import degree
 from soter.certificate.reading.map_steps import atom_of
@@ -41,7 +41,7 @@ from soter.certificate.reading.module_facts import (
 )
 from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.symbolic_values import filled
+from soter.certificate.reading.symbolic_operations import filled
 from soter.certificate.terms.arb_balls import above, below, exact
 from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
 from soter.certificate.time.sc_on_default_inputs import survives_the_start

@@ -1,8 +1,11 @@
-"""A tube: sets of states as generators, one step of a chain after the other.
+"""A tube: sets of states as generators, one step of a chain after the other, and what holds in it.
 
 Purpose: `Body`, a set of states with the commands that still act; `TubeChain`: holds of SC, spans
-of any command, the states at any instant of a window, each from a body to a body.
-Non-goals: what a hold is (`grid/flow_chains.py`); which tubes (`flight_verdict.py`).
+of any command, the states at any instant of a window, each from a body to a body. `Truths`: which
+conditions are certain over boxes of states, and which are certainly not; nothing is, outside of
+their sets.
+Non-goals: what a hold is (`grid/flow_chains.py`); which tubes (`flight_verdict.py`), which
+conditions (`rest_problem.py`).
 
 The argument is that of `FlowChain`: a hold is rows over generators z, each of which is a number in
 [-1, 1], or 1. Here z has as many columns as there are unknowns; behind a hold what rows do not say
@@ -19,18 +22,23 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
 from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
+from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
-from soter.certificate.terms.rows import product
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.straight_line import CERTAIN, product
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from fractions import Fraction
 
     from soter.certificate.grid.chain_form_layout import CommandRows, StateRows
     from soter.certificate.grid.flow_enclosures import Interval
-    from soter.certificate.terms.rows import Rows
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.straight_line import Rows
+    from soter.certificate.terms.terms import Linear, Proposition, Terms
 
     Box = list[Interval]
+
 
 COLUMNS = 40
 """Unknowns that are kept as they are."""
@@ -170,3 +178,46 @@ def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
             own[i] = spread_of([c[i] for c in left])
         made.append([row[0], *(c[i] for c in kept), *own])
     return made[: len(rows)], made[len(rows) :]
+
+
+NOWHERE = 1
+"""The bits of what is certainly false."""
+
+
+class Truths:
+    """Conditions on true states, over boxes of some of them."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        members: Sequence[int],
+        said: Callable[[Terms, list[Linear]], Proposition],
+    ) -> None:
+        terms, states = model.new_terms()
+        first = said(terms, states)
+        own = [atom_of(states[i]) for i in members]
+        known = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
+        boxes = boxes_of(model, states, members)
+        self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
+        self._ends = [
+            ends if i in model.facts.unbounded else (exact(low), exact(high))
+            for i, ends, (low, high) in zip(
+                members, known, (model.extents[i] for i in members), strict=True
+            )
+        ]
+
+    def certain(self, box: Box) -> bool:
+        """Whether it holds, and is defined, in all of a box."""
+        return self._within(box) and all(t == CERTAIN for t in self._of(box))
+
+    def nowhere(self, box: Box) -> bool:
+        """Whether it holds in none of it."""
+        return self._within(box) and self._of(box)[0] == NOWHERE
+
+    def _within(self, box: Box) -> bool:
+        pairs = zip(box, self._ends, strict=True)
+        return all(low >= a and high <= b and low <= high for (low, high), (a, b) in pairs)
+
+    def _of(self, box: Box) -> Sequence[int]:
+        found: Sequence[int] = self._truths(form_of_box(box, symbols=False))
+        return found

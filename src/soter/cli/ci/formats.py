@@ -1,7 +1,7 @@
 """An outcome in the format that `--format` names.
 
 Purpose: the option, and what is printed in place of the text for people or the JSON document.
-Non-goals: the formats (`sarif.py`, `junit.py`, `github.py`).
+Non-goals: the formats (`sarif_junit_github.py`, `sarif_junit_github.py`, `sarif_junit_github.py`).
 """
 
 from __future__ import annotations
@@ -9,13 +9,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.findings import of_diagnostics
+from soter.cli.terminal.command_line import of_diagnostics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.cli.terminal.command_outcome import CommandOutcome
-    from soter.cli.terminal.parser import CommandParser
+    from soter.cli.terminal.command_line import CommandOutcome, CommandParser
 
 FORMATS = ("sarif", "junit", "github")
 COMMANDS = ("check", "verify", "test", "monitor")
@@ -39,9 +38,11 @@ def format_of(name: str | None, options: Sequence[str]) -> str | None:
 
 def written(format_: str, command: str, outcome: CommandOutcome) -> str:
     """The outcome as text; `github` has none where all is well."""
-    from soter.cli.ci.github import github  # noqa: PLC0415 - only then
-    from soter.cli.ci.junit import junit  # noqa: PLC0415 - only then
-    from soter.cli.ci.sarif import sarif  # noqa: PLC0415 - only then
+    from soter.cli.ci.sarif_junit_github import (  # noqa: PLC0415 - only then
+        github,
+        junit,
+        sarif,
+    )
 
     findings = [*of_diagnostics(outcome.diagnostics), *outcome.found]
     if format_ == "sarif":

@@ -17,10 +17,9 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.child_result import ResultPipe
+from soter.cli.terminal.console import ResultPipe
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.workers.child_process import end_with
-from soter.workers.process_tree import adopt_orphans, end_children, let_go_on
+from soter.workers.child_process import adopt_orphans, end_children, end_with, let_go_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,30 +1,225 @@
-"""Where a command's words go.
+"""Where a command's words go, and in which characters and figures.
 
 Purpose: results on standard output, everything else on standard error, colour only where a
 person looks; with `--json` one document on standard output and nothing else, whatever an extern
-prints; closed pipes and full disks end quietly or with a sentence.
-Non-goals: what is said.
+prints; closed pipes and full disks end quietly or with a sentence. `ResultPipe`: a child process
+leaves its words and its exit code in a file without a name, whole or not at all, which externs that
+the child ran reach by no accident. Where an encoding or a terminal has no other characters, plain
+ones (`->` for an arrow in place of `?`); rates and sizes with three digits and a unit.
+Non-goals: what is said; an extern that means to reach the result: it runs in the child, with all
+its rights; times (`language/model/durations.py`).
 """
 
 from __future__ import annotations
 
+import codecs
+import hashlib
 import io
 import os
+import re
 import shutil
+import signal
 import sys
+import threading
+import time
 from contextlib import ExitStack, suppress
 from typing import IO, TYPE_CHECKING
-
-from soter.cli.terminal.ascii import PLAIN_ERRORS, draws_no_boxes, plainly
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from contextlib import AbstractContextManager
     from types import TracebackType
+    from typing import NoReturn
 
-    from soter.cli.terminal.child_result import ResultPipe
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.report.terminal_tables import Entry
+
+
+DASHES = "\u2500\u2501\u2504\u2505\u254c\u254d\u2010\u2011\u2013\u2014\u2015\u2212"
+BARS = "\u2502\u2503\u2506\u250a\u258f\u2595\u254e"
+CORNERS = "\u250c\u2510\u2514\u2518\u251c\u2524\u252c\u2534\u253c\u256d\u256e\u256f\u2570"
+BLOCKS = "\u2588\u2593\u2592\u2591\u25a0\u2587\u2586\u2585\u2584\u2583\u2582\u2581"
+DOTS = "\u00b7\u2022\u2219\u25cf"
+PLAIN = {
+    **dict.fromkeys(DASHES, "-"),
+    **dict.fromkeys(BARS, "|"),
+    **dict.fromkeys(CORNERS, "+"),
+    **dict.fromkeys(BLOCKS, "#"),
+    **dict.fromkeys(DOTS, "*"),
+    "\u2192": "->",
+    "\u2190": "<-",
+    "\u2194": "<->",
+    "\u21d2": "=>",
+    "\u2264": "<=",
+    "\u2265": ">=",
+    "\u2260": "!=",
+    "\u2248": "~",
+    "\u221e": "inf",
+    "\u00d7": "x",
+    "\u00b5": "u",
+    "\u03bc": "u",
+    "\u00b0": " deg",
+    "\u00b1": "+-",
+    "\u00b2": "^2",
+    "\u00b3": "^3",
+    "\u221a": "sqrt",
+    "\u2208": "in",
+    "\u2026": "...",
+    "\u0394": "Delta",
+    "\u03b4": "delta",
+    "\u03c0": "pi",
+    "\u00a7": "section ",
+    "\u2018": "'",
+    "\u2019": "'",
+    "\u201c": '"',
+    "\u201d": '"',
+    "\u00a0": " ",
+    "\u2713": "ok",
+    "\u2717": "x",
+}
+"""What is written for what is not there; everything else becomes `?` where it cannot be written."""
+_TABLE = str.maketrans(PLAIN)
+PLAIN_ERRORS = "soter.plain"
+TERMS = re.compile(r"(dumb|unknown|ansi|cons25|vt(52|1\d\d|2\d\d))(-.*)?")
+
+
+def draws_no_boxes(term: str) -> bool:
+    """Whether a terminal, by its $TERM, is one of those that have plain characters only."""
+    return TERMS.fullmatch(term) is not None
+
+
+def plainly(text: str) -> str:
+    """A text in plain characters, as far as they are known; the rest stays."""
+    return text.translate(_TABLE)
+
+
+def _encoded(error: UnicodeError) -> tuple[str, int]:
+    """What an encoding does not have, in characters that it has."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start : error.end]
+    return "".join(PLAIN.get(char, "?") for char in missing), error.end
+
+
+codecs.register_error(PLAIN_ERRORS, _encoded)
+
+
+def rounded(x: float) -> str:
+    """A rate: `1.4 M`, `23 k`, `840`."""
+    for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
+        if x >= 0.9995 * factor:
+            return f"{x / factor:.3g} {unit}"
+    return f"{x:.0f}"
+
+
+def size(count: int) -> str:
+    """A size: `9.6 MB`."""
+    for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
+        if count >= 0.9995 * factor:
+            return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
+    return f"{count} bytes"
+
+
+def decimal(count: int) -> str:
+    """A size on a disk, in units of 1000: `481 MB`."""
+    for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
+        if count >= 0.9995 * factor:
+            return f"{count / factor:.3g} {unit}"
+    return f"{count} bytes"
+
+
+THREADS_S = 1.0
+"""How long the threads that externs leave behind may take to end."""
+HIGH = 200
+"""Descriptors that an extern closes or writes to by mistake are lower."""
+
+
+class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in the child
+    """The verdict of a child: what it had to say on standard output, and its exit code."""
+
+    def __init__(self, text: str, exit_code: int) -> None:
+        super().__init__(exit_code)
+        self.text = text
+        self.exit = exit_code
+
+
+class ResultPipe:
+    """Where a child leaves its result. `mark` and a hash tell it from what is there by accident."""
+
+    def __init__(self) -> None:
+        self._file = _nameless()
+        self._mark = os.urandom(16)
+        self._process = 0
+
+    def begin(self) -> None:
+        """This is the process that may leave one."""
+        self._process = os.getpid()
+
+    def leave(self, text: str, exit_code: int) -> NoReturn:
+        """Leave a result and end the process; a copy of it that an extern made only ends."""
+        if os.getpid() != self._process:
+            os._exit(1)
+        body = bytes([exit_code]) + text.encode("utf-8", "surrogateescape")
+        whole = memoryview(self._mark + self._hash(body) + body)
+        at = 0
+        with suppress(OSError):
+            while at < len(whole):
+                at += os.pwrite(self._file, whole[at:], at)
+        with suppress(OSError):  # an extern may have stopped who is to tell it
+            os.kill(os.getppid(), signal.SIGCONT)
+        _end(exit_code)
+
+    def found(self) -> ChildResult | None:
+        """What was left; None where nothing whole was."""
+        size = os.fstat(self._file).st_size
+        whole = bytearray()
+        while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
+            whole += part
+        mark, digest, body = bytes(whole[:16]), bytes(whole[16:48]), bytes(whole[48:])
+        if not body or mark != self._mark or digest != self._hash(body):
+            return None
+        return ChildResult(body[1:].decode("utf-8", "surrogateescape"), body[0])
+
+    def _hash(self, body: bytes) -> bytes:
+        return hashlib.sha256(self._mark + body).digest()
+
+
+def _nameless() -> int:
+    """A file without a name that no program started by an extern inherits."""
+    if sys.platform == "linux":
+        made = os.memfd_create("soter verdict")
+    else:
+        import tempfile  # noqa: PLC0415 - only here
+
+        with tempfile.TemporaryFile() as file:
+            made = os.dup(file.fileno())
+    import fcntl  # noqa: PLC0415 - not everywhere
+
+    with suppress(OSError):
+        high = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, HIGH)
+        os.close(made)
+        return high
+    return made
+
+
+def _end(exit_code: int) -> NoReturn:
+    """End, whatever externs have left running: what they asked for at the end is done first."""
+    import atexit  # noqa: PLC0415 - only here
+
+    until_s = time.monotonic() + THREADS_S
+    for thread in threading.enumerate():
+        if thread is not threading.main_thread() and not thread.daemon:
+            thread.join(max(until_s - time.monotonic(), 0.0))
+            if thread.is_alive():
+                os.write(2, b"soter: an extern left a thread running, which ends here\n")
+                break
+    with suppress(BaseException):
+        atexit._run_exitfuncs()  # noqa: SLF001 - Python's own order
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(BaseException):
+            stream.flush()
+    os._exit(exit_code)
+
 
 STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "1;33", "blue": "34"}
 

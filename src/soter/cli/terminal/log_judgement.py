@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity
-from soter.diagnostics.record_to_json import JsonObject, one_of
 from soter.report.plain_page import PageSection
 
 if TYPE_CHECKING:

@@ -1,15 +1,19 @@
-"""The program that a command is about.
+"""The program that a command is about: a file, or what stands on standard input.
 
-Purpose: it is loaded with a line that says how far it is, and `--bind` is carried out.
-Non-goals: `--set`: values are given to what is done with the program.
+Purpose: it is loaded with a line that says how far it is, and `--bind` is carried out; for `-` the
+text of standard input, or a diagnostic where it is none.
+Non-goals: `--set`: values are given to what is done with the program; files (`language/load/`).
 """
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.cli.terminal.progress import LineOfProgress
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.load.loader import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
     import argparse
@@ -25,3 +29,24 @@ def loaded(args: argparse.Namespace, console: Console) -> Program:
     for name, target in args.bindings:
         program.bind(name, target)
     return program
+
+
+STDIN = "<stdin>"
+"""What it is called; imports are read from the current folder."""
+
+
+def standard_input() -> str:
+    """The whole of it, 4 MiB at most; SoterError D005 where it is larger or not UTF-8."""
+    stream = sys.stdin
+    if stream is None:
+        return ""
+    most = MAX_FILE_BYTES
+    data = stream.buffer.read(most + 1) if hasattr(stream, "buffer") else stream.read(most + 1)
+    if len(data) > most:
+        message = f"cannot read standard input: it is larger than {most >> 20} MiB"
+        raise SoterError((Diagnostic("D005", message),))
+    try:
+        return data if isinstance(data, str) else data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"standard input is not UTF-8: byte {error.start} is wrong"
+        raise SoterError((Diagnostic("D005", message),)) from error

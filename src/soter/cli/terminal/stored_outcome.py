@@ -30,7 +30,7 @@ from soter.cli.terminal.console import painted
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cache_dir, digest, find_cached, is_ours, store
 from soter.native.compiler import find
-from soter.native.package_sources import soter_sha256
+from soter.native.source_files import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -11,9 +11,8 @@ import re
 import time
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import CommandOutcome, UsageError
-from soter.cli.terminal.parser import CommandParser
-from soter.cli.terminal.units import decimal
+from soter.cli.terminal.command_line import CommandOutcome, CommandParser, UsageError
+from soter.cli.terminal.console import decimal
 from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import CommandOutcome
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.command_line import CommandOutcome, CommandParser
 
 if TYPE_CHECKING:
     import argparse

@@ -9,10 +9,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome
-from soter.cli.terminal.parser import CommandParser
+from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, CommandParser
+from soter.diagnostics.codes import all_codes, explain, named, suggestions, title
 from soter.diagnostics.diagnostic import Diagnostic
-from soter.diagnostics.explain import all_codes, explain, named, suggestions, title
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:

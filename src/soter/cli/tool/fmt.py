@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.command_outcome import DIAGNOSTICS, CommandOutcome, exit_of
-from soter.cli.terminal.parser import CommandParser
-from soter.cli.terminal.standard_input import STDIN, standard_input
+from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, CommandParser, exit_of
+from soter.cli.terminal.open_program import STDIN, standard_input
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.report.atomic_write import atomic_write

@@ -11,8 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.terminal.command_outcome import FINE, CommandOutcome, exit_of
-from soter.cli.terminal.parser import CommandParser, add_file, add_settings
+from soter.cli.terminal.command_line import (
+    FINE,
+    CommandOutcome,
+    CommandParser,
+    add_file,
+    add_settings,
+    exit_of,
+)
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
 from soter.core.layout import image_of_table, scalar, size_of, struct_of
-from soter.language.model.data_table import Table
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -26,6 +25,7 @@ from soter.language.model.types import (
     default_value,
     leaves,
 )
+from soter.language.model.values import Table
 
 if TYPE_CHECKING:
     from soter.language.model.system import Bound

@@ -11,13 +11,12 @@ from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.editor.positions import path_of_span
+from soter.editor.protocol_conversions import path_of_span
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.diagnostics.source import Source
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Source, Span
     from soter.language.load.loader import LoadedFile
     from soter.language.syntax import tree
 

@@ -18,17 +18,25 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from soter.core.steps import lower
-from soter.explore.engine.coverage_counters import coverage_of, empty_counters
-from soter.explore.engine.progress import progress_of
-from soter.explore.engine.symmetry_reduction import SymmetricInstances
-from soter.explore.methods import STATUSES, STEPS_MAX, constant, knows_ends, reduce_bits
+from soter.explore.engine.engine_exchange import (
+    SymmetricInstances,
+    coverage_of,
+    empty_counters,
+    progress_of,
+)
 from soter.explore.model.actors import plan_of
 from soter.explore.model.explorer_model import generate_model
 from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
-from soter.explore.search_options import SearchOptions
-from soter.native.build import RUNTIME, library
-from soter.native.cffi_interface import address, declarations, interface, opened
-from soter.native.package_sources import files_below
+from soter.explore.search_options import (
+    STATUSES,
+    STEPS_MAX,
+    SearchOptions,
+    constant,
+    knows_ends,
+    reduce_bits,
+)
+from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
+from soter.native.source_files import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,9 +44,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.core.core import CoreSystem
-    from soter.explore.checkpoint.saver import Saver
-    from soter.explore.engine.observation_request import Observations
-    from soter.explore.engine.progress import EngineProgress
+    from soter.explore.checkpoints import Saver
+    from soter.explore.engine.engine_exchange import EngineProgress, Observations
     from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
 

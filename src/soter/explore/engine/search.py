@@ -13,8 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.checkpoint.checkpoint_file import no_checkpoint
-from soter.explore.checkpoint.saver import COUNTS
+from soter.explore.allowed_steps import INPUT, plan_of
+from soter.explore.checkpoints import COUNTS, no_checkpoint
 from soter.explore.engine.coverage import (
     Coverage,
     CoveredLeaf,
@@ -25,6 +25,7 @@ from soter.explore.engine.coverage import (
     part_of,
     values_part,
 )
+from soter.explore.engine.engine_exchange import EngineProgress
 from soter.explore.engine.explorer_library import (
     Engine,
     EngineSettings,
@@ -32,30 +33,24 @@ from soter.explore.engine.explorer_library import (
     RawStep,
     SearchResult,
 )
-from soter.explore.engine.guided_execution import Guided, array_of, steps_of
-from soter.explore.engine.progress import EngineProgress
-from soter.explore.engine.properties_across_parts import ComposedSearch
-from soter.explore.engine.reduction_choice import explored
-from soter.explore.engine.shrink import Shrinker
+from soter.explore.engine.reductions import ComposedSearch, explored
+from soter.explore.engine.shrink import Guided, Shrinker, array_of, steps_of
 from soter.explore.engine.trace_slice import Slicer
-from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
 from soter.explore.results import Robustness
-from soter.explore.search_options import SearchProgress
-from soter.explore.trace.allowed_steps import INPUT, plan_of
-from soter.explore.trace.choice_names import ENDING
-from soter.explore.trace.trace import STEP_KINDS, Choice, Step
+from soter.explore.search_options import EXHAUSTIVE, FALSIFY, PARTS, SearchProgress
+from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
-from soter.semantics.observer_records import AC, SC
-from soter.semantics.random.random_draws import fnv, leaf_name
+from soter.semantics.configuration import AC, SC
+from soter.semantics.random_draws import fnv, leaf_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from soter.codegen.body import StepBranch
-    from soter.explore.checkpoint.saver import Checkpoint, Saver
+    from soter.explore.checkpoints import Checkpoint, Saver
     from soter.explore.engine.explorer_library import Searched
-    from soter.explore.judge.replay import Replayed
     from soter.explore.model.independent_parts import IndependentPart
+    from soter.explore.replay import Replayed
     from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from soter.core.steps import lower
 from soter.explore.model.actors import Footprints
-from soter.explore.trace.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
+from soter.explore.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.explore.engine.explorer_library import Engine, RawStep
-    from soter.explore.judge.replay import ReplayedStep
     from soter.explore.model.exploration_plan import Label, PlannedActor
+    from soter.explore.replay import ReplayedStep
 
 CALENDAR = ("time", "done", "lost")
 """What no choice of a step moves."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.read_write_footprint import walk
+from soter.core.core_walks import walk
 from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor, TimeChoices
 from soter.language.elaborate.time_grid import quantum_of, times_read
 from soter.language.model.system import modules_above

@@ -16,10 +16,10 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import scalar, size_of, struct_of
-from soter.explore.methods import LEAVES_MAX
 from soter.explore.model.bit_packing import word
 from soter.explore.model.packed_configuration import ConfigurationEmitter, within
-from soter.explore.model.robustness_functions import Guides
+from soter.explore.model.robustness import Guides
+from soter.explore.search_options import LEAVES_MAX
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.explore.model.bit_packing import Packing
     from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
     from soter.explore.model.packed_configuration import AgeingField
-    from soter.explore.model.robustness_functions import Aim
+    from soter.explore.model.robustness import Aim
     from soter.language.model.system import Bound, System, Topic
     from soter.language.model.types import Type
 

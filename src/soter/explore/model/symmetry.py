@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.abstract_execution import TooManyStatementsError
-from soter.core.read_write_footprint import walk
+from soter.core.core_walks import walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
     exact,

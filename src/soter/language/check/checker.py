@@ -8,21 +8,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.check.call_graph import CallGraph
-from soter.language.check.constants import ConstantChecker
+from soter.language.check.constants_and_types import ConstantChecker, TypeChecker
+from soter.language.check.declaration_graph import CallGraph, UnusedDeclarations, in_order_of_need
 from soter.language.check.declarations import DeclChecker
 from soter.language.check.expressions.expr import ExprChecker
-from soter.language.check.resolution_order import in_order_of_need
 from soter.language.check.scope import Entry, FileScope, Names
 from soter.language.check.statements import StmtChecker
 from soter.language.check.step_cost import count_costs
-from soter.language.check.types import TypeChecker
-from soter.language.check.unused import UnusedDeclarations
 from soter.language.model import typed
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.load.loader import LoadedProgram
     from soter.language.syntax import tree
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace, the_other_way
-from soter.language.check import other_scopes
+from soter.diagnostics.diagnostic import replace, the_other_way
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import a_type, is_error, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.extern_bindings import check_binding, located
-from soter.language.check.parts.leaf_paths import part_of
+from soter.language.check.expressions.field import part_of
 from soter.language.check.parts.module import ModuleChecker
-from soter.language.check.parts.node import NodeChecker
+from soter.language.check.parts.node import NodeChecker, check_binding, located
 from soter.language.check.parts.plant import PlantChecker
 from soter.language.check.parts.test_block import TestChecker
 from soter.language.check.statements import always_returns
@@ -42,10 +41,10 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
-    from soter.language.check.constants import ConstantChecker
+    from soter.language.check.constants_and_types import ConstantChecker
     from soter.language.check.scope import Entry, FileScope
     from soter.language.model.types import Type, Value
 
@@ -422,9 +421,9 @@ def _not_a_topic(
     if first is not None and first.kind == "topic":
         return (), ()
     decls = [e.decl for e in scope.entries.values()]
-    driven = other_scopes.truth_as_topic(decls, list(path.parts)) if path.parts[1:] else None
+    driven = unknown_names.truth_as_topic(decls, list(path.parts)) if path.parts[1:] else None
     known = [d.name.text for d in decls if isinstance(d, tree.TopicDecl)]
-    otherwise = (f"topics are {other_scopes.listed(known)}",) if known else ()
+    otherwise = (f"topics are {unknown_names.listed(known)}",) if known else ()
     return (replace(path.span, driven[0]),) if driven is not None else (), otherwise
 
 

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import append, replace
+from soter.diagnostics.diagnostic import append, replace
 from soter.language.model import typed
 from soter.language.model.durations import write_ns
 from soter.language.model.types import (
@@ -31,10 +31,9 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
-    from soter.language.check.checker_interface import Because, Shared
-    from soter.language.check.expression_context import Context
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
+    from soter.language.check.checker_interface import Because, Context, Shared
     from soter.language.model.types import Type
     from soter.language.syntax import tree
 

@@ -11,15 +11,14 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
-from soter.language.check import foreign_name_hints, other_scopes
+from soter.diagnostics.diagnostic import replace
+from soter.language.check import unknown_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.diagnostics.source import Span
     from soter.language.load.loader import LoadedFile
     from soter.language.syntax import tree
 
@@ -79,7 +78,7 @@ class Entry:
     def instead(self, wanted: str, span: Span) -> tuple[Help, ...]:
         """Helps for a declaration that is not of the kind `wanted`, as `other_scopes.instead`."""
         decls = [e.decl for e in self.scope.entries.values()]
-        return other_scopes.instead(decls, self.decl, wanted, span)
+        return unknown_names.instead(decls, self.decl, wanted, span)
 
 
 @dataclass(eq=False)
@@ -255,7 +254,7 @@ class Names:
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
         """N006 for `math.sin` and the like, which the prelude has; False for anything else."""
-        helps = foreign_name_hints.of_a_library(qualifier, name, wanted)
+        helps = unknown_names.of_a_library(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
         self.diagnostics.error(
@@ -280,7 +279,7 @@ class Names:
                 qualifier.span.to(member.span),
                 "a part of it",
                 also=((entry.decl.name.span, "declared here"),),
-                helps=other_scopes.whole_topic(
+                helps=unknown_names.whole_topic(
                     (e.decl for e in scope.entries.values()),
                     entry.decl,
                     qualifier.span.to(member.span),
@@ -298,7 +297,7 @@ class Names:
             )
             return
         decls = [e.decl for e in scope.entries.values()]
-        meant = next((m for m in other_scopes.meanings(decls, name) if not m.weak), None)
+        meant = next((m for m in unknown_names.meanings(decls, name) if not m.weak), None)
         if meant is not None:
             self._missing.add((id(scope), name))
             self.diagnostics.error(
@@ -349,14 +348,14 @@ class Names:
         if dotted:
             self._missing.add((id(scope), name))
         decls = [e.decl for e in scope.entries.values()]
-        elsewhere = () if also else tuple(other_scopes.meanings(decls, name))
+        elsewhere = () if also else tuple(unknown_names.meanings(decls, name))
         meant = next((m for m in elsewhere if not m.weak), None)
         if meant is not None:
             also, helps = ((meant.span, meant.what),), helps or (meant.help,)
         elif not helps and kind == "type":
-            helps = foreign_name_hints.a_type(name, span)
+            helps = unknown_names.a_type(name, span)
         elif not helps and kind == "name":
-            helps = foreign_name_hints.a_value(decls, name, span)
+            helps = unknown_names.a_value(decls, name, span)
         if not helps:
             near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
             helps = self.diagnostics.did_you_mean(name, near, span)
@@ -372,7 +371,7 @@ class Names:
         if not helps and elsewhere:
             also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
         if not helps and kind in EXAMPLES:
-            driven = kind != "topic" or other_scopes.is_driven(decls, name)
+            driven = kind != "topic" or unknown_names.is_driven(decls, name)
             example = EXAMPLES[kind] if driven else "input topic {}: float in [-1.0, 1.0];"
             helps = (f"declare it: `{example.format(name)}`",)
         self.diagnostics.error(

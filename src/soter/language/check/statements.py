@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import append, insert, replace
-from soter.diagnostics.span import Span
-from soter.language.check import foreign_name_hints
+from soter.diagnostics.diagnostic import append, insert, replace
+from soter.diagnostics.source import Span
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import error_expr, is_error, plain
-from soter.language.check.expression_context import SPECIALS
 from soter.language.check.expressions.field import constant_index, instead_of_index
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
@@ -31,10 +31,8 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
-    from soter.language.check.checker_interface import Shared
-    from soter.language.check.expression_context import Context
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.language.check.checker_interface import Context, Shared
     from soter.language.check.expressions.expr import ExprChecker
     from soter.language.model.types import Type
 
@@ -253,9 +251,9 @@ class StmtChecker:
             return
         if entry is None:
             helps: tuple[Help, ...] = ()
-            otherwise = () if steps else foreign_name_hints.a_declaration(base.name)
+            otherwise = () if steps else unknown_names.a_declaration(base.name)
             if steps and isinstance(steps[-1], tree.FieldExpr):
-                helps = foreign_name_hints.without_object(base.name, steps[-1].field)
+                helps = unknown_names.without_object(base.name, steps[-1].field)
             self.expressions.unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
@@ -344,7 +342,7 @@ class StmtChecker:
                 f"{context.where} does not declare that it publishes `{topic.name}`",
                 s.topic.span,
                 also=((context.node.span, "the node"),),
-                helps=foreign_name_hints.published_too(
+                helps=unknown_names.published_too(
                     (e.decl for e in context.scope.entries.values()),
                     s.topic.text,
                     context.node.span,
@@ -396,7 +394,7 @@ class StmtChecker:
         return typed.ForRange(s.span, variable, low, high, body)
 
     def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.TypedStmt | None:
-        counted = foreign_name_hints.a_range(s.sequence)
+        counted = unknown_names.a_range(s.sequence)
         if counted and isinstance(s.sequence, tree.CallExpr):
             self.diagnostics.error(
                 "T002", "a loop counts over a range", s.sequence.span, helps=counted

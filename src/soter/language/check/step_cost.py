@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.model import typed
-from soter.language.model.data_table import is_table
 from soter.language.model.tree_walk import calls_in, children, nodes
 from soter.language.model.types import ArrayType, ListType, leaf_count
+from soter.language.model.values import is_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
 
 MAX_OPERATIONS = 100_000_000
 """Operations of a step: a tenth of a second of the fastest possible machine."""

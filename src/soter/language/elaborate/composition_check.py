@@ -11,10 +11,10 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import Edit, Fix, out_of_list, whole_lines
-from soter.diagnostics.span import Span
-from soter.language.check.foreign_name_hints import in_publishes
-from soter.language.elaborate.deployment.deployed_systems import check_external
+from soter.diagnostics.diagnostic import Edit, Fix, out_of_list, whole_lines
+from soter.diagnostics.source import Span
+from soter.language.check.unknown_names import in_publishes
+from soter.language.elaborate.deployed_systems import check_external
 from soter.language.elaborate.undriven_topic_fixes import as_input, would_drive
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.model.system import Component, Module, System, Topic
     from soter.language.model.typed import NodeSymbol, SystemSymbol, TopicSymbol
 

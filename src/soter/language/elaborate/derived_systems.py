@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.elaborator import Elaborator
-from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
+from soter.language.elaborate.step_times import waiting
 from soter.language.model import typed
 from soter.language.model.system import InputDrive, Scope
 from soter.language.model.tree_walk import mode_reads

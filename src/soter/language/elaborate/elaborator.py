@@ -10,17 +10,28 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import append, exchange
+from soter.diagnostics.diagnostic import append, exchange
 from soter.language.elaborate.composition_check import Composition, hyperperiod
-from soter.language.elaborate.deployment.wcet_and_jitter import budget, inlined
-from soter.language.elaborate.execution_times import check_double_response, held_topic, may_take
 from soter.language.elaborate.instantiate import controller_names
-from soter.language.elaborate.margin_and_latch_topics import make_latch_topics, make_margin_topics
-from soter.language.elaborate.shield_topics import make_shield_topics, refuse_overrun
-from soter.language.elaborate.system_size import TooLargeError
-from soter.language.elaborate.tests_and_faults.contract_stand_ins import stand_in
+from soter.language.elaborate.step_times import (
+    budget,
+    check_double_response,
+    held_topic,
+    inlined,
+    may_take,
+)
+from soter.language.elaborate.system_numbers import TooLargeError
 from soter.language.elaborate.tests_and_faults.faults import place_faults
-from soter.language.elaborate.topics import Topics, beyond, first_outside
+from soter.language.elaborate.tests_and_faults.stand_ins import stand_in
+from soter.language.elaborate.topics import (
+    Topics,
+    beyond,
+    first_outside,
+    make_latch_topics,
+    make_margin_topics,
+    make_shield_topics,
+    refuse_overrun,
+)
 from soter.language.elaborate.unused_settings import Idle
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
@@ -45,9 +56,8 @@ from soter.language.model.types import ErrorType, FloatType, IntType, default_va
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.diagnostics.source import Span
     from soter.language.elaborate.instantiate import PlacedInstance, ReplacedModule, SubSystem
     from soter.language.model.types import Value
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.check.expressions.field import listed
-from soter.language.elaborate.numeric_values import Numbers
-from soter.language.elaborate.tests_and_faults.contract_stand_ins import ContractStandIn
+from soter.language.elaborate.system_numbers import Numbers
+from soter.language.elaborate.tests_and_faults.stand_ins import ContractStandIn
 from soter.language.elaborate.wellformed import check_messages
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topics_beside, topics_mentioned
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
-    from soter.language.elaborate.parameter_values import Values
+    from soter.diagnostics.source import Span
+    from soter.language.elaborate.system_numbers import Values
     from soter.language.model.types import Value
 
 Replacement = typed.NodeSymbol | typed.PlantSymbol | typed.ByContract

@@ -35,7 +35,7 @@ from soter.language.model.types import DurationType, IntType
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Scope, System
 
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}

@@ -1,7 +1,12 @@
-"""The topics of a system: all the values each may hold, and its first one.
+"""The topics of a system: the values each may hold, its first one, and what modules remember.
 
-Purpose: bounds of every leaf, defaults inside them, `max_age`; one topic for all that is wired.
-Non-goals: who drives a topic (`composition_check.py`).
+Purpose: bounds of every leaf, defaults inside them, `max_age`, and one topic for all that is wired.
+Hidden topics keep what a decision module remembers: for how many periods AC surely keeps control
+(`margin(M)`), what a latch waits for, and until when a command of each cell of a `shield` was held;
+and it is said what a shield cannot be said of (M027).
+Non-goals: who drives a topic (`composition_check.py`); how many periods or which commands these are
+(`verify/`); how a latch moves and when commands are judged (`semantics/`,
+`runtime/soter_kernel.c`).
 """
 
 from __future__ import annotations
@@ -10,9 +15,11 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.instantiate import Instantiation, TopicKey
-from soter.language.elaborate.system_size import SizeCounter, TooLargeError
-from soter.language.model.system import Bound, Topic
+from soter.language.elaborate.system_numbers import SizeCounter, TooLargeError
+from soter.language.model.system import Bound, Shield, Topic
+from soter.language.model.typed import TopicSymbol
 from soter.language.model.types import (
+    FLOAT,
     ArrayType,
     BoolType,
     EnumType,
@@ -21,16 +28,164 @@ from soter.language.model.types import (
     ListType,
     RecordType,
     default_value,
+    has_list,
     is_vector_part,
+    leaves,
+    numbers_in,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.parameter_values import Values
+    from soter.language.elaborate.system_numbers import Values
     from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type, Value
+
+
+def make_margin_topics(read: Iterable[int], modules: list[Module], first: int) -> list[Topic]:
+    """A topic for every module of which somebody reads the margin, numbered from `first` on.
+
+    `read`: indices of modules. Enters the topics' numbers in the modules.
+    """
+    made: list[Topic] = []
+    for index in sorted(set(read)):
+        module = modules[index]
+        module.looked = first + len(made)
+        made.append(_memory_topic(module, "margin", module.looked, max(module.levels - 1, 1)))
+    return made
+
+
+def make_latch_topics(modules: Iterable[Module], first: int) -> list[Topic]:
+    """A topic for every module with a latch that may switch, numbered from `first` on.
+
+    Enters the topics' numbers, and those of the acknowledgements, in the modules.
+    """
+    made: list[Topic] = []
+    for module in modules:
+        latch = module.symbol.latch
+        if latch is None or module.forced is not None:
+            continue
+        module.latch = first + len(made)
+        if latch.topic is not None:
+            module.acknowledgement = module.scope.topics[latch.topic]
+        made.append(_memory_topic(module, "latch", module.latch, 1 if latch.topic is None else 2))
+    return made
+
+
+def _memory_topic(module: Module, what: str, index: int, most: int) -> Topic:
+    name = f"{module.name}.{what}"
+    held = IntType(0, most)
+    return Topic(
+        index=index,
+        name=name,
+        symbol=TopicSymbol(name, module.symbol.span, held, False, {}, None, None),
+        type=held,
+        bounds=(Bound(0, most),),
+        set_declared=True,
+        default=0,
+        max_age_ns=None,
+        driver=module.name,
+        held=True,
+    )
+
+
+NEVER_HELD = -1.0e18
+"""s: before every run."""
+
+
+def make_shield_topics(
+    modules: Sequence[Module],
+    cells: Mapping[int, int],
+    topics: Sequence[Topic],
+    components: Sequence[Component],
+    diagnostics: Diagnostics,
+) -> list[Topic]:
+    """A topic for every module that has a shield, numbered from `len(topics)` on.
+
+    `cells`: module index -> into how many cells each number of its commands is cut.
+    """
+    made: list[Topic] = []
+    for module in modules:
+        clause = module.symbol.shield
+        if clause is None or module.index not in cells:
+            continue
+        why = _why_not(module, topics, components)
+        if why:
+            _refused(module, clause, why, diagnostics)
+            continue
+        numbers = len(_numbers(module, topics))
+        first = len(topics) + len(made)
+        times = (NEVER_HELD,) * (numbers * cells[module.index])
+        made.append(_topic(module, "shield", first, times))
+        module.shield = Shield(cells[module.index], first)
+        if module.symbol.toward_sc:
+            both = 2 * _numbers(module, topics)
+            made.append(_topic(module, "proposed", first + 1, both))
+            module.shield.proposed = first + 1
+    return made
+
+
+def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Component]) -> str:
+    if module.symbol.ttf is not None or module.symbol.safer is not None:
+        return "`ttf` and `safer` are written: what a shield permits is computed together with them"
+    if module.symbol.over is not None:
+        return "a module stands in the place of its AC"
+    for i in module.outputs:
+        t = topics[i].type
+        if has_list(t) or not all(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
+            return f"`{topics[i].name}` is not made of floats"
+    slow = [components[i] for i in (module.ac, module.sc) if components[i].takes_ns is not None]
+    if slow:
+        return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
+    return ""
+
+
+def refuse_overrun(
+    system: System, component: Component, fault: str, diagnostics: Diagnostics
+) -> None:
+    """M027 where a controller that a shield judges would publish later than it steps."""
+    module = None if component.module is None else system.modules[component.module]
+    if module is None or module.shield is None or module.symbol.shield is None:
+        return
+    why = f"`{fault}`: what a step publishes later is judged when it begins"
+    _refused(module, module.symbol.shield, why, diagnostics)
+
+
+def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:
+    diagnostics.error(
+        "M027",
+        f"module `{module.symbol.name}` can have no shield",
+        clause.span,
+        also=((module.symbol.span, "this module"),),
+        notes=(why,),
+        helps=("leave `shield` out",),
+    )
+
+
+def _numbers(module: Module, topics: Sequence[Topic]) -> tuple[float, ...]:
+    """The numbers of its commands, as they are at the start."""
+    return tuple(numbers_in(tuple(topics[i].default for i in module.outputs)))
+
+
+def _topic(module: Module, what: str, index: int, default: tuple[float, ...]) -> Topic:
+    name = f"{module.name}.{what}"
+    size = len(default)
+    held = ArrayType(FLOAT, size)
+    return Topic(
+        index=index,
+        name=name,
+        symbol=TopicSymbol(name, module.symbol.span, held, False, {}, None, None),
+        type=held,
+        bounds=(None,) * size,
+        set_declared=True,
+        default=default,
+        max_age_ns=None,
+        driver=module.name,
+        held=True,
+    )
 
 
 class Topics(Instantiation):

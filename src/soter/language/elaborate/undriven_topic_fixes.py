@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import Edit, Fix, insert
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Edit, Fix, insert
+from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Help
     from soter.language.model.system import Topic
     from soter.language.model.typed import ModuleSymbol, SystemSymbol, TypedProgram
 

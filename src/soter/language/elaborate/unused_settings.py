@@ -1,7 +1,7 @@
 """Settings of instances that change nothing.
 
 Purpose: W010 for `set K` of an instance in which nothing reads K.
-Non-goals: values (`parameter_values.py`); plain settings of a system, which are for whatever comes.
+Non-goals: values (`system_numbers.py`); plain settings of a system, which are for whatever comes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.elaborate.instantiate import PlacedInstance, SubSystem
     from soter.language.model.system import Topic
 

@@ -2,8 +2,10 @@
 
 Purpose: one place for the traps between Python and the machine: unbounded ints, division that
 floors, `math` functions that raise. The constant evaluator and the reference interpreter use
-nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own.
-Non-goals: which operation an expression means (`statements.py`), intervals (`verify/`).
+nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own. For
+vectors (records and arrays of only floats) it builds functions that work on each component, so that
+nothing looks at types while a program runs.
+Non-goals: which operation an expression means (`expressions.py`), intervals (`verify/`).
 
 Every checked operation takes the span to blame and raises `StepFault`. Fault codes, `min`, `max`,
 `abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.
@@ -15,10 +17,17 @@ import math
 from enum import IntEnum
 from typing import TYPE_CHECKING, TypeVar
 
-from soter.language.model.types import INT_MAX, INT_MIN
+from soter.language.model.types import INT_MAX, INT_MIN, ArrayType, FloatType, RecordType
 
 if TYPE_CHECKING:
-    from soter.diagnostics.span import Span
+    from collections.abc import Callable
+
+    from soter.diagnostics.source import Span
+    from soter.language.model.types import Type, Value
+
+    Unary = Callable[[float], float]
+    Binary = Callable[[float, float], float]
+
 
 NAN = math.nan
 """The one NaN that is ever stored: 0x7ff8000000000000."""
@@ -176,3 +185,52 @@ def maximum(a: Number, b: Number) -> Number:
 def saturate(x: float, limit: float) -> float:
     """`min(max(x, -limit), limit)`."""
     return minimum(maximum(x, -limit), limit)
+
+
+def _components(t: Type) -> tuple[Type, ...]:
+    if isinstance(t, RecordType):
+        return tuple(f for _, f in t.fields)
+    assert isinstance(t, ArrayType), t
+    return (t.element,) * t.size
+
+
+def _is_flat(t: Type) -> bool:
+    return all(isinstance(c, FloatType) for c in _components(t))
+
+
+def zipper(t: Type) -> Callable[[Binary, Value, Value], Value]:
+    """`(op, a, b) -> value`: `op` on each pair of components of two values of type `t`."""
+    if isinstance(t, FloatType):
+        return lambda op, a, b: op(a, b)
+    if _is_flat(t):
+        return lambda op, a, b: tuple(map(op, a, b))
+    parts = [zipper(c) for c in _components(t)]
+    return lambda op, a, b: tuple([z(op, x, y) for z, x, y in zip(parts, a, b, strict=True)])
+
+
+def mapper(t: Type) -> Callable[[Unary, Value], Value]:
+    """`(op, a) -> value`: `op` on each component of a value of type `t`."""
+    if isinstance(t, FloatType):
+        return lambda op, a: op(a)
+    if _is_flat(t):
+        return lambda op, a: tuple(map(op, a))
+    parts = [mapper(c) for c in _components(t)]
+    return lambda op, a: tuple([m(op, x) for m, x in zip(parts, a, strict=True)])
+
+
+def flattener(t: Type) -> Callable[[Value], tuple[float, ...]]:
+    """`value -> leaves` of a value of type `t`, in declared order."""
+    if isinstance(t, FloatType):
+        return lambda a: (a,)
+    if _is_flat(t):
+        return lambda a: a
+    parts = [flattener(c) for c in _components(t)]
+    return lambda a: tuple([leaf for f, x in zip(parts, a, strict=True) for leaf in f(x)])
+
+
+def dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+    """`((a0*b0 + a1*b1) + a2*b2) + ...` of two flat vectors, at least one component long."""
+    total = a[0] * b[0]
+    for x, y in zip(a[1:], b[1:], strict=True):
+        total += x * y
+    return total

@@ -11,11 +11,10 @@ import operator
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.evaluate import arithmetic, fair_choice, vectors
+from soter.language.evaluate import arithmetic, fair_choice
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.model import typed as t
-from soter.language.model.python_values import from_python, to_python
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -24,11 +23,12 @@ from soter.language.model.types import (
     IntType,
     leaf_count,
 )
+from soter.language.model.values import from_python, to_python
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.types import Type, Value
 
     Compiled = Callable[[Environment], Value]
@@ -228,7 +228,7 @@ class ExpressionEvaluator(ABC):
             return lambda env: -operand(env)
         if _is_int(expr.type):
             return lambda env: arithmetic.neg_int(operand(env), span)
-        each = vectors.mapper(expr.type)
+        each = arithmetic.mapper(expr.type)
         return lambda env: each(operator.neg, operand(env))
 
     def _binary(self, expr: t.TypedBinary) -> Compiled:
@@ -250,11 +250,11 @@ class ExpressionEvaluator(ABC):
         left, right = self._expr(expr.left), self._expr(expr.right)
         op, span = expr.op, expr.span
         if op in ("+", "-"):
-            zipped, operation = vectors.zipper(expr.type), _FLOAT_OPERATIONS[op]
+            zipped, operation = arithmetic.zipper(expr.type), _FLOAT_OPERATIONS[op]
             compiled: Compiled = lambda env: zipped(operation, left(env), right(env))  # noqa: E731
             return self._counted(leaf_count(expr.type), compiled)
 
-        each = vectors.mapper(expr.type)
+        each = arithmetic.mapper(expr.type)
         scalar_first = isinstance(expr.left.type, FloatType)
 
         def scaled(env: Environment) -> Value:
@@ -324,7 +324,7 @@ class ExpressionEvaluator(ABC):
         if name in ("dot", "norm"):
             return self._dot(name, of, arguments)
         if name == "saturate":
-            each, limit = vectors.mapper(of), arguments[1]
+            each, limit = arithmetic.mapper(of), arguments[1]
 
             def saturate(env: Environment) -> Value:
                 x, most = first(env), limit(env)
@@ -335,16 +335,16 @@ class ExpressionEvaluator(ABC):
         return lambda env: operation(first(env))
 
     def _dot(self, name: str, of: Type, arguments: list[Compiled]) -> Compiled:
-        flat, first = vectors.flattener(of), arguments[0]
+        flat, first = arithmetic.flattener(of), arguments[0]
         if name == "norm":
 
             def norm(env: Environment) -> Value:
                 x = flat(first(env))
-                return arithmetic.sqrt(vectors.dot(x, x))
+                return arithmetic.sqrt(arithmetic.dot(x, x))
 
             return self._counted(leaf_count(of), norm)
         second = arguments[1]
-        compiled: Compiled = lambda env: vectors.dot(flat(first(env)), flat(second(env)))  # noqa: E731
+        compiled: Compiled = lambda env: arithmetic.dot(flat(first(env)), flat(second(env)))  # noqa: E731
         return self._counted(leaf_count(of), compiled)
 
     # ------------------------------------------------------------ expressions: structure

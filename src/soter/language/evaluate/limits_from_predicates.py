@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.conjuncts import conjuncts, returned
 from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.predicates import conjuncts, returned
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes

@@ -2,8 +2,8 @@
 
 Purpose: one method for each kind of expression and statement of `typed.py`, over `Range`s:
 sound bounds of its value, and whether judging it may fault.
-Non-goals: which ranges (`value_domains.py`), deciding with them (`constant_truth.py`); what is too
-hard for it, such as what happens in lists, is anything of its type.
+Non-goals: which ranges (`explore/vacuous_tests.py`), deciding with them (`constant_truth.py`); what
+is too hard for it, such as what happens in lists, is anything of its type.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate import ranges
+from soter.language.evaluate.predicates import same_expression
 from soter.language.evaluate.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
-from soter.language.evaluate.same_expression import same_expression
 from soter.language.model import typed as t
 from soter.language.model.types import (
     ArrayType,

@@ -40,7 +40,7 @@ class Evaluator(ExpressionEvaluator):
 
     `params`, `topics`, `plants` and `modules` say what names mean, as in `system.Scope`.
     `externs` maps extern functions to Python callables, which take and give Python values
-    (`python_values.py`); a call of one that is not there faults, and `unbound` names it. With a
+    (`values.py`); a call of one that is not there faults, and `unbound` names it. With a
     `budget`, `value` raises `BudgetExceeded` when a constant needs more operations than that
     (statements, calls, loop rounds, and components moved).
     """

@@ -3,7 +3,7 @@
 Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads;
 `always`, `always_by_parts`: whether that decides a condition; `narrowed`: ages, and what of a topic
 is known to be less.
-Non-goals: what steps compute, queues and times (`explore/vacuity/value_domains.py`).
+Non-goals: what steps compute, queues and times (`explore/vacuous_tests.py`).
 """
 
 from __future__ import annotations

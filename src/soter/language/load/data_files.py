@@ -16,8 +16,6 @@ from operator import mul
 from typing import TYPE_CHECKING, Any
 
 from soter.language.load.bounded_read import read_bytes
-from soter.language.model.data_table import Table, is_table
-from soter.language.model.python_values import ValueShapeError, check_length, from_json
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -27,6 +25,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
+from soter.language.model.values import Table, ValueShapeError, check_length, from_json, is_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -24,7 +24,7 @@ from soter.language.syntax.parser import parse
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree
 
@@ -37,7 +37,8 @@ PRELUDE_DIR = Path(__file__).resolve().parents[1] / "prelude"
 class SourceAccess:
     """How the files of a program are read: from the disk, each time anew.
 
-    An editor's (`editor/overlay.py`) knows texts that are not saved, and remembers what it parsed.
+    An editor's (`editor/documents.py`) knows texts that are not saved, and remembers what it
+    parsed.
     """
 
     def text(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.typed import (
         ModuleSymbol,
         NodeSymbol,
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         Variable,
     )
     from soter.language.model.types import Type, Value
-
 
 LEVELS_DEFAULT, LEVELS_LEAST = 3, 2
 
@@ -155,7 +154,7 @@ class Component:
     takes_ns: tuple[int, int] | None = None
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
-    """Where steps last: the topic that holds its publications (`elaborate/execution_times.py`)."""
+    """Where steps last: the topic that holds its publications (`elaborate/step_times.py`)."""
     wcet_ns: int | None = None
     """What a step, or a decision, needs of its processor at most; None: not declared."""
     jitter_ns: int = 0
@@ -215,7 +214,8 @@ class Module:
     over: int | None = None
     """The module that stands in the place of AC; `ac` is then that one's."""
     view: str = ""
-    """As a view sees it (`elaborate/views.py`): `symbol` is a part, `whole` the one that flies."""
+    """As a view sees it (`elaborate/views_for_proofs.py`): `symbol` is a part, `whole` the one that
+    flies."""
     whole: ModuleSymbol | None = None
     law: dict[int, Value] = field(default_factory=dict)
     """The fail-safe law: topic index -> what its actuator holds once the lease has ended; empty:
@@ -234,7 +234,7 @@ class Module:
     """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
     latch: int | None = None
     """Where its DM does not give control back by itself: the topic in which it remembers why not
-    (`elaborate/margin_and_latch_topics.py`)."""
+    (`elaborate/topics.py`)."""
     acknowledgement: int | None = None
     """With a `latch`: the topic after a press on which it gives control back; None: it never does,
     once AC has had it."""
@@ -364,7 +364,7 @@ class Fault:
     with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
     release is late (the quantiles of the lateness); with a slot the longest time for which the
     component is held up. "wait": a release that falls together with one of the component `on`
-    happens no earlier than that (`elaborate/tests_and_faults/sc_waits_for_dm.py`). "overrun": a
+    happens no earlier than that (`language/elaborate/step_times.py`). "overrun": a
     step that begins while it is there lasts `amount` longer, ns (`Component.held`). `apart`: never
     in two slots in a row. `inside`: None, or the assumption that it does not break; `text`: as it
     was written.

@@ -2,7 +2,7 @@
 
 Purpose: what people bring from Python, C++, Rust, MATLAB, Lustre and textbooks where Soter has
 something else, or nothing: lists, loops, tuples, slices, functions without a name, matrices.
-Non-goals: declarations (`foreign_phrases.py`); items (`foreign_items.py`).
+Non-goals: declarations (`foreign_phrases.py`); items (`foreign_words.py`).
 """
 
 from __future__ import annotations

@@ -14,16 +14,14 @@ import re
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label
-from soter.diagnostics.fix import insert, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Diagnostic, Label, insert, replace
+from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_idioms import place_of
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
-from soter.language.syntax.parsing.functions import fun
+from soter.language.syntax.parsing.functions_and_plants import fun, plant
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nodes import NodeParser
-from soter.language.syntax.parsing.plants import plant
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
@@ -38,8 +36,7 @@ from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_val
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.diagnostics.source import Source
 
 #: The language edition this compiler reads.

@@ -10,11 +10,11 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import remove, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import remove, replace
+from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Help
     from soter.diagnostics.source import Source
 
 _DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")

@@ -15,16 +15,14 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, made
-from soter.diagnostics.fix import replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Label, made, replace
+from soter.diagnostics.source import Span
 from soter.language.syntax.foreign_idioms import find
 from soter.language.syntax.foreign_words import in_si, period_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostic, Help
     from soter.diagnostics.source import Source
 
 NAME = "NAME"

@@ -6,7 +6,7 @@ Non-goals: names, types, meaning (`program/`); comments (the printer reads them 
 
 from __future__ import annotations
 
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Span
 from soter.language.syntax.node import Node, node
 
 

@@ -19,17 +19,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
-from soter.monitor.logs.decidable_modules import topics_behind, topics_of_safe, written_by_node
-from soter.monitor.logs.doubtful_samples import doubts
+from soter.monitor.logs.decidable_modules import (
+    Hearing,
+    doubts,
+    topics_behind,
+    topics_of_safe,
+    written_by_node,
+)
 from soter.monitor.logs.files.log_columns import unusable
 from soter.monitor.logs.predicate_margins import PredicateMargins, PredicatePosition
 from soter.monitor.logs.result import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
-from soter.monitor.logs.silent_topics import Hearing
-from soter.semantics.configuration import NEVER
+from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import AC, DecisionVerdict, StepOutcome
 from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
 from soter.simulate.decisions import PredicateValues, reason
 

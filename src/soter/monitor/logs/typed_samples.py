@@ -30,11 +30,16 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.mapping.message_types import HEADER_FRAME
-from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource
-from soter.mapping.topic_sources import SourceTurns
+from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
 from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
-from soter.monitor.logs.files.log_columns import Columns, decimal_of, is_plain, unusable
-from soter.monitor.logs.files.row_choice import TRUTHS, RowChoice
+from soter.monitor.logs.files.log_columns import (
+    TRUTHS,
+    Columns,
+    RowChoice,
+    decimal_of,
+    is_plain,
+    unusable,
+)
 from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
 

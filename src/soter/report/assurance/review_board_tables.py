@@ -12,16 +12,22 @@ from collections import Counter
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.assurance.expanded_predicate import MEANINGS
+from soter.report.assurance.safety_case import MEANINGS
 from soter.report.plain_page import data_head
 from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from soter.report.assurance.expanded_predicate import Definition, ExpandedPredicate
-    from soter.report.assurance.safety_case import CaseNode, SafetyCase
-    from soter.report.assurance.traceability import OpenItem, TracedItem, TracedProperty
+    from soter.report.assurance.safety_case import (
+        CaseNode,
+        Definition,
+        ExpandedPredicate,
+        OpenItem,
+        SafetyCase,
+        TracedItem,
+        TracedProperty,
+    )
 
 STYLE = """<style>
 .board code, .lead code, .case code, .for-file { overflow-wrap: anywhere; }

@@ -1,19 +1,118 @@
 """A safety case as plain data, in the words of the Goal Structuring Notation.
 
 Purpose: `SafetyCase`: nodes by their id; which goals are supported, from the leaves up.
-Non-goals: checking a leaf (`api/assurance/evidence.py`); pages (`page.py`, `strictdoc.py`).
-Source: GSN Community Standard, version 3: goals, strategies, solutions, contexts, assumptions.
+`Traceability`: hazards and requirements with the properties that they lead to, and what is open
+(`OpenItem`). `ExpandedPredicate`: a predicate of a module for people who do not read the program.
+Non-goals: checking a leaf, expanding predicates, following the rows of hazards (`api/assurance/`);
+pages (`page.py`, `strictdoc.py`). Source: GSN Community Standard, version 3.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from dataclasses import asdict, dataclass, field
+from typing import Literal
 
-from soter.report.assurance.traceability import Traceability
+MEANINGS = {
+    "safe": "What is to hold: the safety property of the module",
+    "ttf": "Where it is true the RTA switch takes control from the complex function",
+    "safer": "Where it is true the RTA switch may give control back to the complex function",
+}
 
-if TYPE_CHECKING:
-    from soter.report.assurance.expanded_predicate import ExpandedPredicate
+
+@dataclass(frozen=True)
+class Definition:
+    """A name of an expansion with its expression or value; `unit` where one is declared."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class ExpandedPredicate:
+    """`safe`, `ttf` or `safer` of a module, with its functions inlined.
+
+    `written`: as the program says it, "" where it is computed. `where`: parts of `expanded` that
+    have a name, each after those that it reads. `read`: what it reads of topics. `functions`: the
+    text of what stays a call, as a loop, an assignment or an extern is no expression.
+    """
+
+    module: str
+    name: str
+    written: str
+    expanded: str = ""
+    where: tuple[Definition, ...] = ()
+    constants: tuple[Definition, ...] = ()
+    read: tuple[Definition, ...] = ()
+    functions: tuple[Definition, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """As in docs/json.md."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class TracedProperty:
+    """A property that a hazard may trace to.
+
+    `how`: "proof", "exploration" or "flights". `status`: "supported" or "undeveloped" as the `goal`
+    of the case, if it has one; of flights that did not violate it "sampled", as they show nothing
+    of others, and "not flown" without flights. `wanted`: somebody has to have a hazard for it.
+    `hazards`: those that trace to it.
+    """
+
+    name: str
+    how: str
+    status: str
+    goal: str = ""
+    wanted: bool = True
+    hazards: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TracedItem:
+    """A hazard or a requirement; `properties`: what it leads to, over requirements, too.
+
+    It is "supported" where all of these are that are no flights, and there is one, and all the
+    requirements that it traces to; else "open".
+    """
+
+    kind: str
+    id: str
+    text: str
+    traces_to: tuple[str, ...]
+    properties: tuple[str, ...]
+    status: str
+
+
+@dataclass(frozen=True)
+class OpenItem:
+    """What nobody has closed: of a "hazard", "requirement", "property" or "assumption"."""
+
+    kind: str
+    id: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Traceability:
+    """`path`, `sha256`: of the file that was given, or "". `open`: all that is open."""
+
+    path: str = ""
+    sha256: str = ""
+    items: tuple[TracedItem, ...] = ()
+    properties: tuple[TracedProperty, ...] = ()
+    open: tuple[OpenItem, ...] = ()
+
+    @property
+    def covered(self) -> bool:
+        """Whether every hazard and every requirement is supported."""
+        return all(item.status == "supported" for item in self.items)
+
+    def to_json(self) -> dict[str, object]:
+        """As in docs/json.md."""
+        return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
+
 
 Kind = Literal["goal", "strategy", "solution", "context", "assumption"]
 SUPPORTED, UNDEVELOPED = "supported", "undeveloped"

@@ -1,7 +1,7 @@
 """What a proof report is made of: plain records, filled by whoever verified.
 
 Purpose: the page of `page.py` as data; nothing here knows about programs or sets.
-Non-goals: verdicts (`verify/`), drawing (`regions.py`).
+Non-goals: verdicts (`verify/`), drawing (`page.py`).
 """
 
 from __future__ import annotations

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.report.run.led_picture import LedPicture
-    from soter.report.run.live_diagram import Live
+    from soter.report.run.live_diagram import LedPicture, Live
 
 Vec3 = tuple[float, float, float]
 Summary = Mapping[str, "float | int | str"]

@@ -26,24 +26,28 @@ from soter.report.run.figure_elements import (
     violation_cross,
     violation_hover,
 )
-from soter.report.run.level_labels import Curves, level_names, levels_of, levels_range
 from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
 from soter.report.run.result_wording import quantity, violations_title
-from soter.report.run.signal_thinning import (
+from soter.report.run.signals_for_drawing import (
     POINTS_MAX,
+    Curves,
     by_controller,
     dense,
+    density_title,
     flight_indices,
     givebacks,
+    level_names,
+    levels_of,
+    levels_range,
     lowest,
     mode_edges,
     nearest_indices,
     runs,
+    takeover_density,
     takeovers,
     thin,
 )
-from soter.report.run.takeover_density import density_title, takeover_density
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -52,16 +56,14 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import Chart, Decision, Flight, Series, Violation
 
-BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 62
-MARGIN_TOP_PX = 20
+BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX, MARGIN_TOP_PX = 16, 132, 30, 62, 20
 NUMBERS_MAX, POINTS_MIN = 20_000, 500
 """Numbers of all signals of a chart together, and points of one at least: pages stay light."""
 STEPS_SHARE = 0.1
 """Part of a chart's points that the steps of one signal may take to stand where they were."""
 MARKS_MAX = 80
 """More decisions than that cover each other: their density is drawn."""
-DENSITY_PX = 44
-BAND_OPACITY = 0.3
+DENSITY_PX, BAND_OPACITY = 44, 0.3
 FEW = 4
 """Whole numbers that a panel has a tick for each of."""
 MINUS = "\N{MINUS SIGN}"

@@ -14,14 +14,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.printable_text import visible
-from soter.report.sequence.step_wording import (
-    ARROW,
-    KINDS,
-    clipped,
-    does,
-    late_text,
-    published_text,
-)
+from soter.report.sequence.text import ARROW, KINDS, clipped, does, late_text, published_text
 from soter.report.sequence.view import duration_text, late_ns, reached
 from soter.report.terminal_tables import display_width
 

@@ -24,7 +24,7 @@ from soter.report.sequence.drawing import (
     plan,
     unread,
 )
-from soter.report.sequence.step_wording import does, explanation, late_text, published_text
+from soter.report.sequence.text import does, explanation, late_text, published_text
 from soter.report.sequence.view import duration_text, matter_text, violating
 
 if TYPE_CHECKING:

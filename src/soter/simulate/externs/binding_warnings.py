@@ -18,7 +18,7 @@ from soter.language.model.binding_text import binding_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.binding_text import BindingText
     from soter.language.model.typed import NodeSymbol, TypedProgram
 

@@ -2,12 +2,16 @@
 
 Purpose: what the program says (`from "python:..."`) and what a person says (`--bind X=...`,
 `.bind("X", f)`) become, for one system and one engine, the callables of a run; bindings to C
-reach the generated program. Every mistake is a diagnostic: X001 to X008, U001, U005.
-Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), running.
+reach the generated program. Every mistake is a diagnostic: X001 to X008, U001, U005. `files_of`:
+SHA-256 of the files that a binding names, and what those need: runs and their logs say it, as other
+weights are another controller and the hash of the program knows nothing of them.
+Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), running; hashes of what
+Python imports, and of objects that are bound from Python: nobody can name their files.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -18,8 +22,10 @@ from typing import TYPE_CHECKING
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.similar_names import nearest_or_all
+from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
-from soter.simulate.externs.extern_files import files_of
+from soter.native.source_files import included
+from soter.policy.policy_errors import content_of
 from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.run_settings import usage_error
 
@@ -27,10 +33,40 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from soter.core.core import CoreSystem
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
+    from soter.language.model.binding_text import BindingText
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
     from soter.simulate.interrupt import StopRequest
+
+
+def files_of(bound: object) -> dict[str, str]:
+    """SHA-256 by the name of each file; empty for what no text binds. SoterError X003, X014."""
+    binding = binding_of(bound) if isinstance(bound, str) else None
+    if binding is None:
+        return {}
+    if binding.kind == "c":
+        texts = included(binding.file)
+        return {str(p): _sha256(t.encode("utf-8", "surrogateescape")) for p, t in texts.items()}
+    if not binding.is_policy:
+        return {binding.file: _sha256(read_bytes(Path(binding.file)))}
+    told = {name: _sha256(content_of(Path(name))) for name in binding.files}
+    return told | _weights(binding)
+
+
+def _weights(binding: BindingText) -> dict[str, str]:
+    """Of the files beside an ONNX file that it names."""
+    if binding.kind != "onnx":
+        return {}
+    from soter.policy.onnx_file import onnx_content  # noqa: PLC0415 - may need an extra
+
+    path = Path(binding.file)
+    return {str(path.parent / name): sha for name, sha in onnx_content(path).beside.items()}
+
+
+def _sha256(raw: bytes) -> str:
+    return hashlib.sha256(raw).hexdigest()
+
 
 POLICY_MEMORY = 2 * 2**30
 """Bytes that the process of a policy may take beyond what it begins with."""

@@ -12,17 +12,16 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.codegen.extern_interface import answer_fields
+from soter.codegen.externs import answer_fields
 from soter.codegen.unit import generate
 from soter.core.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.language.model.python_values import from_python, to_python
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
-from soter.native.build import library
+from soter.language.model.values import from_python, to_python
 from soter.native.cache import digest
-from soter.native.cffi_interface import interface, opened
 from soter.native.extern_memory import another_copy, kept_by
-from soter.native.includes import included
+from soter.native.shared_library import interface, library, opened
+from soter.native.source_files import included
 from soter.simulate.externs.python_answers import PlainError
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """The process of an extern node in Python.
 
-Purpose: run as a module with SPEC (`native/python_child.py`) it loads the person's code and answers
+Purpose: run as a module with SPEC (`native/compiler.py`) it loads the person's code and answers
 what the driver asks, until the driver is gone. SPEC says what and how: `write_spec` writes it.
 Non-goals: being on time or right: the driver and the gate see to that.
 """
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.binding_text import binding_of
-from soter.language.model.python_values import inputs_to_python
+from soter.language.model.values import inputs_to_python
 from soter.semantics.externs import converted
 from soter.simulate.externs.policy_extern import load_policy
 from soter.simulate.externs.python_answers import described

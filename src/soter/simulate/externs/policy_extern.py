@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.binding_text import BindingText
     from soter.language.model.types import Type, Value
     from soter.policy.network import Policy
@@ -112,7 +112,7 @@ def _asked(
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], _Assumed]:
     """Where the observation is written, what answers it, and what is assumed."""
     if binding.kind == "onnx":
-        from soter.policy.onnx_session import OnnxSession  # noqa: PLC0415 - an extra
+        from soter.policy.onnx_file import OnnxSession  # noqa: PLC0415 - an extra
 
         session = OnnxSession(path)
         assumed = _Assumed(session.assumed, len(session.run()), None)

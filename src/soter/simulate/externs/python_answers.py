@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.codegen.extern_interface import answer_fields
+from soter.codegen.externs import answer_fields
 from soter.core.layout import arrange, decode_from, encode_into
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.model.python_values import ValueShapeError, inputs_to_python
-from soter.native.package_sources import SOTER
+from soter.language.model.values import ValueShapeError, inputs_to_python
+from soter.native.source_files import SOTER
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
 from soter.semantics.publication_gate import check_of, messages, to_ends

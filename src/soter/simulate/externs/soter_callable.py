@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.python_values import from_python, to_python
+from soter.language.model.values import from_python, to_python
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -3,7 +3,7 @@
 Purpose: `LedLooks`: the compiled predicates of a system, asked again about a state, with a note
 behind each call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): the boxes of the
 tube, and the part that is not shown. All arithmetic is that of the C that flies.
-Non-goals: deciding, drawing (`report/run/led_picture.py`).
+Non-goals: deciding, drawing (`report/run/live_diagram.py`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children
-from soter.native.build import library
-from soter.report.run.led_picture import FAILED
+from soter.native.shared_library import library
+from soter.report.run.live_diagram import FAILED
 from soter.simulate.explain_decision import path_of, published_before
 
 if TYPE_CHECKING:

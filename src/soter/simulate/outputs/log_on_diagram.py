@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagram.render import picture
-from soter.language.model.python_values import ValueShapeError, from_json
+from soter.diagram.svg import picture
 from soter.language.model.types import RecordType
-from soter.report.errors import ReportError
+from soter.language.model.values import ValueShapeError, from_json
+from soter.report.atomic_write import ReportError
 from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
+from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
 from soter.report.run.live_diagram import Live
 from soter.report.run.record import Picture
-from soter.report.run_log import messages, metadata, require_log_package, unreadable
 from soter.simulate.outputs.run_on_diagram import SAW, HeldValues, control_of, steps_of, values_of
 
 if TYPE_CHECKING:

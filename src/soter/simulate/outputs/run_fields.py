@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter.core.layout import decode_from
-from soter.diagnostics.record_to_json import JsonObject, one_of
+from soter.diagnostics.command_records import JsonObject, one_of
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.model.python_values import to_json
 from soter.language.model.types import FLOAT
+from soter.language.model.values import to_json
 from soter.report.parameter_text import as_json
 from soter.simulate.decisions import DecisionStepRecord, PredicateValues, changes
 from soter.simulate.explain_decision import DecisionReason, GateFault, Operand, PredicatePart, Stale

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagram.from_system import live_rows, saw_key
+from soter.diagram.system_graph import live_rows, saw_key
 from soter.language.model.types import ArrayType, RecordType
 from soter.report.run.live_diagram import STEPS_MAX, Control, Live, Steps, Values
-from soter.semantics.random.faults import by_component, next_release
+from soter.semantics.faults import by_component, next_release
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -16,7 +16,6 @@ import numpy as np
 
 from soter.core.layout import NEVER, decode_from
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.python_values import to_json
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -26,8 +25,8 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.report.atomic_write import unfinished
-from soter.report.errors import LogError
+from soter.language.model.values import to_json
+from soter.report.atomic_write import LogError, unfinished
 from soter.report.mcap_log import (
     ABNORMALLY,
     BOOLEAN,
@@ -48,8 +47,8 @@ from soter.report.mcap_log import (
     mode_message,
     object_schema,
 )
+from soter.report.mcap_reading import require_log_package
 from soter.report.parameter_text import changed
-from soter.report.run_log import require_log_package
 from soter.simulate import decisions
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.outputs.run_fields import truth_value

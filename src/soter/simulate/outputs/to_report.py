@@ -1,8 +1,11 @@
 """A traced run as the report that a person opens.
 
 Purpose: signals of topics and plants, modes, decisions with reasons, violations and what the
-result rests on, for any program; one file of HTML (`report/html.py` writes it).
-Non-goals: geometry. An example that moves through a scene fills the records itself.
+result rests on, for any program; one file of HTML (`report/html.py` writes it). Of a tower, which
+controller has control in every state, and how long each had it, in words; of each module with
+`rest` the picture of where SC would lead.
+Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
+that picture (`led_looks.py`); what a module decides below one that is in SC.
 """
 
 from __future__ import annotations
@@ -15,9 +18,10 @@ import numpy as np
 
 from soter.core.layout import group_field
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagram.render import picture as draw
+from soter.diagram.svg import picture as draw
 from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.model import typed
+from soter.language.model.system import modules_above, tower_of
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -27,8 +31,9 @@ from soter.language.model.types import (
     leaf_name,
     leaves,
 )
-from soter.report.errors import ReportError
+from soter.report.atomic_write import ReportError
 from soter.report.html import inline_document, write_html
+from soter.report.run.live_diagram import LedLook, LedPicture
 from soter.report.run.record import (
     Chart,
     Decision,
@@ -39,12 +44,12 @@ from soter.report.run.record import (
     Threshold,
     Violation,
 )
-from soter.report.run.result_wording import count_text
+from soter.report.run.result_wording import count_text, prose
 from soter.simulate import decisions
-from soter.simulate.outputs import tower_control
-from soter.simulate.outputs.led_of_run import led_of_run
+from soter.simulate.outputs.led_looks import looks_of
 from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_on_diagram import live_of_run
+from soter.simulate.run_observer import decided_at
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -52,9 +57,85 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.language.model.system import System
+    from soter.language.model.system import Module, System
     from soter.language.model.types import Type
+    from soter.simulate.outputs.led_looks import LedLooks
     from soter.simulate.result import Run
+
+
+TIMES_SIGN = "\N{MULTIPLICATION SIGN}"
+
+
+def towers(system: System) -> list[tuple[Module, ...]]:
+    """Every tower of a system, its topmost module first."""
+    return [
+        tower_of(system, m.index)
+        for m in system.modules
+        if m.over is not None and not modules_above(system, m.index)
+    ]
+
+
+def controllers(system: System, tower: tuple[Module, ...]) -> list[str]:
+    """Who may have control, the SC of the topmost module first, the AC of the lowest last."""
+    return [system.components[i].name for i in (*(m.sc for m in tower), tower[-1].ac)]
+
+
+def levels_of(tower: tuple[Module, ...], trace: npt.NDArray[np.void]) -> npt.NDArray[np.intp]:
+    """Of each state, (states,), the number of the one in `controllers` that has control."""
+    modes = trace["modules"]["mode"][:, [m.index for m in tower]] == 1
+    held: npt.NDArray[np.intp] = np.cumprod(modes, axis=1).sum(axis=1)
+    return held
+
+
+def told(run: Run) -> list[str]:
+    """A line for each tower: shares of the time, and how often each took or was given control."""
+    trace = run.require_trace()
+    time_ns = trace["header"]["ct"].astype(np.float64)
+    lasts = np.diff(time_ns, append=run.reached_s * 1e9)
+    lines = []
+    for tower in towers(run.system):
+        held = levels_of(tower, trace)
+        begins = np.flatnonzero(np.diff(held, prepend=-1))
+        parts = [
+            f"{name} {lasts[held == k].sum() / max(lasts.sum(), 1.0):.1%} of the time, "
+            f"{int((held[begins] == k).sum())} {TIMES}"
+            for k, name in enumerate(controllers(run.system, tower))
+        ]
+        lines.append(f"Who had control in {tower[0].name}: {'; '.join(parts)}.")
+    return lines
+
+
+LOOKS_MAX = 120
+"""Of a module on one page; those that took control are among them."""
+JUDGED = " (after the commands that might act at this look)"
+
+
+def led_of_run(run: Run) -> tuple[LedPicture, ...]:
+    """Of each module; none where steps are in any order, or no compiler of C is there."""
+    looks = None if run.system.shuffled else looks_of(run.system)
+    if looks is None:
+        return ()
+    pictures = (_picture(run, looks, m) for m in looks.modules)
+    return tuple(p for p in pictures if p.looks)
+
+
+def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
+    trace = run.require_trace()
+    mode, stale = (trace["modules"][name][:, m.index] for name in ("mode", "stale"))
+    rows = np.flatnonzero(decided_at(run.system, trace)[:, m.index] & (stale == 0))
+    rows = rows[rows > 0]  # what was read is of two states
+    lost = rows[(mode[rows - 1] == 1) & (mode[rows] == 0)][:LOOKS_MAX]
+    even = np.linspace(0, len(rows) - 1, min(LOOKS_MAX, len(rows)) - len(lost)).astype(np.intp)
+    drawn = []
+    for row in np.union1d(rows[even], lost):
+        states = trace[row - 1].tobytes(), trace[row].tobytes()
+        led = looks.of(m.index, *states, judged=bool(mode[row - 1]))
+        of = JUDGED if m.shield is not None and mode[row - 1] else ""
+        if len(led.boxes):
+            time_s = float(trace["header"]["ct"][row]) / 1e9
+            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led) + of)))
+    return LedPicture(m.name, looks.names[m.index], looks.units[m.index], tuple(drawn), len(rows))
+
 
 SERIES_MAX = 24
 """More signals than that nobody reads below each other."""
@@ -119,7 +200,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *tower_control.told(run), *_of_signals(run)),
+        notes=(*run.failures, *run.notes, *told(run), *_of_signals(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -221,10 +302,10 @@ def _summary(run: Run) -> dict[str, float | int | str]:
 
 def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """Who has control in each tower, by number: 0 is the SC of the topmost module."""
-    for tower in tower_control.towers(run.system):
-        names = tower_control.controllers(run.system, tower)
+    for tower in towers(run.system):
+        names = controllers(run.system, tower)
         who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
-        held = tower_control.levels_of(tower, trace).astype(float)
+        held = levels_of(tower, trace).astype(float)
         name = f"control({tower[0].name})"
         yield Series(name, "", held, panel=f"who has control ({who})", held=True)
 

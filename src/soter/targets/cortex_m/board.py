@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
-from soter.native.build import RUNTIME
+from soter.native.shared_library import RUNTIME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

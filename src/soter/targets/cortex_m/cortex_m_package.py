@@ -12,13 +12,13 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.unit import generate
-from soter.native.build import RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
+from soter.native.shared_library import RUNTIME
 from soter.targets import c99
 from soter.targets.cortex_m.board import SOFT, UNGUARDED
 from soter.targets.cortex_m.loop_tables import apart_nodes, loop_tables, tick_of
-from soter.targets.leases import FILES as LEASES
-from soter.targets.leases import lease_files
+from soter.targets.leases_and_lateness import FILES as LEASES
+from soter.targets.leases_and_lateness import lease_files
 from soter.targets.package import Package, PackageFile
 from soter.targets.posix import refuse_apart
 

@@ -14,9 +14,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.compiler import Compiler
-from soter.native.compiler_process import CompilerOutput, run_compiler
-from soter.native.python_child import python_module
+from soter.native.compiler import Compiler, CompilerOutput, python_module, run_compiler
 from soter.report.printable_text import visible
 from soter.targets.cortex_m.board import SOFT
 from soter.targets.cortex_m.cortex_m_package import LIMIT_S

@@ -11,11 +11,10 @@ from math import gcd
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
-from soter.codegen.extern_interface import request_fields, symbol_of
+from soter.codegen.externs import request_fields, symbol_of
 from soter.core.layout import size_of
 from soter.language.model.durations import show_ns
-from soter.targets.lateness_limits import ages_of
-from soter.targets.leases import lease_names, lease_times, leased, on_the_way
+from soter.targets.leases_and_lateness import ages_of, lease_names, lease_times, leased, on_the_way
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

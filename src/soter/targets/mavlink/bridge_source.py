@@ -9,19 +9,18 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.mapping.mavlink_link import source_of
-from soter.mapping.mavlink_types import MAVLINK, MavlinkMessage
-from soter.mapping.message_paths import steps_of
-from soter.targets.bridge_base_package import c_table
+from soter.mapping.mavlink import MAVLINK, MavlinkMessage, source_of
+from soter.mapping.message_types import steps_of
+from soter.targets.bridge_base import c_table
 from soter.targets.message_conversion import FLOATS, INTEGERS, Dialect, MessageConverter
 from soter.targets.message_conversion import text_literal as text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.mapping.mavlink_link import MavlinkLink
+    from soter.mapping.mavlink import MavlinkLink
     from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridge_base_package import BridgedSystem
+    from soter.targets.bridge_base import BridgedSystem
 
 MAVLINK_C = Dialect(
     *("", "", "strncmp({0}, {1}, sizeof {0}) == 0", "(void)strncpy({0}, {1}, sizeof {0})"),

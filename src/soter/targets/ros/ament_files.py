@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.targets.bridge_base_package import TRUSTED
+from soter.targets.bridge_base import TRUSTED
 from soter.targets.package import PackageFile
 from soter.targets.ros.catkin_files import (
     FOR_EVER_S,

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from soter.native.compiler import MEANING
-from soter.targets.bridge_base_package import TRUSTED, cmake_programs
+from soter.targets.bridge_base import TRUSTED, cmake_programs
 from soter.targets.package import PackageFile
-from soter.targets.ros.module_status import MESSAGE
+from soter.targets.ros.node_sources import MESSAGE
 from soter.targets.ros.rostest_files import NODE, rostest_files
 
 if TYPE_CHECKING:
@@ -160,7 +160,7 @@ endif()
 def _message_rules(p: RosPackage) -> str:
     """Classes of `ModuleStatus` for others, where the workspace can make them.
 
-    The bridge has its own (`module_status.py`).
+    The bridge has its own (`node_sources.py`).
     """
     if not p.bridged.programs:
         return ""

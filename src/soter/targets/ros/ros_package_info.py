@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from soter.mapping.topic_mapping import TopicMap
-    from soter.targets.bridge_base_package import BridgedSystem
+    from soter.targets.bridge_base import BridgedSystem
 
 
 @dataclass(frozen=True)

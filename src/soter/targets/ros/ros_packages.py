@@ -11,16 +11,21 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.native.build import RUNTIME
-from soter.targets.bridge_base_package import TRUSTED, BridgedSystem, in_folder, shipped
-from soter.targets.bridged_topics import bridged_topics, unsaid
+from soter.native.shared_library import RUNTIME
+from soter.targets.bridge_base import (
+    TRUSTED,
+    BridgedSystem,
+    bridged_topics,
+    compared,
+    in_folder,
+    shipped,
+    unsaid,
+)
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
-from soter.targets.redundant_sources_check import compared
 from soter.targets.ros.ament_files import ament_files
 from soter.targets.ros.catkin_files import SIMULATED, catkin_files
-from soter.targets.ros.module_status import message_files
-from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources
+from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources, message_files
 from soter.targets.ros.ros_package_info import RosPackage, package_name
 from soter.targets.ros.rostest_files import untested
 

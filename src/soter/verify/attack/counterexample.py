@@ -1,38 +1,46 @@
-"""Counterexamples: written down, read, and run again by the reference interpreter.
+"""Counterexamples: written down, read from files, and run again by the reference interpreter.
 
 Purpose: a `Counterexample` is a trace of choices (docs/json.md): every value that the environment
 or the adversary was free to choose, by stream. A refutation counts only if the interpreter, given
 these choices and nothing else, leaves C, or comes back to a state it was in without ever having
 satisfied `safer`. A choice outside its declared set, or a missing one, is no run of the system.
-Non-goals: finding such runs (`refute.py`); choices of order (all runs are in deployed order).
+`save_runs` writes `.soter/<program>-<module>.counterexample.json` for every refutation of a report;
+`replay_file` goes from such a file back to the verification system and the interpreter.
+Non-goals: finding such runs (`refute.py`); choices of order (`explore/`): all runs here are in
+deployed order.
 """
 
 from __future__ import annotations
 
 import json
 from collections import deque
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
 from soter.language.evaluate.arithmetic import StepFault
+from soter.language.front_end import check_file, system_to_prove
 from soter.language.load.bounded_read import read_json_text
 from soter.language.load.data_files import parse_json
-from soter.language.model.python_values import to_json
+from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
-from soter.semantics.adversary import ChoiceError, RecordedDraws
+from soter.semantics.chosen_draws import ChoiceError, RecordedDraws
+from soter.semantics.configuration import SC, DecisionVerdict
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.observer_records import SC, DecisionVerdict
 from soter.semantics.rules import next_instant
 from soter.verify.attack.attacked_system import DRAWN, OWN, attacked, reads_time, truths_known_ns
+from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.language.model.system import System
-    from soter.semantics.adversary import Choices
+    from soter.semantics.chosen_draws import Choices
     from soter.semantics.configuration import Configuration
-    from soter.semantics.random.random_draws import Draws
+    from soter.semantics.random_draws import Draws
+    from soter.verify.claims.results import ModuleResult, VerifyReport
+
 
 SCHEMA = 1
 LEAVES, CYCLE = "leaves_safe", "never_safer"
@@ -335,3 +343,77 @@ def _chosen_values(given: object) -> list[tuple[int, Any]]:
     if not choices:
         raise TypeError("a stream without choices")
     return choices
+
+
+FOLDER = Path(".soter")
+
+
+class AnotherVersionError(ValueError):
+    """A counterexample of a program that has changed since."""
+
+
+def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
+    """Write every counterexample; its finding says where. SoterError D006."""
+    for module in report.modules:
+        for name, finding in module.findings.items():
+            run = finding.counterexample
+            if isinstance(run, Counterexample):
+                kind = "" if run.shows == LEAVES else f"-{name}"
+                stem = f"{Path(report.path).stem}-{module.name}{kind}"
+                path = folder / f"{stem}.counterexample.json"
+                _write(replace(run, facts=_facts(report, module)), path)
+                finding.saved = path
+
+
+def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:
+    params = module.problem.system.params
+    return {
+        "program": report.path,
+        "program_sha256": report.program_sha256,
+        "system": report.system,
+        "instance": module.name,
+        "params": dict(params),
+    }
+
+
+def _write(run: Counterexample, path: Path) -> None:
+    try:
+        write_counterexample(run, path)
+    except OSError as error:
+        message = f"cannot write `{path}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+
+
+def replay_file(path: Path) -> Replay | None:
+    """Run a counterexample again in the interpreter; None where it does not show what it says.
+
+    ValueError where the file is none, AnotherVersionError where it belongs to another text of the
+    program. SoterError where the program cannot be read or has no such module any more.
+    """
+    run = read_counterexample(path)
+    facts = run.facts
+    named = _program(path, str(facts.get("program", "")))
+    checked = check_file(named)
+    if not checked.begins:
+        raise AnotherVersionError(f"`{path}` belongs to another version of `{named}`")
+    if not checked.ok or checked.program is None:
+        raise SoterError(checked.diagnostics.items)
+    if checked.program.sha256 != facts.get("program_sha256"):
+        raise AnotherVersionError(
+            f"`{path}` belongs to another version of `{checked.program.path}`"
+        )
+    for name in str(facts.get("system", "")).split(", "):
+        flat = system_to_prove(checked, name or None, facts.get("params") or {})
+        for module in flat.modules:
+            if module.name == facts.get("instance"):
+                return replay(run, extract(flat, module).system)
+    return None
+
+
+def _program(path: Path, named: str) -> str:
+    """Where the program of a counterexample lies: as it was named, or beside the file's folder."""
+    if not Path(named).is_file():
+        for folder in (path.resolve().parent.parent, path.resolve().parent):
+            if (folder / named).is_file():
+                return str(folder / named)
+    return named

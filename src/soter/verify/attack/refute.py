@@ -1,10 +1,11 @@
 """Look for a run that leaves C: what stands behind the verdict `refuted`.
 
 Purpose: many short native runs of the closed system under attack (`attacked_system.py`), the
-environment and the AC at their bounds in seeded patterns (`semantics/adversary.py`). What is found
-natively is run again by the interpreter, recorded, written as choices, and replayed from these
-choices alone; only that replay refutes.
-Non-goals: proving: that nothing was found means nothing. Delays and jitter: virtual time has none.
+environment and the AC at their bounds in seeded patterns (`semantics/chosen_draws.py`). What is
+found natively is run again by the interpreter, recorded, written as choices, and replayed from
+these choices alone; only that replay refutes. `refuted` calls this for what is not proved, and
+enters what was found among the verdicts. Non-goals: proving: that nothing was found means nothing.
+Delays and jitter: virtual time has none.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import generate
 from soter.core.layout import NEVER, state_dtype
-from soter.native.build import library
+from soter.language.elaborate.derived_systems import unlatched
 from soter.native.library import Library, RunStatus
-from soter.semantics.adversary import (
+from soter.native.shared_library import library
+from soter.semantics.chosen_draws import (
     CHANCE,
     CORNER,
     HOLDS,
@@ -37,13 +39,17 @@ from soter.verify.attack.attacked_system import (
     truths_known_ns,
 )
 from soter.verify.attack.counterexample import CYCLE, LEAVES, Counterexample, leaving, replay
+from soter.verify.claims.results import NO_CORE, PROVED, REFUTED, UNDECIDED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.language.model.system import System
+    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.problem.problem import Problem
 
     Progress = Callable[[float], None]
+
 
 ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
 """(length of a run in DM periods, seeds a pattern); the last ones are repeated."""
@@ -271,3 +277,67 @@ def _place(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - nu
     flags = row["components"][["oe", "latched", "had_control"]]
     modes = row["modules"][["mode", "gate_fault", "clean_needed"]]
     return bytes(state[first:]) + repr(flags.tolist()).encode() + repr(modes.tolist()).encode()
+
+
+SAFETY = ("P2a", "P3", "ttf", "safer", "start", "P1c")
+
+
+def refuted(problem: Problem, result: ModuleResult) -> None:
+    """Enter counterexamples for what is undecided."""
+    findings = result.findings
+    if problem.synthesize or problem.computed:
+        return  # the DM or SC that would run is not there yet
+    if any(findings[p].verdict == UNDECIDED for p in SAFETY):
+        began = time.perf_counter()
+        search = refute(problem.system, problem.module.name)
+        if search.found is not None:
+            for name in _blamed(findings, search.found):
+                _enter(findings[name], search.found, time.perf_counter() - began)
+        else:
+            _tell(findings, SAFETY, search)
+    if findings["P2b"].verdict == UNDECIDED:
+        began = time.perf_counter()
+        search = refute_return(unlatched(problem.system), problem.module.name)
+        if search.found is not None:
+            _enter(findings["P2b"], search.found, time.perf_counter() - began)
+        else:
+            _tell(findings, ("P2b",), search)
+
+
+def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
+    """Which properties a run that leaves C refutes.
+
+    By the theorem one of those that are not proved is false. Where SC has control at the end that
+    is P2a if it is among them; otherwise AC had control too long: P3.
+    """
+    open_ = [p for p in SAFETY if findings[p].verdict == UNDECIDED]
+    last = [step["modes"].get(run.module) for step in run.steps[-1:]]
+    if "P2a" in open_ and (last == ["SC"] or findings["P3"].verdict == PROVED):
+        return ["P2a"]
+    if "P3" in open_:
+        return [p for p in ("P3", "ttf") if p in open_]
+    return open_[:1]
+
+
+def _enter(finding: Finding, run: Counterexample, seconds: float) -> None:
+    finding.seconds += seconds
+    finding.method = "a run, replayed in the interpreter"
+    end = f"{run.time_ns / 1e9:g} s"
+    finding.rest_on(
+        REFUTED,
+        f"a run leaves C at {end}"
+        if run.shows == "leaves_safe"
+        else f"a run on which SC has control for ever (it repeats itself from {end})",
+    )
+    finding.counterexample = run
+
+
+def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch) -> None:
+    """What was tried in vain."""
+    note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
+    for name in names:
+        finding = findings[name]
+        if finding.verdict == UNDECIDED:
+            finding.counts["runs"] = search.runs
+            if finding.text != NO_CORE:  # that is P2a's to say
+                finding.tried.append(note)

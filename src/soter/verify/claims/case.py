@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
-    from soter.verify.claims.failsafe_claim import FailsafeClaim
-    from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.claims.product_sets import FailsafeClaim, SetFactor
     from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem

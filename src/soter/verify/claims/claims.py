@@ -1,39 +1,64 @@
 """The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
 
 Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
-the start. What a group cannot show it says itself; here is what concerns several of them.
-Non-goals: how a group is proved (`case.py`, `verify/grid/`, `verify/polytope/`), P2b
-(`recovery.py`), refinement and verdicts (`verify.py`).
+the start, and P2b: sets Q_g that SC keeps inside the states whose every estimate satisfies `safer`,
+and the time that it takes to be there from all of K. T counts from SC's first acting output to the
+instant at which the verdict that gives control back is in force. Beside them stand what plants can
+publish (beyond the declared set of a topic a plant stops), and whether the integration scheme that
+flies is in the proof. What a group cannot show it says itself; here is what concerns several.
+Non-goals: how a group is proved (`case.py`, `verify/grid/`, `verify/polytope/`), refinement and
+verdicts (`verify_module.py`), the error of a scheme (`enclose/scheme_error.py`). That long arrays
+and lists stay in their sets is an assumption.
+
+The way back may take longer than everything else. Where `ttf`, `safer` or the start fail, `put_off`
+leaves it to an attempt on a finer grid; without one the module is undecided whatever P2b says, and
+`recover_for_report` takes about as long as they took. So CPU time decides no verdict.
 """
 
 from __future__ import annotations
 
+import time
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
+from soter.language.evaluate.integration_stability import diverging
+from soter.language.model.durations import show_ns
+from soter.language.model.types import leaf_name, leaves
 from soter.verify.claims.case import Case
-from soter.verify.claims.failsafe_claim import (
+from soter.verify.claims.handover_claims import handed_back
+from soter.verify.claims.product_sets import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
     VAIN,
     FailsafeClaim,
     inside,
+    law_stays_inside,
+    product_holds,
     without_law,
 )
-from soter.verify.claims.handback_claim import handed_back
-from soter.verify.claims.product_sets import law_stays_inside, product_holds
+from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.grid.sets import UnboundedError
+from soter.verify.enclose.enclosed_steps import room_of
+from soter.verify.enclose.enclosure_inputs import paths
+from soter.verify.grid.claims import grids
+from soter.verify.grid.sets import RESTS, CancelledError, UnboundedError
+from soter.verify.problem.assumption import EVERY_SOLUTION, SCHEME
+from soter.verify.problem.modes_of_other_modules import said
 from soter.verify.proof_methods import by_method, in_order, method_of
 from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
+    from soter.language.model.system import Bound
     from soter.verify.claims.case import Tell
     from soter.verify.claims.product_sets import SetFactor
-    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.problem.assumption import Assumption
     from soter.verify.problem.problem import Group, Problem
+
 
 HOLDS = 8
 """Of a cell of C, on average, on smaller cells than declared: with more K is given up there.
@@ -196,3 +221,198 @@ def start(case: Case) -> None:
     until_ns = case.problem.in_horizon(case.problem.times.start)
     for proof in case.proofs:
         proof.start(case, until_ns)
+
+
+GIVE_BACK = "let one of them give control back whatever the other one does"
+MS = 1_000_000
+"""Times in hints are whole milliseconds, upwards."""
+
+
+def recover(case: Case) -> None:
+    """Q, W and the time to Q of every group; enters failures of P2b."""
+    targets = _targets(case)
+    if targets is None:
+        return
+    for proof, target in zip(case.proofs, targets, strict=True):
+        proof.recover(case, target)
+    times = case.problem.times
+    longest = max((p.return_ns for p in case.proofs), default=0)
+    case.counts["recover_ns"] = longest + times.decision + times.response_dm
+    in_time(case)
+
+
+def _targets(case: Case) -> list[SetFactor] | None:
+    """Per group the states all of whose estimates satisfy `safer`."""
+    if case.problem.computed:
+        held = [p.held(case) for p in case.proofs]
+        target_parts = [part for part in held if part is not None]
+        if len(target_parts) < len(held):
+            case.fail("P2b", "not every case has sets: the DM never gives control back")
+            return None
+        return target_parts
+    predicate = case.problem.returning
+    parts = parts_of(case, predicate)
+    if parts is None:
+        case.fail("P2b", "no state was found on which `safer` surely holds")
+        return None
+    if not product_holds(case.forms, parts, predicate):
+        case.fail("P2b", "`safer` is no product over the groups")
+        return None
+    return parts
+
+
+def in_time(case: Case) -> None:
+    """The declared T, where there is one."""
+    wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
+    if wanted is not None and needed > wanted and not case.failed("P2b"):
+        case.fail(
+            "P2b",
+            f"SC may need {show_ns(needed)}, longer than the {show_ns(wanted)} of `recover within`",
+            hint=f"`recover within {-(-needed // MS)}ms;`, or a quicker SC",
+        )
+
+
+def waits(problem: Problem, finding: Finding) -> None:
+    """P2b of a module that waits for others is about times at which these are in AC."""
+    modes = problem.modes
+    if modes is None or not modes.waits or finding.verdict != PROVED:
+        return
+    if modes.never:
+        finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
+    else:
+        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")
+
+
+CHEAPER = ("ttf", "safer", "start")
+LEAST_S = 4.0
+"""CPU seconds that it gets in any case."""
+
+
+def put_off(case: Case) -> bool:
+    """Whether a cheaper claim fails: then P2b is entered as not looked at."""
+    failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
+    if failing is not None:
+        case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
+    return failing is not None
+
+
+def recover_for_report(case: Case) -> None:
+    """`recover` of a case that is undecided, which put it off; cut short, nothing of it is kept.
+
+    Only grids are cut: where other groups are, nothing is.
+    """
+    not_looked_at = [f for f in case.failures if f.cut]
+    assert not_looked_at, "a case that may be proved has no budget"
+    case.failures = [f for f in case.failures if not f.cut]
+    engines = [p.engine for p in grids(case.proofs)]
+    if len(engines) < len(case.proofs):
+        recover(case)
+        return
+    until = time.process_time() + max(LEAST_S, sum(case.spent.values()))
+    before = [engine.stop for engine in engines]
+    for engine in engines:
+        engine.stop = lambda: time.process_time() > until
+    try:
+        recover(case)
+    except CancelledError:
+        for part in case.sets.groups:
+            part.target = part.home = part.rank = part.rank_holds = None
+        case.failures = [f for f in case.failures if f.claim != "P2b"] + not_looked_at
+    finally:
+        for engine, stop in zip(engines, before, strict=True):
+            engine.stop = stop
+
+
+FAULT = "what plants drive may fault"
+
+
+def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
+    """Each leaf that its plant cannot publish everywhere in the ranges, with what it takes."""
+    driven = list(_driven(problem))
+    if len(driven) > forms.results:
+        return []
+    ends = forms.numbers("drives", forms.whole, len(driven))
+    if ends is None:
+        return [FAULT]
+    messages = []
+    for (name, bound, error, numbered), (low, high) in zip(driven, ends, strict=True):
+        if bound is None:
+            if numbered and not (isfinite(low) and isfinite(high)):
+                messages.append(f"`{name}` takes only finite numbers")
+            continue
+        least, most = room_of(bound, error)
+        if not least <= low <= high <= most:
+            messages.append(f"`{name}` takes only [{bound.low:.6g}, {bound.high:.6g}]")
+    return messages
+
+
+def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
+    """What plants cannot publish is no part of C: said, and where something is open as a help."""
+    texts = narrowed(result.problem, done[0].forms)
+    if not texts:
+        return
+    result.notes += (
+        f"C is no more than what plants can publish, as they stop there: {', '.join(texts)}",
+    )
+    for finding in (result.findings[c] for c in claims):
+        if finding.verdict == UNDECIDED:
+            wider = f"a wider set ({texts[0]}: a plant stops there)"
+            finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
+
+
+def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
+    """Name, set and error of every driven leaf, in the order of `drives`; whether it is one number.
+
+    Of lists, and arrays too long to be numbered, it is not.
+    """
+    system = problem.system
+    plants = [c for c in system.components if c.plant is not None]
+    topics = {c.scope.topics[t] for c in plants if c.plant for t, _ in c.plant.drives}
+    measured = {(m.topic, m.leaf): m.bound for c in plants for m in c.measured}
+    for index in sorted(topics):
+        topic = system.topics[index]
+        every = [path for path, _ in leaves(topic.type)]
+        for path, _ in paths(topic.type):
+            at = every.index(path) if path in every else None
+            bound = None if at is None else topic.bounds[at]
+            error = 0.0 if at is None else measured.get((index, at), 0.0)
+            yield leaf_name(topic.name, path), bound, error, at is not None
+
+
+IN_PROOF = (
+    "the simulator's scheme is in the proof, as all flows are linear; `soter recheck` assumes it"
+)
+
+
+def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
+    """For linear flows the simulator's scheme is part of the proof: one assumption is shown."""
+    assumed = SCHEME in problem.assumptions
+    return frozenset((SCHEME.key,)) if assumed and all(map(_follows_scheme, done)) else frozenset()
+
+
+def solutions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
+    """What stands in the place of SCHEME where SC comes to rest: there a rate may jump."""
+    groups = [g for c in done for g in c.sets.groups]
+    rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
+    return [EVERY_SOLUTION] * rests
+
+
+def scheme_diverges(problem: Problem) -> str:
+    """What is known against the scheme where it is assumed; "": nothing is."""
+    states = zip(problem.quantities.states, problem.states, strict=True)
+    within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
+    for c in problem.system.components:
+        own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
+        for d in diverging(problem.system, c, own):
+            names = ", ".join(d.names)
+            return (
+                f"the scheme of {c.name} makes {names} diverge: a step multiplies by {d.growth:.3g}"
+            )
+    return ""
+
+
+def _follows_scheme(case: Case) -> bool:
+    """Whether the simulator's steps are solutions of every group's model."""
+    if len(case.proofs) < len(case.problem.groups):
+        return False
+    return all(p.covers_scheme for p in case.proofs)

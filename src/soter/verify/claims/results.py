@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from soter.verify.problem.assumption import SCHEME, remaining
-from soter.verify.scope_data import VerificationScope
+from soter.verify.problem.assumption import SCHEME, VerificationScope, remaining
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +35,7 @@ NO_CORE = "there is no K"
 """What every claim that rests on K says where there is none: P2a says why."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
 """In this order everywhere; `start` is that the declared initial states are among those proved,
-`failsafe` that the fail-safe law keeps C once the lease has ended (`failsafe_claim.py`),
+`failsafe` that the fail-safe law keeps C once the lease has ended (`product_sets.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
 STAYS = "not asked: `{}`, SC may keep control for ever"
 """With the clause that says so."""
@@ -141,7 +140,7 @@ class FlownFigures:
 
 @dataclass(frozen=True)
 class RemedyCost:
-    """What changes that prove a module cost, in runs of `system` with seed 1 (`remedy_cost.py`).
+    """What changes that prove a module cost, in runs of `system` with seed 1 (`tried_remedies.py`).
 
     `before`: None where the program as it stands has no tables to fly. `not_measured`: why there
     are no figures at all, "" where there are.

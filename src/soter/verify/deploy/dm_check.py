@@ -26,14 +26,21 @@ from soter.codegen.unit import generate
 from soter.core.layout import state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.shield_topics import NEVER_HELD
+from soter.language.elaborate.topics import NEVER_HELD
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
-from soter.native.build import library
-from soter.native.cffi_interface import interface, opened
-from soter.verify.deploy.dm_expected_facts import NOW_NS, ExpectedFacts
-from soter.verify.deploy.dm_latch_oracle import LatchBytes
-from soter.verify.deploy.dm_test_inputs import AC, SC, WRAPPER, gates, leaf_offset, values
+from soter.native.shared_library import interface, library, opened
+from soter.verify.deploy.dm_test_cases import (
+    AC,
+    NOW_NS,
+    SC,
+    WRAPPER,
+    ExpectedFacts,
+    LatchBytes,
+    gates,
+    leaf_offset,
+    values,
+)
 from soter.verify.deploy.missing_predicates import put
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable
@@ -49,7 +56,7 @@ if TYPE_CHECKING:
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.dm_test_inputs import Points
+    from soter.verify.deploy.dm_test_cases import Points
     from soter.verify.problem.problem import Problem
     from soter.verify.tables.level_table import EstimateSamples, LevelTable
 

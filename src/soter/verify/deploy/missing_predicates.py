@@ -26,12 +26,10 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import digest, find_cached, store
-from soter.native.package_sources import SOTER, files_below
+from soter.native.source_files import SOTER, files_below
 from soter.verify.claims import claims
-from soter.verify.claims.choice import choose
-from soter.verify.claims.grid_refinement import cells_of
-from soter.verify.claims.levels import levels, withheld
-from soter.verify.claims.smaller_core import returned
+from soter.verify.claims.cells import cells_of
+from soter.verify.claims.choice import choose, levels, returned, withheld
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
@@ -57,7 +55,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
     from soter.verify.tables.level_table import LevelTable

@@ -1,10 +1,13 @@
 """Why K is empty: causes told apart, each by a measurement.
 
 Purpose: for what stays undecided, what was measured about it: by which end of the grid runs leave
-(`exit_faces.py`), whether SC only just fails; and the run that leaves soonest. Other claims have
-their margins (`failure_margins.py`), and smaller cells were tried before (`claims/choice.py`).
+(`grid_ends.py`), whether SC only just fails, and the run that leaves soonest. `adds_up`: whether SC
+brings the plant anywhere or only stops it: where two undisturbed runs that begin apart along one
+state end as far apart, nothing pulls that state back. Of a linear group the same is read off its
+matrices. Other claims have their margins (`failure_margins.py`); smaller cells were tried before
+(`claims/choice.py`).
 Non-goals: verdicts. Nothing here turns undecided into anything else. It takes a few CPU seconds at
-most, and says where that was not enough.
+most, and says where that was not enough. Which law would do.
 """
 
 from __future__ import annotations
@@ -15,7 +18,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.claims.results import UNDECIDED, Cause
-from soter.verify.diagnosis.exit_faces import faces
 from soter.verify.diagnosis.experiments import (
     COARSE,
     CpuBudget,
@@ -24,11 +26,17 @@ from soter.verify.diagnosis.experiments import (
     against,
     kept,
 )
-from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins
-from soter.verify.diagnosis.grid_end_failures import LOST, lost_at_ends
-from soter.verify.diagnosis.model_runs import FALSE, TRUE, LeavingSearch, PointModel, soonest
-from soter.verify.diagnosis.sc_progress import adds_up, no_pull
-from soter.verify.diagnosis.unit_scale_mismatch import scaled
+from soter.verify.diagnosis.failure_margins import OPEN, ORDER, margins, scaled
+from soter.verify.diagnosis.grid_ends import LOST, faces, lost_at_ends
+from soter.verify.diagnosis.model_runs import (
+    FALSE,
+    TRUE,
+    LeavingSearch,
+    PointModel,
+    patterns,
+    run,
+    soonest,
+)
 from soter.verify.grid.claims import GridProof
 from soter.verify.polytope.claims import WEAK, PolytopeProof
 
@@ -39,8 +47,114 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.case import Case, Failure
     from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.problem.problem import Problem
 
+    FloatArray = NDArray[np.float64]
     Floats = NDArray[np.float64]
+
+
+APART = 0.1
+"""Of an axis, so far apart two runs begin."""
+KEPT = 0.9
+"""Of that distance, so much is left at the end where nothing pulls."""
+STILL = 1e-4
+"""Of an axis, so little a state moves in the last quarter of a run that has come to rest."""
+HOLDS = 600
+
+
+SINGULAR = 1e-9
+"""Relative to the closed loop's matrix: a sum of states that changes more slowly stays."""
+ROUNDED = 1e-6
+"""A coefficient of such a sum, the largest of which is 1, that is none."""
+FILLED_S = 1e4
+"""A sum that its disturbance takes longer to move over its range is none worth telling."""
+
+
+def adds_up(proof: PolytopeProof, problem: Problem) -> Iterator[Cause]:
+    """Sums of states that neither plant nor SC changes, and something disturbs.
+
+    l with l (A + B K) = 0: then (l x)' = l w, whatever x is.
+    """
+    if proof.found.model is None:
+        return
+    group = proof.found.model.group
+    closed = group.state + group.control @ group.gain
+    disturbance = group.drift[1]
+    names = [problem.quantities.states[a.state].name for a in proof.group.axes]
+    for row in _still(closed):
+        rate = float(np.abs(row) @ disturbance)
+        if rate * FILLED_S <= float(np.abs(row) @ (group.high - group.low)):
+            continue
+        sum_ = _sum(row, names)
+        text = f"nothing pulls {sum_} back: neither the plant nor SC changes it, and what disturbs "
+        text += f"it adds up, by as much as {rate:.3g} a second"
+        reached = np.abs(row @ group.control) > SINGULAR * np.abs(row) @ np.abs(group.control)
+        hint = "an SC that goes by it" if reached.any() else "no command moves it: a plant that"
+        if not reached.any():
+            hint += " pulls it back, if the vehicle does (`der v = ... + k * (b - v) + w` where v "
+            hint += "follows b), or no disturbance on it"
+        yield Cause("adds_up", text, hint, (("rate", rate),))
+
+
+def _still(closed: FloatArray) -> FloatArray:
+    """Rows l with l closed = 0, (k, n), in echelon form: each of as few states as can be."""
+    left, sizes, _ = np.linalg.svd(closed)
+    rows: FloatArray = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
+    for i in range(len(rows)):
+        k, at = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
+        rows[[i, i + k]] = rows[[i + k, i]]
+        rows[i] /= rows[i, at]
+        others = [j for j in range(len(rows)) if j != i]
+        rows[others] -= np.outer(rows[others, at], rows[i])
+    rows[np.abs(rows) < ROUNDED] = 0.0
+    return rows
+
+
+def _sum(row: FloatArray, names: list[str]) -> str:
+    """The sum of states, its first coefficient 1."""
+    there = [i for i in range(len(row)) if row[i] != 0.0]
+    text = names[there[0]]
+    for i in there[1:]:
+        factor = float(row[i] / row[there[0]])
+        size = "" if round(abs(factor), 6) == 1.0 else f"{abs(factor):.4g} * "
+        text += f" {'-' if factor < 0 else '+'} {size}{names[i]}"
+    return text if len(there) == 1 else f"`{text}`"
+
+
+def no_pull(model: PointModel, middle: FloatArray, budget: CpuBudget) -> Iterator[Cause]:
+    """States that SC lets stay wherever they are. `middle`: (states,), inside C."""
+    if not model.problem.controls:
+        return
+    for axis, state in enumerate(model.problem.quantities.states):
+        width = float(model.high[axis] - model.low[axis])
+        ends = []
+        for side in (-0.5, 0.5):
+            x = middle.copy()
+            x[axis] += side * APART * width
+            end = _end(model, x, axis, budget)
+            if end is None:
+                break
+            ends.append(end)
+        if len(ends) == 2 and ends[1] - ends[0] > KEPT * APART * width:
+            low, high = (float(middle[axis] + s * APART * width) for s in (-0.5, 0.5))
+            text = f"SC brings {state.name} to no place: undisturbed, a run from {low:.4g} ends at "
+            text += f"{ends[0]:.4g}, one from {high:.4g} at {ends[1]:.4g}; what disturbs it adds up"
+            yield Cause("no_pull", text, "", (("low_ends", ends[0]), ("high_ends", ends[1])))
+
+
+def _end(model: PointModel, start: FloatArray, axis: int, budget: CpuBudget) -> float | None:
+    """Where a state ends; None where the run leaves, does not come to rest, or time is over."""
+    if not model.safe(start) & TRUE or not budget.goes_on():
+        return None
+    trace = run(
+        model, start, next(patterns(model)), HOLDS * model.inputs.period_ns / 1e9, budget.goes_on
+    )
+    if trace.left or not budget.goes_on():
+        return None
+    values = np.array(trace.states)[:, axis]
+    late = values[3 * len(values) // 4 :]
+    return float(values[-1]) if np.ptp(late) <= STILL * (model.high - model.low)[axis] else None
+
 
 BUDGET_S = 5.0
 RUNS_S = 2.5

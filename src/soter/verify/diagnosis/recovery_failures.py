@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model.system import LEVELS_LEAST
-from soter.verify.claims.cell_boxes import holding
+from soter.verify.claims.cells import cells_of, holding
 from soter.verify.claims.choice import CELLS_MAX
-from soter.verify.claims.grid_refinement import cells_of
 from soter.verify.claims.results import Cause
 from soter.verify.diagnosis.experiments import (
     COARSE,

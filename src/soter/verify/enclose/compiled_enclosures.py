@@ -1,27 +1,46 @@
-"""The enclosures of one module as Python functions over boxes.
+"""The enclosures of one module as a compiled library: the grid engine, and functions over boxes.
 
-Purpose: compile the unit of a problem, and evaluate `law`, `safe`, ... over single boxes: for
-checks that look at few boxes.
-Non-goals: grids (`verify/grid/sets.py`), where C walks over millions of cells.
+Purpose: `ReachLibrary`: compile a generated enclosure unit together with `soter_reach*.c`, once for
+each content, and reach both through cffi. `CompiledEnclosures`: evaluate `law`, `safe`, ... over
+single boxes, for checks that look at few boxes.
+Non-goals: generating the unit (`enclosure_code.py`); grids (`verify/grid/sets.py`), where C walks
+over millions of cells.
 """
 
 from __future__ import annotations
 
+import re
+from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from typing import TYPE_CHECKING
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.evaluate.conjuncts import PARTS_MAX
+from soter.language.evaluate.predicates import PARTS_MAX
+from soter.native.cache import cached, digest
+from soter.native.compiler import STRICT, compile_with, find, vector_flags
+from soter.native.shared_library import (
+    CHECK_FAILED,
+    OWN_SYMBOLS,
+    declarations,
+    include_flags,
+    interface,
+    objects,
+    opened,
+    texts,
+)
+from soter.native.source_files import files_below
 from soter.verify.enclose.enclosure_code import (
+    CONTROLS_MAX,
     EnclosureError,
     EnclosureUnit,
     generate_enclosures,
 )
-from soter.verify.enclose.engine_library import ReachLibrary
 from soter.verify.problem.modes_of_other_modules import in_ac
 
 if TYPE_CHECKING:
@@ -30,12 +49,94 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.core import Function, Predicate
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
 
     Floats = NDArray[np.float64]
+
+
+HERE = Path(__file__).resolve().parents[1] / "engine"
+ENGINE = tuple(file.name for file in files_below(HERE, "*.c"))
+NUMBERS = ("law", "derivative", "next", "drives", *(f"law_{k}" for k in range(CONTROLS_MAX)))
+TRUTHS = (
+    *("safe", "constraint", "core", "ttf", "safer", "back", "enters"),
+    *(f"{name}_{k}" for name in ("safe", "constraint", "safer", "back") for k in range(PARTS_MAX)),
+)
+FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread")
+UNIT_LEVEL = "-O3"
+"""How the enclosures of a module are optimised; the bits are the same at every level. Tests prove
+many small modules, each once, and would compile most of the time."""
+LINKED = ("-shared", *OWN_SYMBOLS)
+FORMS = "typedef struct soter_form soter_form; typedef unsigned char soter_truth;"
+"""What Python sees of `soter_form.h`: only where its numbers are."""
+UNIT = "enclosures.c"
+MESSAGE = "the C of this module's enclosures does not compile"
+
+
+def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+    """The declarations of the engine and of every function that a unit may have."""
+    functions = [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in NUMBERS]
+    functions += [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in TRUTHS]
+    return interface(FORMS, declarations(HERE / "soter_reach.h"), "\n".join(functions))
+
+
+def _inputs_of(source: str) -> int:
+    match = re.search(r"^#define SOTER_INPUTS (\d+)$", source, re.MULTILINE)
+    if match is None:
+        raise ValueError("an enclosure unit defines SOTER_INPUTS")
+    return int(match.group(1))
+
+
+class ReachLibrary:
+    """A loaded engine with one module's enclosures; holds no state."""
+
+    def __init__(
+        self,
+        source: str,
+        extra: tuple[str, ...] = (),
+        reads: Mapping[str, frozenset[int]] = MappingProxyType({}),
+    ) -> None:
+        """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests).
+
+        `reads`: the inputs that each function of the unit reads, where they are known.
+        """
+        self.inputs, self.reads = _inputs_of(source), reads
+        self.ffi = ffi()
+        self.path = compiled(source, self.inputs, extra)
+        """The library's file; its name is a hash of all that it was made of."""
+        self.lib = opened(self.ffi, self.path)
+
+    def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
+        """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
+        try:
+            return self.ffi.cast("void *", self.ffi.addressof(self.lib, f"soter_{name}"))
+        except (AttributeError, self.ffi.error):
+            return self.ffi.NULL
+
+
+def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
+    """The shared library, from the cache or freshly built; SoterError X004, X006."""
+    compiler = find()
+    more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
+    flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
+    engine = (*(HERE / name for name in ENGINE), CHECK_FAILED)
+    headers = texts(*engine, *files_below(HERE, "*.h"))
+    content = digest((source, compiler.identity, *flags, *unit_flags, *LINKED, *headers))
+    name = f"reach-{content[:32]}.so"
+
+    def make(work: Path) -> None:
+        (work / UNIT).write_text(source, encoding="utf-8")
+        command = (*compiler.command, *unit_flags, *include_flags(HERE / "soter_form.h"))
+        with ThreadPoolExecutor(2) as both:
+            made = both.submit(objects, engine, (*flags, *include_flags(HERE / "soter_form.h")))
+            both.submit(compile_with, (*command, "-c", UNIT), work, MESSAGE).result()
+        linked = (UNIT.replace(".c", ".o"), *map(str, made.result()))
+        compile_with((*command, *LINKED, "-o", name, *linked, "-lm"), work, MESSAGE)
+
+    return cached("reach", content, (name,), make) / name
+
 
 TRUE = 2
 """A truth that is definitely true."""

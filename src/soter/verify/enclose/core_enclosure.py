@@ -1,9 +1,12 @@
 """Core over forms: the domain of enclosures.
 
 Purpose: what the operations of Core come to when every number is an enclosure; both sides of an
-undecided branch are blocks of the emitted C.
+undecided branch are blocks of the emitted C. A function of the prelude is enclosed as what it
+stands for: `sin` becomes an enclosure of the sine, widened by the tested bound of
+`language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
 Non-goals: the walk (`core/abstract_execution.py`), which functions are emitted
-(`enclosure_code.py`), the arithmetic (`enclosed_operations.py`).
+(`enclosure_code.py`), the arithmetic (`enclosed_operations.py`); functions of the prelude without a
+tested bound, whose bodies are enclosed as they are.
 """
 
 from __future__ import annotations
@@ -14,14 +17,21 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.abstract_execution import Execution
-from soter.language.model.data_table import Table
 from soter.language.model.types import IntType, ListType, leaf_count
-from soter.verify.enclose.c_emitter import EmittedBranch, EnclosureError, MergedVariable
+from soter.language.model.values import Table
+from soter.language.prelude.function_error_bounds import BOUNDS
+from soter.verify.enclose.c_emitter import (
+    EmittedBranch,
+    EnclosureError,
+    MergedVariable,
+    float_literal,
+)
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations
 from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
     EmittedInts,
+    Form,
     Item,
     KnownInt,
     KnownTruth,
@@ -29,7 +39,6 @@ from soter.verify.enclose.enclosed_values import (
     is_scalar,
     opened,
 )
-from soter.verify.enclose.prelude import enclosed_call
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -37,6 +46,45 @@ if TYPE_CHECKING:
     from soter.core.abstract_execution import Join
     from soter.language.model.types import Type
     from soter.verify.enclose.c_emitter import Emitter, Step
+
+
+ENCLOSED = frozenset(
+    "sin cos tan exp log tanh atan asin acos atan2 hypot pow".split()  # noqa: SIM905 - a list of words
+)
+"""What `soter_n_NAME` of verify/engine/soter_form_math.h encloses."""
+
+OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
+"""Functions of a full turn: a turn further they are the same."""
+
+
+def is_prelude(function: core.Function) -> bool:
+    """Whether a function is the prelude's (a program may call its own function `sin`)."""
+    return function.span.source.name.startswith("<prelude>/")
+
+
+def enclosed_call(
+    ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
+) -> Item | None:
+    """An enclosure of the function it stands for; None: enclose its body."""
+    name = function.source_name
+    if is_prelude(function) and name in OF_A_TURN:
+        (angle,) = arguments
+        if isinstance(angle, Form) and angle.turns:
+            return _of_any_turn(ops, name, angle)
+    if name not in ENCLOSED or not is_prelude(function):
+        return None
+    bound = BOUNDS[name]
+    assert not bound.relative
+    assert not bound.absolute
+    operands = tuple(ops.form(a) for a in arguments)
+    return Form(ops.emitter.emit("form", f"soter_n_{name}", *operands, float_literal(bound.ulps)))
+
+
+def _of_any_turn(ops: EnclosureOperations, name: str, angle: Form) -> Item:
+    """The same of an angle that may be any number of turns further."""
+    bound, near = BOUNDS[name], ops.any_turn(angle)
+    off = bound.absolute if name == "wrap_angle" else bound.ulps
+    return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))
 
 
 class EnclosureBody(Execution[Item]):

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
     from soter.verify.enclose.c_emitter import Emitter
-    from soter.verify.problem.quantities import Leaf, Quantities
+    from soter.verify.problem.problem import Leaf, Quantities
 
 FLOAT_MAX = sys.float_info.max
 

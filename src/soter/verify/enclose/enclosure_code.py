@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
-from soter.language.evaluate.conjuncts import PARTS_MAX, conjuncts
+from soter.language.evaluate.predicates import PARTS_MAX, conjuncts
 from soter.verify.enclose.c_emitter import (
     Emitter,
     EnclosureError,
@@ -25,7 +25,7 @@ from soter.verify.enclose.c_emitter import (
 )
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
-from soter.verify.problem.age_disjuncts import ttf_of_states
+from soter.verify.problem.supported_constructs import ttf_of_states
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from soter.core import core as core_ir
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
-    from soter.verify.problem.quantities import Quantities
+    from soter.verify.problem.problem import Quantities
 
 __all__ = ["EnclosureError", "EnclosureUnit", "generate_enclosures"]
 

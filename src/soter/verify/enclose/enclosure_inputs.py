@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Bound, Disturbance, Topic
     from soter.verify.enclose.enclosed_operations import EnclosureOperations
-    from soter.verify.problem.quantities import Leaf, Quantities
+    from soter.verify.problem.problem import Leaf, Quantities
 
 Path = tuple[str, ...]
 Key = tuple[int, str, Path]

@@ -1,9 +1,9 @@
-"""Groups on grids, as the claims ask of them.
+"""Groups on grids, as the claims ask of them, and as certificates have them.
 
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
-return, on cells; `Grids`: the method.
-Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), how much it all
-says (`set_volumes.py`), files and figures (`certificate_entry.py`, `region_figure.py`).
+return, on cells; `Grids`: the method; `entry`: the sets of a group as tables, one entry a cell.
+Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), shares and
+figures (`set_figures.py`); checking a certificate (`soter recheck`).
 """
 
 from __future__ import annotations
@@ -15,15 +15,14 @@ import numpy as np
 
 from soter.language.model.durations import show_ns
 from soter.verify.claims.case import GroupProof, Method
-from soter.verify.claims.cell_boxes import mesh_of, regions_of
+from soter.verify.claims.cells import axes, mesh_of, regions_of
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.grid import levels, recovery, set_volumes
-from soter.verify.grid.certificate_entry import entry
-from soter.verify.grid.finer_home import led_back
-from soter.verify.grid.region_figure import figure
+from soter.verify.grid import levels, recovery, set_figures
+from soter.verify.grid.recovery import led_back
 from soter.verify.grid.resting import resting
+from soter.verify.grid.set_figures import figure
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
 
@@ -43,6 +42,49 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
     Arrays = Mapping[str, NDArray[np.generic]]
+
+
+def entry(
+    problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """Witnesses as bytes, sets as bits, ranks as pairs of bytes."""
+    group_entry = axes(problem, group.group, stem, files)
+    rank, holds = group.rank, group.rank_holds
+    if rank is not None and holds is not None and group.home is not None:
+        rank = np.where(group.home > 0, 1, rank)
+        holds = np.where(rank > 1, holds, 0)
+    tables = {
+        "K": _whole(group.core, "<u1"),
+        "R": _bits(group.free),
+        "Q": _whole(group.home, "<u1"),
+        "W": _whole(rank, "<u2"),
+        "W_N": _whole(holds, "<u1"),
+    }
+    if group.finer is not None:
+        own = axes(problem, group.finer[1], f"{stem}_Q", files)
+        group_entry["Q_axes"] = [axis["edges"] for axis in own["axes"]]
+    for key, data in tables.items():
+        if data is not None:
+            files[f"{stem}_{key}.bin"] = data
+            group_entry[key] = f"{stem}_{key}.bin"
+    if group.levels:
+        group_entry["S"] = []
+    for k, level in enumerate(group.levels):
+        name = f"{stem}_S{k}.bin"
+        files[name] = _bits(level) or b""
+        group_entry["S"].append(name)
+    return group_entry
+
+
+def _whole(table: NDArray[Any] | None, kind: str) -> bytes | None:
+    return None if table is None else np.ascontiguousarray(table).astype(kind).tobytes()
+
+
+def _bits(table: NDArray[Any] | None) -> bytes | None:
+    if table is None:
+        return None
+    return np.packbits(np.ascontiguousarray(table).reshape(-1), bitorder="little").tobytes()
+
 
 HOLDS = 12
 """Of a cell of C, on average, on declared cells of a flow that is not linear: with more there is no
@@ -239,16 +281,16 @@ class GridProof(GroupProof):
     def shares(self, case: Case) -> dict[str, float]:
         """Of the grid's volume."""
         del case
-        return set_volumes.shares(self.found)
+        return set_figures.shares(self.found)
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
         """Uniform on the cells of K, (count, axes)."""
-        return set_volumes.drawn(self.found, chance, count)
+        return set_figures.drawn(self.found, chance, count)
 
     @property
     def core_share(self) -> float | None:
         """Of volumes."""
-        return set_volumes.core_share(self.found)
+        return set_figures.core_share(self.found)
 
     @property
     def free_share(self) -> float | None:
@@ -258,7 +300,7 @@ class GridProof(GroupProof):
     @property
     def both(self) -> tuple[float, bool] | None:
         """By cells on which `safer` may be true and `ttf` may be false."""
-        return set_volumes.both(self.found)
+        return set_figures.both(self.found)
 
     def excludes(self, predicate: str) -> bool:
         """Whether no cell of K lets AC have control."""
@@ -269,7 +311,7 @@ class GridProof(GroupProof):
     def lets_share(self, case: Case, predicate: str) -> float | None:
         """Of the volume of K."""
         del case
-        return set_volumes.lets_share(self.found, predicate)
+        return set_figures.lets_share(self.found, predicate)
 
     def waits_at_start(self, case: Case) -> bool:
         """By the cells of the initial states."""
@@ -279,7 +321,7 @@ class GridProof(GroupProof):
     @property
     def deepest(self) -> Mapping[int, float]:
         """The middle of a cell of C that is furthest from its border."""
-        return set_volumes.deepest(self.found)
+        return set_figures.deepest(self.found)
 
     # ------------------------------------------------------------ results
 

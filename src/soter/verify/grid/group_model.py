@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, followed
-from soter.verify.grid.grid_borders import keep_borders
+from soter.verify.grid.group_inputs import keep_borders
 from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_inputs import GridInputs
 
     Bools = npt.NDArray[np.bool_]

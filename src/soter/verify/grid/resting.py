@@ -21,7 +21,7 @@ from soter.verify.grid.group_model import OUTSET
 from soter.verify.problem.problem import FARTHEST, Interval
 from soter.verify.tubes.expressions import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.rest_drift import Enclosures
+from soter.verify.tubes.rest_claims import Enclosures
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.verify.enclose.engine_library import ReachLibrary
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_model import Bools, Bytes, Floats, Ints
     from soter.verify.problem.problem import Group, Problem
 

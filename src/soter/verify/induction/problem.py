@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants import Calculator
+from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
@@ -23,9 +23,8 @@ from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
 from soter.verify.problem.assumption import FRESH, Assumption, of_latch
 from soter.verify.problem.modes_of_other_modules import NO_MODES
-from soter.verify.problem.problem import NODES, Problem, Times
-from soter.verify.problem.quantities import Quantities
-from soter.verify.time.deployed_times import AssumedTimes, check_deployed
+from soter.verify.problem.problem import NODES, Problem, Quantities, Times
+from soter.verify.time.problem_times import AssumedTimes, check_deployed
 from soter.verify.time.schedule import Releases, Schedule
 
 if TYPE_CHECKING:

@@ -1,14 +1,14 @@
 """One question to the solver, whose answer hangs on nothing but the question.
 
 Purpose: several ways of searching, each up to so much work, each in a context of its own.
-Non-goals: terms (`solver_terms.py`), which questions prove a module (`prove.py`).
+Non-goals: terms (`solver_terms.py`), which questions prove a module (`prove_or_refute.py`).
 """
 
 from __future__ import annotations
 
 from typing import Any
 
-from soter.workers.interruptible_solver import answer_of
+from soter.workers.solvers import answer_of
 
 Term = Any
 """A term of the solver, or a bool of Python where it is known."""

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.data_table import Table
 from soter.language.model.types import (
     FLOAT,
     ArrayType,
@@ -27,6 +26,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
+from soter.language.model.values import Table
 from soter.verify.induction.solver_query import Query
 
 if TYPE_CHECKING:

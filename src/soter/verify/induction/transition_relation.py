@@ -4,7 +4,7 @@ Purpose: one `Stretch` is hyperperiods from the start of a run, or from any stat
 every step as terms, what is seen when time passes, and whether `safe`, the lemmas and the steps
 hold there. Which publication a step reads is said by the order of steps, not by a state between
 them: a value is that of the last writer before the reader.
-Non-goals: proving anything (`prove.py`).
+Non-goals: proving anything (`prove_or_refute.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.read_write_footprint import walk
+from soter.core.core_walks import walk
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, MODE
 from soter.verify.induction.calendar import before, clusters, steps_of
@@ -27,7 +27,7 @@ from soter.verify.induction.visible_state import (
     StepEffect,
     if_,
 )
-from soter.workers.interruptible_solver import raise_if_interrupted
+from soter.workers.solvers import raise_if_interrupted
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

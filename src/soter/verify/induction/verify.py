@@ -1,8 +1,15 @@
-"""The verdicts on a module that is proved by induction.
+"""The verdicts on a module that is proved by induction, and what others need of its proof.
 
 Purpose: what the induction found as findings, property by property; a refutation where a run was
-had; assumptions that only the proof knows.
-Non-goals: the induction (`prove.py`).
+had; assumptions that only the proof knows. `entry`: what `soter recheck` needs of it: how far the
+induction goes, and about whom (docs/verification.md, section 4). `covers`: what the deployed world
+gives such a module.
+Non-goals: the induction (`prove_or_refute.py`); checking a certificate; which proofs are carried
+(`deploy/proof_transfer.py`).
+
+A proof by induction asks nothing of what comes from outside: to it a topic that no node of the
+relation publishes is any value of its set, of any age, at every read; and whatever is published
+lies in that set, or is refused.
 """
 
 from __future__ import annotations
@@ -11,32 +18,83 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate.deployed_systems import allowed_lateness, from_outside
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import nodes
-from soter.verify.claims.failsafe_claim import NO_LAW
+from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
     ASSUMED,
     PROPERTIES,
     PROVED,
     REFUTED,
     STAYS,
+    UNCLAIMED,
     UNDECIDED,
     Finding,
     ModuleResult,
 )
 from soter.verify.diagnosis.vacuity import vacuity_of_nodes
-from soter.verify.induction.prove import induct
-from soter.verify.induction.refute import refuting_run
+from soter.verify.induction.prove_or_refute import induct, refuting_run
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.modes_of_other_modules import said
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import System
     from soter.verify.induction.problem import InductionProblem
-    from soter.verify.induction.prove import Induction
-    from soter.verify.induction.refute import Search
+    from soter.verify.induction.prove_or_refute import Induction, Search
+
+
+def covers(
+    here: System, there: System, problem: InductionProblem, diagnostics: Diagnostics
+) -> tuple[list[str], list[str]]:
+    """What is covered, and what is assumed of the loop besides, in words."""
+    del there, diagnostics
+    said = [here.topics[e.topic].name for e in from_outside(here)]
+    free = [f"{n}: any value of its set, of any age" for n in said if n in problem.any_value]
+    judged = {here.components[i].name for i in allowed_lateness(here)}
+    nodes = [c.name for c in problem.system.components if c.role == "node"]
+    untold = ", ".join(n for n in nodes if n not in judged)
+    return free, [f"{untold}: in time, which SOTER_LATE does not tell"] if untold else []
+
+
+def entry(
+    result: InductionResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """The module in a manifest; it has no files."""
+    del stem, files
+    problem, induction = result.problem, result.induction
+    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    claims.pop("failsafe", None)  # of plants, and nothing is proved of it here
+    returns = induction.returns if claims.get("P2b") == PROVED else 0
+    declared = problem.recover_ns is not None and returns
+    return {
+        "system": system,
+        "module": problem.name,
+        "claims": claims,
+        "recover_ns": induction.returns_ns if declared else None,
+        "induction": {
+            "k": induction.k,
+            "returns": returns,
+            "hyperperiod_ns": induction.hyperperiod_ns,
+            "lemmas": list(problem.lemma_texts),
+            "progress": list(problem.progress_texts),
+            "latching": bool(induction.latching),
+            "clocks": {
+                problem.system.components[c.component].name: [
+                    c.period,
+                    c.phase,
+                    c.late,
+                    c.response,
+                ]
+                for c in problem.declared
+            },
+        },
+    }
+
 
 HOW = "k-induction over every schedule"
 TOGETHER = ("P3", "ttf", "safer", "start")

@@ -22,7 +22,6 @@ from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.ball_matrices import BeyondError
-from soter.verify.polytope.certificate_entry import entry, polytope_of
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import (
     LinearProgram,
@@ -33,8 +32,8 @@ from soter.verify.polytope.half_spaces import (
 from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
 from soter.verify.polytope.proofs import NotProvedError, Windows
 from soter.verify.polytope.region_figure import figures
+from soter.verify.polytope.tables import Facets, entry, polytope_of
 from soter.verify.problem.estimates import seen
-from soter.verify.tables.polytope_tables import Facets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
-from soter.workers.quiet_highs import new_highs
+from soter.workers.solvers import new_highs
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -18,7 +18,7 @@ from soter.verify.claims.product_sets import candidates
 from soter.verify.claims.results import Region
 from soter.verify.polytope.ball_matrices import centred, exact, up_product, up_sum
 from soter.verify.polytope.half_spaces import LinearProgram
-from soter.verify.tables.polytope_tables import drawn_states
+from soter.verify.polytope.tables import drawn_states
 
 if TYPE_CHECKING:
     from collections.abc import Callable

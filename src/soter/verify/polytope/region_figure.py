@@ -1,7 +1,7 @@
 """The paper's regions R1 to R5 of a polytope group, by points.
 
 Purpose: a figure of the first two states.
-Non-goals: drawing (`report/proof/regions.py`).
+Non-goals: drawing (`report/proof/page.py`).
 """
 
 from __future__ import annotations

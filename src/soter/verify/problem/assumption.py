@@ -1,9 +1,11 @@
-"""What a proof takes for granted, as values.
+"""What a proof takes for granted, who guarantees it, and what it is about, as values.
 
 Purpose: `Assumption`, and those that every proof says alike; `remaining`: what is left of a
 problem's assumptions once a proof has shown some of them and added others. Nothing is ever taken
-out of a list, and nothing by its wording.
-Non-goals: which assumptions there are (`assumptions.py`, `induction/problem.py`).
+out of a list, and nothing by its wording. `VerificationScope` and `ScopeGuarantee`, of which
+reports are made.
+Non-goals: which assumptions there are (`assumptions.py`, `induction/problem.py`); finding out what
+a verification is about (`verify/scope.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from soter.language.model.typed import ModuleSymbol
+    from soter.language.model.types import Value
 
 
 @dataclass(frozen=True)
@@ -71,3 +74,30 @@ def remaining(
 def texts(assumptions: Iterable[Assumption]) -> list[str]:
     """In words, each once."""
     return list(dict.fromkeys(a.text for a in assumptions))
+
+
+@dataclass(frozen=True)
+class ScopeGuarantee:
+    """What a module takes for granted of somebody else, and why it may.
+
+    `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
+    printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
+    proved), "published" (the proof of the module `by` is about the plant that drives it, if that is
+    proved) or "assumed".
+    """
+
+    module: str
+    what: str
+    by: str
+    how: str
+
+
+@dataclass(frozen=True)
+class VerificationScope:
+    """`also`: modules of other systems that pose the same problem; `rest`: what is not covered."""
+
+    also: tuple[str, ...] = ()
+    rest: tuple[str, ...] = ()
+    params: tuple[tuple[str, Value], ...] = ()
+    """Every parameter of the program with the value that this is about."""
+    guarantees: tuple[ScopeGuarantee, ...] = ()

@@ -8,23 +8,22 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
-from soter.verify.problem.map_topics import assumed_of_maps
 from soter.verify.problem.problem import Jumps
+from soter.verify.problem.supported_constructs import assumed_of_maps
 from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
-    from soter.verify.problem.problem import ProblemKind, Times
-    from soter.verify.problem.quantities import Leaf
+    from soter.verify.problem.problem import Leaf, ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 

@@ -10,7 +10,7 @@ import math
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from soter.language.check.constants import Calculator
+from soter.language.check.constants_and_types import Calculator
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import ListType, RecordType, leaf_name, leaves
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.verification_system import VerificationSystem

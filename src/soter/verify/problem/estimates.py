@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.model.types import leaves
-from soter.verify.enclose.periodic_states import FAR_TURNS
+from soter.verify.problem.left_out_states import FAR_TURNS
 
 if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol

@@ -13,28 +13,38 @@ from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.check.constants import Calculator
-from soter.language.elaborate.views import refuse_views
+from soter.language.check.constants_and_types import Calculator
+from soter.language.elaborate.views_for_proofs import refuse_views
 from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
-from soter.verify.enclose.periodic_states import far_turns, starts_on, turned, turning_as, wrapping
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
-from soter.verify.problem.failsafe_problem import behind, under_law
 from soter.verify.problem.inputs import Inputs, inputs_of
-from soter.verify.problem.left_out_states import left_out
+from soter.verify.problem.left_out_states import (
+    far_turns,
+    left_out,
+    starts_on,
+    turned,
+    turning_as,
+    wrapping,
+)
 from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.module_above import handed_back, under
 from soter.verify.problem.problem import Interval, Problem, Times
 from soter.verify.problem.supported_constructs import check_supported
-from soter.verify.problem.verification_system import VerificationSystem, place, whole
-from soter.verify.time.cause_effect_chains import side_inputs
-from soter.verify.time.downstream_paths import is_state_of_proof
+from soter.verify.problem.verification_system import (
+    VerificationSystem,
+    behind,
+    place,
+    under_law,
+    whole,
+)
+from soter.verify.time.cause_effect_chains import is_state_of_proof, side_inputs
 from soter.verify.time.problem_times import times_of
 from soter.verify.tubes.problem import followed
 
@@ -45,9 +55,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.verify.problem.modes_of_other_modules import Modes
     from soter.verify.problem.module_above import Above
-    from soter.verify.problem.problem import Group, ProblemKind
-    from soter.verify.problem.quantities import Quantities
-    from soter.verify.time.downstream_paths import DownstreamPath
+    from soter.verify.problem.problem import Group, ProblemKind, Quantities
+    from soter.verify.time.cause_effect_chains import DownstreamPath
 
 CASES_MAX = 4096
 

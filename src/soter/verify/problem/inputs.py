@@ -10,12 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
-from soter.verify.problem.age_disjuncts import ttf_of_states
-from soter.verify.problem.problem import DiscreteParameter, Interval
-from soter.verify.problem.quantities import Leaf, Quantities
+from soter.verify.problem.problem import DiscreteParameter, Interval, Leaf, Quantities
+from soter.verify.problem.supported_constructs import ttf_of_states
 from soter.verify.problem.verification_system import sc_reads
 from soter.verify.time.problem_times import read_by_dm
 
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.language.model.types import Type, Value

@@ -3,7 +3,7 @@
 Purpose: `under`: where the module above gives control back, as a predicate over what the plants of
 the proof drive, and how old the state behind that verdict may be once it is in force;
 `handed_back`: times that count it.
-Non-goals: that the state is then in R(H) (`claims/handback_claim.py`), what H has to be
+Non-goals: that the state is then in R(H) (`claims/handover_claims.py`), what H has to be
 (`time/schedule.py`).
 """
 
@@ -14,8 +14,8 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.derived_systems import with_module
-from soter.language.elaborate.views import systems_by_view
-from soter.language.evaluate.conjuncts import conjuncts
+from soter.language.elaborate.views_for_proofs import systems_by_view
+from soter.language.evaluate.predicates import conjuncts
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above

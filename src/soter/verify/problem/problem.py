@@ -1,8 +1,9 @@
 """The verification problem of one module, as plain data.
 
 Purpose: what `extract.py` reads off a program and everything else in this room works on
-(docs/verification.md, section 1).
-Non-goals: computing anything.
+(docs/verification.md, section 1); `Quantities`: which leaf of a plant or topic each input of the
+dynamics is, in order.
+Non-goals: computing anything; finding the inputs (`inputs.py`), C (`verify/enclose/`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,48 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.core.core import CoreSystem
-    from soter.diagnostics.span import Span
-    from soter.language.elaborate.foreign_topics_as_disturbances import Influence
+    from soter.diagnostics.source import Span
+    from soter.language.elaborate.views_for_proofs import Influence
     from soter.language.model.system import Module, System
     from soter.verify.problem.assumption import Assumption
     from soter.verify.problem.modes_of_other_modules import Modes
-    from soter.verify.problem.quantities import Quantities
     from soter.verify.time.schedule import Schedule
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One scalar leaf: of a plant state or disturbance (`owner` = component) or of a topic.
+
+    `member` is the state's or disturbance's name, "" for a topic; `path` the field path below.
+    """
+
+    owner: int
+    member: str
+    path: tuple[str, ...]
+    name: str
+    """Full name for people: `tube.q3.x`, `control.y`."""
+    unit: str = ""
+    """As it is declared."""
+
+
+@dataclass(frozen=True)
+class Quantities:
+    """The inputs of the emitted functions, in order (docs/verification.md, section 1)."""
+
+    states: tuple[Leaf, ...]
+    controls: tuple[Leaf, ...]
+    disturbances: tuple[Leaf, ...]
+    errors: tuple[Leaf, ...]
+    others: tuple[Leaf, ...]
+    parameters: tuple[Leaf, ...]
+    """Discrete plant states without dynamics: `param[]`, not forms."""
+    turning: frozenset[int] = frozenset()
+    """States of axes that wrap: they are read modulo a full turn (`problem/left_out_states.py`)."""
+
+    @property
+    def inputs(self) -> tuple[Leaf, ...]:
+        """Everything that is a form, in order."""
+        return self.states + self.controls + self.disturbances + self.errors + self.others
 
 
 ProblemKind = Literal["flow", "map", "nodes", "tubes"]

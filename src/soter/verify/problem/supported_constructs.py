@@ -1,26 +1,141 @@
-"""What a proof cannot follow, said before anything is computed.
+"""What a proof can and cannot follow, said before anything is computed.
 
-Purpose: diagnostics for controllers, plants and predicates outside of what `verify/` handles.
-Non-goals: numbers.
+Purpose: diagnostics for controllers, plants and predicates outside of what `verify/` handles; which
+part of `ttf` a proof goes by where another part asks how old a read is (`ttf_of_states`); maps:
+`static` topics that `safe` of a module with `rest` reads and no plant drives, what is refused of
+them, and their contract as an assumption ("Decisions by tubes" in docs/proof.md, condition 7).
+Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
+that reads maps (`verify/tubes/`).
+
+`ttf e || age(t) > c` takes AC's control away where e does, and at other times, too. What is proved
+of e is then proved of it: "not ttf" implies "not e". So a proof reads e alone.
 """
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import TYPE_CHECKING
 
+from soter.language.evaluate.predicates import disjuncts
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, nodes, plant_code, topic_reads
-from soter.language.model.types import BoolType, EnumType, IntType, leaves
-from soter.verify.problem.age_disjuncts import ttf_of_states
-from soter.verify.problem.map_topics import check_maps, maps_of
+from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType, leaves
+from soter.verify.problem.assumption import Assumption
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
-    from soter.language.model.system import Component
+    from soter.diagnostics.source import Span
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
     from soter.verify.problem.problem import ProblemKind
     from soter.verify.problem.verification_system import VerificationSystem
+
+
+def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
+    """Those of a module, in the order in which `safe` reads them; none without `rest`."""
+    if module.symbol.rest is None:
+        return {}
+    at = module.scope.topics
+    other = _driven(system).union(module.outputs)
+    read = topic_reads(module.symbol.safe)
+    return {t: at[t] for t in read if t.static and at[t] not in other}
+
+
+def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
+    """The same of a verification system; not what a plant drives that only flies."""
+    flying = _driven(place.flat)
+    found = map_topics(place.system, place.module)
+    return {t: index for t, index in found.items() if place.flying(t) not in flying}
+
+
+def _driven(system: System) -> set[int]:
+    """Topics that its plants drive."""
+    plants = [(c, c.plant) for c in system.components if c.plant is not None]
+    return {c.scope.topics[t] for c, plant in plants for t, _ in plant.drives}
+
+
+def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+    """Report what is no map, though it is read as one."""
+    rest, node = place.module.symbol.rest, place.flat.components[place.home.sc].node
+    by_sc = {} if node is None else topic_reads(*node.step)
+    at_rest = {} if rest is None else topic_reads(rest.condition)
+    for symbol, index in maps_of(place).items():
+        topic = place.system.topics[index]
+        for who, reads in (("SC", by_sc), ("`rest`", at_rest)):
+            if symbol in reads:
+                diagnostics.error(
+                    "R007",
+                    f"{who} reads `{topic.name}`, a map of `safe`",
+                    reads[symbol].span,
+                    also=((symbol.span, "declared here"),),
+                    notes=("a verdict is about one map, and SC would read later ones",),
+                    helps=("leave it to `safe` and AC",),
+                )
+        if topic.max_age_ns is None:
+            diagnostics.error(
+                "R011",
+                f"nothing bounds the age of the map `{topic.name}`",
+                symbol.span,
+                notes=("until it is published, and when it is no more, AC must not have control",),
+                helps=("declare it: `topic ... max_age 1s;`",),
+            )
+        parts = leaves(topic.type)
+        floats = all("[]" not in path and isinstance(of, FloatType) for path, of in parts)
+        if topic.queue_of is not None or not floats:
+            diagnostics.error(
+                "R014",
+                f"the map `{topic.name}` is not made of floats",
+                symbol.span,
+                f"its type is `{topic.type}`",
+                notes=("a check takes as many numbers each time",),
+                helps=("an array of as many as are looked at; what it leaves out is occupied",),
+            )
+
+
+def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
+    """The contract of each map."""
+    names = [place.system.topics[index].name for index in maps_of(place).values()]
+    return [
+        Assumption(
+            f"map {name}",
+            f"where `safe` holds with a value of {name}, with its default at the start, it is safe "
+            "for ever: what it calls free stays free",
+        )
+        for name in names
+    ]
+
+
+AGES = (
+    "`ttf` also holds where {}: that takes control from AC and never gives it, and the proof does "
+    "not go by it; AC keeps control only while it is false"
+)
+
+
+def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
+    """`ttf` without the disjuncts that read an age; all of it where none would be left."""
+    if ttf is None or not _ages(ttf):
+        return ttf
+    left = [part for part in disjuncts(ttf) if not _ages(part)]
+    return reduce(_or, left) if left else ttf
+
+
+def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
+    """A line about the disjuncts that `ttf_of_states` leaves out."""
+    left = ttf_of_states(ttf)
+    if ttf is None or left is None or left is ttf:
+        return ()
+    parts = [" ".join(p.span.text.split()) for p in disjuncts(ttf) if _ages(p)]
+    return (AGES.format(" or ".join(f"`{p}`" for p in parts)),)
+
+
+def _ages(e: TypedExpr) -> bool:
+    return any(isinstance(n, typed.AgeRead) for n in nodes([e]))
+
+
+def _or(a: TypedExpr, b: TypedExpr) -> TypedExpr:
+    return typed.TypedBinary(BOOL, a.span, "||", a, b)
+
 
 UNKNOWN_FACTS = {
     typed.TimeRead: "`time`",

@@ -1,8 +1,11 @@
-"""Where a module is proved: its verification system (docs/verification.md, section 1).
+"""Where a module is proved: its verification system, and the same with its fail-safe law as SC.
 
-Purpose: from a flat system and one of its modules to a system of that module and its
-verification plants, and nothing else.
-Non-goals: quantities and ranges (`extract.py`).
+Purpose: from a flat system and one of its modules to a system of that module and its verification
+plants, and nothing else (docs/verification.md, section 1). `under_law`: the module with its law in
+the place of SC, from which the core K_fs is computed (docs/proof.md, "When the trusted part
+stops"). The law is a constant for each output, so SC reads nothing there.
+Non-goals: quantities and ranges (`extract.py`); the sets (`verify/claims/product_sets.py`), the
+lease (`verify/time/schedule.py`).
 """
 
 from __future__ import annotations
@@ -11,14 +14,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.foreign_topics_as_disturbances import moved_by_others
+from soter.language.elaborate.views_for_proofs import moved_by_others
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import DURATION
 
 if TYPE_CHECKING:
-    from soter.language.elaborate.foreign_topics_as_disturbances import Influence
+    from soter.language.elaborate.views_for_proofs import Influence
     from soter.language.model.system import Component, Module, System
 
 
@@ -157,3 +160,44 @@ def _reduced(flat: System, module: Module) -> System:
         and (any(c.scope.topics[t] in wanted for t, _ in c.plant.drives) or c.name in named)
     ]
     return derived_systems.module_alone(flat, module, plants)
+
+
+def under_law(flat: System, module: Module) -> tuple[System, Module]:
+    """The flying system with the law in the place of SC, and the module there; it has no law.
+
+    Periods, phases, lateness and latencies stay those of SC.
+    """
+    sc = flat.components[module.sc]
+    made = derived_systems.with_components(flat, [_lawful(sc, module)])
+    itself = replace(module, symbol=_ruled(module.symbol, made.components[module.sc]), law={})
+    if module.whole is not None:
+        itself.whole = _ruled(module.whole, made.components[module.sc])
+    return derived_systems.with_module(made, itself), itself
+
+
+def behind(flat: System, module: Module) -> str:
+    """Why what the actuators hold is not what the module publishes; "" where it is.
+
+    A node that reads the module's outputs stops with the trusted part, and what it would have made
+    of the law nobody holds.
+    """
+    outputs = set(module.outputs)
+    for c in flat.components:
+        if c.node is None or c.index in (module.ac, module.sc):
+            continue
+        read = {c.scope.topics[s.topic] for s in c.node.subscribes}
+        if outputs & (read | {flat.topics[i].queue_of for i in read}):
+            return f"`{c.name}` reads what the module publishes: it would stop, too"
+    return ""
+
+
+def _lawful(sc: Component, module: Module) -> Component:
+    assert sc.node is not None
+    step = tuple(typed.TypedPublish(e.span, t, e) for t, e in module.symbol.failsafe.items())
+    node = replace(sc.node.doing(step), takes=None)
+    return replace(sc, node=node, initial=(), failsafe={}, binding=None)
+
+
+def _ruled(symbol: typed.ModuleSymbol, sc: Component) -> typed.ModuleSymbol:
+    assert sc.node is not None
+    return replace(symbol, sc=sc.node, failsafe={})

@@ -3,7 +3,7 @@
 Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
 checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
 Non-goals: the sets (`levels.py`), when they are computed (`missing_predicates.py`), half-spaces
-(`polytope_tables.py`).
+(`polytope/tables.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
 compares the estimate with the two breakpoints of the cell it found: comparisons are exact, so an
@@ -21,11 +21,10 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, leaves
-from soter.verify.claims.cell_boxes import drawn_edges, share
-from soter.verify.enclose.periodic_states import FARTHEST, TURN
+from soter.verify.claims.cells import drawn_edges, share
 from soter.verify.problem.estimates import seen
-from soter.verify.tables.level_table import EstimateSamples, LevelTable
-from soter.verify.tables.typed_tree_builder import Writer
+from soter.verify.problem.left_out_states import FARTHEST, TURN
+from soter.verify.tables.level_table import EstimateSamples, LevelTable, Writer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

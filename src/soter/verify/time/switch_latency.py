@@ -1,7 +1,7 @@
 """P1c of a module as it is deployed: what a switch takes with the execution times declared.
 
 Purpose: `switch_of`: H* from the latest starts and ends of the thread, beside the H of the proof.
-Non-goals: whether the proof's own times hold (`deployed_times.py`), any set.
+Non-goals: whether the proof's own times hold (`problem_times.py`), any set.
 """
 
 from __future__ import annotations
@@ -10,21 +10,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model.durations import show_ns
 from soter.verify.problem.problem import Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import place
 from soter.verify.time.cause_effect_chains import CauseEffectChains, outputs_of
-from soter.verify.time.deployed_times import AssumedTimes, deployed
-from soter.verify.time.problem_times import assumed_of, terms, times_of
+from soter.verify.time.problem_times import AssumedTimes, assumed_of, deployed, terms, times_of
 from soter.verify.time.time_checks import of_map
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.language.model.system import Module, System
     from soter.verify.time.cause_effect_chains import CauseEffectChain
-    from soter.verify.time.deployed_times import DeployedTimes
+    from soter.verify.time.problem_times import DeployedTimes
     from soter.verify.time.schedule import Releases, Schedule
 
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "undecided"

@@ -14,7 +14,7 @@ from soter.verify.time.schedule import ActuationPath, Releases, Schedule, Sensor
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Component
     from soter.language.model.typed import ModuleSymbol
     from soter.verify.problem.problem import ProblemKind, Times

@@ -20,7 +20,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.verify.enclose.prelude import is_prelude
+from soter.verify.enclose.core_enclosure import is_prelude
 from soter.verify.tubes.expressions import CONDITIONS, Expressions, Node, NoExpressionError, Value
 
 if TYPE_CHECKING:

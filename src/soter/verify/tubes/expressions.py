@@ -3,7 +3,7 @@
 Purpose: `Expressions` makes nodes, takes factors out and differentiates along a direction. Nothing
 is rounded: an expression is the real function that the operations stand for, and every form of it
 (`forms.soter`) holds what the machine rounds as well.
-Non-goals: reading Core (`expression_reading.py`), printing (`print_forms.py`).
+Non-goals: reading Core (`expression_reading.py`), printing (`generated_functions.py`).
 """
 
 from __future__ import annotations

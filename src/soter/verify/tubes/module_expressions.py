@@ -1,7 +1,7 @@
 """What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
 
 Purpose: `ModuleExpressions`, read from Core (the plants' derivatives, SC's step on what it sees).
-Non-goals: printing (`print_forms.py`), times (`tube_check.py`).
+Non-goals: printing (`generated_functions.py`), times (`tube_check.py`).
 """
 
 from __future__ import annotations

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.model.types import leaf_name, leaves, numbers_in
-from soter.verify.problem.map_topics import map_topics
 from soter.verify.problem.problem import TUBES, Interval, Problem
+from soter.verify.problem.supported_constructs import map_topics
 
 if TYPE_CHECKING:
-    from soter.language.check.constants import Calculator
+    from soter.language.check.constants_and_types import Calculator
     from soter.language.model.typed import RestMove, RestSymbol, TypedExpr
 
 

@@ -22,9 +22,15 @@ from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
 from soter.verify.tables.shield_tables import command_edges
 from soter.verify.tubes.expressions import NoExpressionError, in_order
-from soter.verify.tubes.generated_functions import functions_of
+from soter.verify.tubes.generated_functions import (
+    MAP,
+    RANGES,
+    certain,
+    function,
+    functions_of,
+    number,
+)
 from soter.verify.tubes.module_expressions import ModuleExpressions, middle
-from soter.verify.tubes.print_forms import MAP, RANGES, certain, function, number
 from soter.verify.tubes.problem import FARTHEST, read_by, refused
 
 if TYPE_CHECKING:
@@ -33,7 +39,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Shield
     from soter.language.model.typed import Cost
     from soter.verify.tubes.expressions import Node
-    from soter.verify.tubes.print_forms import Inputs
+    from soter.verify.tubes.generated_functions import Inputs
     from soter.verify.tubes.problem import TubeProblem
 
 RANGED = "x: Ranges, u: Orders"

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from soter.language.model.typed import FunSymbol
     from soter.verify.problem.problem import Group, Problem
+    from soter.verify.tables.level_table import Writer
     from soter.verify.tables.shield_tables import ShieldWriter
-    from soter.verify.tables.typed_tree_builder import Writer
     from soter.verify.tubes.rest_claims import RestClaims
     from soter.verify.tubes.tube_check import TubeCheck
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.flights import flight_check
-from soter.certificate.flights.flight_check import flights_of
+from soter.certificate import flight_check
+from soter.certificate.flight_check import flights_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.certificate.flights.flight_report import FlightReport
+    from soter.certificate.report import FlightReport
 
 
 @pytest.fixture(autouse=True)

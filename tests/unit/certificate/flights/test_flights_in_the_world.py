@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.flights import flight_check
-from soter.certificate.flights.flight_check import flights_of
-from soter.certificate.format.certificate_program import program_of
-from soter.certificate.format.folder import read_certificate
+from soter.certificate import flight_check
+from soter.certificate.flight_check import flights_of
+from soter.certificate.format.folder import program_of, read_certificate
 from unit.certificate.flights.logged_flights import (
     MS,
     TEXT,
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.certificate.flights.flight_report import FlightReport
+    from soter.certificate.report import FlightReport
 
 
 @pytest.fixture(autouse=True)

@@ -11,8 +11,7 @@ import pytest
 
 from json_documents import problems_of
 from soter.api import Program
-from soter.certificate import proof_methods
-from soter.certificate.flights import flight_check
+from soter.certificate import flight_check, proof_methods
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.format.folder import Certificate
 from soter.certificate.proof_methods import ModuleMethod

@@ -1,7 +1,7 @@
 """Entries of modules with `rest`, as a certificate has them, written by hand.
 
 Purpose: `entry`: every constant that the re-checker derives of a program, B, Y and claims.
-Non-goals: what `soter verify` writes (`verify/tubes/certificate_entry.py`).
+Non-goals: what `soter verify` writes (`verify/tubes/verify.py`).
 """
 
 from __future__ import annotations

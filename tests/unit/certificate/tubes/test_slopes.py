@@ -10,7 +10,7 @@ from flint import arb
 
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.terms import Terms
-from soter.certificate.tubes.slopes import NoSlopeError, slope
+from soter.certificate.tubes.rest_claims import NoSlopeError, slope
 from tables import all_rows
 
 if TYPE_CHECKING:

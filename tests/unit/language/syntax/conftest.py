@@ -10,8 +10,7 @@ import pytest
 
 from generators.file_listing import files_below
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 from soter.language.syntax.parser import parse
 
 if TYPE_CHECKING:

@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics
-from soter.diagnostics.fix import applied
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, applied
 from soter.diagnostics.source import Source
-from soter.language.syntax import clause_words, foreign_items
+from soter.language.syntax import clause_words, foreign_words
 from soter.language.syntax.clause_words import PLACES
 from soter.language.syntax.parser import parse
-from soter.language.syntax.parsing import faults, nodes, plants, systems, verification
+from soter.language.syntax.parsing import faults, functions_and_plants, nodes, systems, verification
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -54,8 +53,8 @@ def test_what_a_word_is_told_to_look_like_is_soter(word: str, form: str) -> None
 
 def test_every_word_of_an_item_has_a_place() -> None:
     tables = (
-        nodes._NODE_ITEMS, nodes._RTA_ITEMS, plants._PLANT_ITEMS, systems._SYSTEM_ITEMS,
-        systems._TEST_ITEMS, faults.FAULT_ITEMS, verification._VERIFY_ITEMS,
+        nodes._NODE_ITEMS, nodes._RTA_ITEMS, functions_and_plants._PLANT_ITEMS,
+        systems._SYSTEM_ITEMS, systems._TEST_ITEMS, faults.FAULT_ITEMS, verification._VERIFY_ITEMS,
         verification._VIEW_ITEMS,
     )  # fmt: skip
     words = {word for table in tables for word in table}
@@ -68,7 +67,7 @@ ITEMS_OF: dict[str, Collection[str]] = {
     "node without a step": nodes._NODE_ITEMS,
     "rta": nodes._RTA_ITEMS,
     "verify": verification._VERIFY_ITEMS,
-    "plant": plants._PLANT_ITEMS,
+    "plant": functions_and_plants._PLANT_ITEMS,
     "system": systems._SYSTEM_ITEMS,
     "test": systems._TEST_ITEMS,
     "faults": faults.FAULT_ITEMS,
@@ -299,12 +298,12 @@ EXAMPLES = {
 WORDS = [
     (body, example.replace("{{", "{").replace("}}", "}"), item, word)
     for (body, item), example in EXAMPLES.items()
-    for word in foreign_items._WORDS[body.split()[0]][item].split()
+    for word in foreign_words._WORDS[body.split()[0]][item].split()
 ]
 
 
 def test_every_item_of_the_table_has_an_example() -> None:
-    known = {(body, item) for body, items in foreign_items._WORDS.items() for item in items}
+    known = {(body, item) for body, items in foreign_words._WORDS.items() for item in items}
     assert {(body.split()[0], item) for body, item in EXAMPLES} == known
 
 
@@ -348,7 +347,7 @@ def test_the_bodies_are_told_apart_by_their_items() -> None:
     assert clause_words.body_of(nodes._NODE_ITEMS, 0) == "node"
     assert clause_words.body_of(nodes._NODE_ITEMS, 1) == "step"
     assert clause_words.body_of(nodes._RTA_ITEMS, 0) == "rta"
-    assert clause_words.body_of(plants._PLANT_ITEMS, 0) == "plant"
+    assert clause_words.body_of(functions_and_plants._PLANT_ITEMS, 0) == "plant"
     assert clause_words.body_of(systems._SYSTEM_ITEMS, 0) == "system"
     assert clause_words.body_of(systems._TEST_ITEMS, 0) == "test"
     assert clause_words.body_of(verification._VERIFY_ITEMS, 0) == "verify"

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 from soter.language.syntax import tree
 from tables import all_rows
 from work import work_of

@@ -11,7 +11,7 @@ from bench.verify.mutant_models import BASES
 
 import json_documents
 from soter.language.front_end import check_file, system_of
-from soter.semantics.adversary import AdverseDraws
+from soter.semantics.chosen_draws import AdverseDraws
 from soter.semantics.externs import UnboundExternError
 from soter.verify.attack.attacked_system import DRAWN, OWN, NotAttackableError, attacked
 from soter.verify.attack.counterexample import (

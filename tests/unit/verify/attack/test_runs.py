@@ -10,7 +10,7 @@ from bench.verify.mutant_models import BASES
 
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.attack.counterexample_files import replay_file
+from soter.verify.attack.counterexample import replay_file
 
 if TYPE_CHECKING:
     from pathlib import Path

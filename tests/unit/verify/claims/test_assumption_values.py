@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from soter.certificate.assumptions import assumptions_of
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
 from soter.verify.module_methods import module_method

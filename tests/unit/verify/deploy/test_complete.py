@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import soter
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
@@ -23,7 +22,7 @@ from soter.verify.deploy import missing_predicates as complete_
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import levels as levels_
 from soter.verify.tables.grid_tables import GroupTable, level_function
-from soter.verify.tables.typed_tree_builder import Writer
+from soter.verify.tables.level_table import Writer
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 

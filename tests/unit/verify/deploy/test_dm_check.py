@@ -9,7 +9,7 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model.system import System
 from soter.verify.command import verify
 from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
-from soter.verify.deploy.dm_test_inputs import AC, SC
+from soter.verify.deploy.dm_test_cases import AC, SC
 from soter.verify.deploy.missing_predicates import complete, put
 from soter.verify.proof_methods import pairs_of, tables
 from soter.verify.tables.grid_tables import GroupTable

@@ -16,11 +16,11 @@ import soter
 from long_tests import examples
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import looks_of
+from soter.verify.polytope.tables import Facets
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import DiscreteParameter
 from soter.verify.tables.grid_tables import GroupTable
-from soter.verify.tables.polytope_tables import Facets
 
 if TYPE_CHECKING:
     from pathlib import Path

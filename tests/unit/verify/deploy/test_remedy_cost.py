@@ -11,7 +11,7 @@ import pytest
 import soter
 from soter.cli.main import main
 from soter.verify.claims.choice import CELLS_MAX
-from soter.verify.deploy import remedy_cost
+from soter.verify.diagnosis import tried_remedies
 from unit.verify.diagnosis.tank_modules import TANK, changed
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def test_a_run_is_as_long_as_so_many_periods_of_the_dm(
 ) -> None:
     """60 s are no more than a few decisions of a DM that decides every few minutes."""
     longer = changed(OLD, ("until 60s", "until 24h"))
-    monkeypatch.setattr(remedy_cost, "PERIODS", 1000)
+    monkeypatch.setattr(tried_remedies, "PERIODS", 1000)
     assert cost_of(tmp_path / "tank.soter", longer).until_s == 100.0
     assert cost_of(tmp_path / "tank.soter", changed(OLD)).until_s == 60.0
 
@@ -143,7 +143,7 @@ def test_beside_another_module_only_the_one_is_changed(tmp_path: Path) -> None:
 def test_what_takes_too_long_is_not_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remedy_cost, "CPU_S", 0.0)
+    monkeypatch.setattr(tried_remedies, "CPU_S", 0.0)
     cost = cost_of(tmp_path / "tank.soter", changed(OLD))
     assert "take more than 0 s of CPU time" in cost.not_measured
 

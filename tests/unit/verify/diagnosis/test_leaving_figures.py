@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 
+from soter.report.proof.page import region_svg
 from soter.report.proof.record import R1, R2
-from soter.report.proof.regions import region_svg
 from soter.verify.claims.results import LeavingRun
-from soter.verify.diagnosis.counterexample_figures import leaving_figures
+from soter.verify.proof_report import leaving_figures
 from unit.verify.diagnosis.tank_modules import changed, explained
 from unit.verify.diagnosis.test_one_sided import HALF
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from soter.verify import verify_module as verifying
-from soter.verify.claims import recovery
-from soter.verify.diagnosis import recovery_cpu_budget
+from soter.verify.claims import claims
 from unit.verify import test_verify_groups as plane
 from unit.verify.test_verify import changed, result_of
 
@@ -20,8 +19,8 @@ if TYPE_CHECKING:
 @pytest.fixture
 def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
     """No time for P2b as soon as anything else fails."""
-    monkeypatch.setattr(recovery_cpu_budget, "LEAST_S", -1e9)
-    monkeypatch.setattr(recovery_cpu_budget, "sum", lambda _: -1e9, raising=False)
+    monkeypatch.setattr(claims, "LEAST_S", -1e9)
+    monkeypatch.setattr(claims, "sum", lambda _: -1e9, raising=False)
 
 
 @pytest.mark.usefixtures("impatient")
@@ -58,8 +57,8 @@ def test_processor_time_decides_no_verdict(monkeypatch: pytest.MonkeyPatch) -> N
     """What may be proved on a finer grid has no budget: P2b waits until `ttf` holds."""
 
     def with_nothing_failing(case: Case) -> None:
-        assert not [f for f in case.failures if f.claim in recovery_cpu_budget.CHEAPER]
-        recovery.recover(case)
+        assert not [f for f in case.failures if f.claim in claims.CHEAPER]
+        claims.recover(case)
 
     def never(case: Case) -> None:
         raise AssertionError(case)

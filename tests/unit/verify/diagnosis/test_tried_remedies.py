@@ -12,10 +12,10 @@ import soter
 from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims import choice
-from soter.verify.claims.grid_refinement import cells_of, smaller_cells
-from soter.verify.diagnosis import changed_problems, tried_remedies
+from soter.verify.claims.cells import cells_of, smaller_cells
+from soter.verify.diagnosis import experiments, tried_remedies
 from soter.verify.diagnosis.tried_remedies import in_order, lines_of, remedies
-from soter.verify.grid import finer_home
+from soter.verify.grid import recovery
 from unit.verify.claims.test_finer_home import text as slot_text
 from unit.verify.claims.test_finer_home import verified as slot_verified
 from unit.verify.diagnosis.tank_modules import TANK, cause, changed, explained, kinds
@@ -219,7 +219,7 @@ def test_under_a_computed_safer_nothing_is_advised_that_leads_in_a_circle(
     """Where smaller cells are too many to be tried that is said, and no `safer` is asked for."""
     for claim in choice.CELLS_MAX:
         monkeypatch.setitem(choice.CELLS_MAX, claim, 20)
-    monkeypatch.setattr(finer_home, "SIZES", ())
+    monkeypatch.setattr(recovery, "SIZES", ())
     finding = slot_verified(slot_text(), explain=True).findings["P2b"]
     assert [c.kind for c in finding.causes] == ["comes_back", "computed"]
     assert finding.hint.startswith("more cells (half the size, 34, is more than is looked at")
@@ -266,7 +266,7 @@ def test_an_end_that_stays_is_written_as_the_program_writes_it() -> None:
     named = ("soter 1;", "soter 1;\nconst FULL: float = 1.8000000000000003;")
     result = explained(changed(named, ("[0.2, 1.8]", "[0.2, FULL]"), OLD))
     assert lines_of(result.problem) == "grid t.h in [0.2, FULL] / 320;"
-    longer = changed_problems.longer_axes(result.problem, {0: (0.1, 1.8000000000000003)})
+    longer = experiments.longer_axes(result.problem, {0: (0.1, 1.8000000000000003)})
     assert lines_of(longer) == "grid t.h in [0.1, FULL] / 340;"
 
 
@@ -290,8 +290,8 @@ def test_an_axis_that_nothing_reads_is_opened_where_runs_leave() -> None:
 def test_changes_that_were_made_before_stay_in_a_problem_that_is_read_again() -> None:
     result = explained(CART)
     finer = smaller_cells(result.problem, result.problem.groups)
-    assert changed_problems.younger_reads(finer) is None  # 20 ms are two periods of the plant
-    again = changed_problems.exchanged(finer)
+    assert experiments.younger_reads(finer) is None  # 20 ms are two periods of the plant
+    again = experiments.exchanged(finer)
     assert again is not None
     assert again.groups == finer.groups
     assert cells_of(again) == 4 * 400 * 240
@@ -315,7 +315,7 @@ def test_a_module_with_a_shield_is_read_again_without_what_that_permitted(tmp_pa
     shield = problem.module.shield
     assert shield is not None
     shield.held = shield.permits = problem.module.symbol.safe  # as its compiled DM has it
-    read_again = changed_problems.younger_reads(problem)
+    read_again = experiments.younger_reads(problem)
     assert read_again is not None
     again = read_again[0].module.shield
     assert again is not None

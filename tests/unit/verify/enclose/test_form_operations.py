@@ -19,8 +19,8 @@ import pytest
 from generators.engine_comparison import call_compiler
 from generators.python_enclosures import seeded
 from soter.language.prelude.function_error_bounds import BOUNDS
-from soter.native.build import CHECK_FAILED
-from soter.verify.enclose.prelude import ENCLOSED
+from soter.native.shared_library import CHECK_FAILED
+from soter.verify.enclose.core_enclosure import ENCLOSED
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -19,9 +19,9 @@ from soter.core.steps import lower
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
-from soter.native.build import CHECK_FAILED
+from soter.native.shared_library import CHECK_FAILED
 from soter.verify.enclose.enclosure_code import EnclosureError, generate_enclosures
-from soter.verify.problem.quantities import Leaf, Quantities
+from soter.verify.problem.problem import Leaf, Quantities
 
 if TYPE_CHECKING:
     import random

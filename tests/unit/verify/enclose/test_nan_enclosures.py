@@ -8,7 +8,7 @@ import pytest
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
+from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.front_end import check_file, system_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.problem.extract import extract

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.enclose.engine_library import ReachLibrary
+from soter.verify.enclose.compiled_enclosures import ReachLibrary
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.native.vector_instructions import vector_flags
-from soter.verify.enclose.engine_library import ReachLibrary
+from soter.native.compiler import vector_flags
+from soter.verify.enclose.compiled_enclosures import ReachLibrary
 from soter.verify.grid.sets import GridGroup, GridInputs
 from tables import all_rows
 from unit.verify.grid.small_enclosure_units import QUICK, linear_source

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.report.proof.page import proof_body
+from soter.report.proof.page import LEFT, WIDTH, proof_body, region_svg
 from soter.report.proof.record import R1, R2, R3, R4, R5, ModuleProof, ProofPage, RegionFigure
-from soter.report.proof.regions import LEFT, WIDTH, region_svg
-from soter.verify.grid.region_figure import SLICES_MAX, figure, fullest
+from soter.verify.grid.set_figures import SLICES_MAX, figure, fullest
 from soter.verify.problem.problem import Axis, Group
 
 

@@ -9,7 +9,7 @@ import pytest
 from generators.handover_program import CHANGES, handover
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import texts

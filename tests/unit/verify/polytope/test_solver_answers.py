@@ -13,7 +13,7 @@ import pytest
 from soter.verify.polytope import half_spaces
 from soter.verify.polytope.ball_matrices import Ball, exact
 from soter.verify.polytope.half_spaces import Bounds, LinearProgram, Polytope
-from soter.workers.quiet_highs import new_highs
+from soter.workers.solvers import new_highs
 
 pytest.importorskip("highspy")
 

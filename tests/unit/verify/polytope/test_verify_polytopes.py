@@ -18,7 +18,7 @@ from soter.verify import verify_module as verifying
 from soter.verify.attack.refute import refute
 from soter.verify.claims.results import ModuleResult, PolytopePart
 from soter.verify.deploy.missing_predicates import complete
-from soter.verify.diagnosis.sc_progress import adds_up
+from soter.verify.diagnosis.empty_invariant import adds_up
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.polytope.ball_matrices import exact, exponential
 from soter.verify.polytope.claims import PolytopeProof, why_not

@@ -15,19 +15,18 @@ import numpy as np
 import pytest
 
 from generators.turning_systems import Drawn
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims.cell_boxes import mesh_of
+from soter.verify.claims.cells import mesh_of
 from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.enclose.periodic_states import FAR_TURNS, FARTHEST
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.estimates import errors_of
 from soter.verify.problem.extract import extract
+from soter.verify.problem.left_out_states import FAR_TURNS, FARTHEST
 from soter.verify.tables.grid_tables import place_function
-from soter.verify.tables.typed_tree_builder import Writer
+from soter.verify.tables.level_table import Writer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -9,7 +9,7 @@ import pytest
 from soter.api import load
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
-from soter.language.evaluate.abstraction_start import start_behind
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.front_end import check_file, system_of, system_to_prove
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract

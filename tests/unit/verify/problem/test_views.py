@@ -15,7 +15,7 @@ from soter.api import load
 from soter.certificate.reading.view_predicates import left_out, seen
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.views import systems_by_view
+from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.language.model import typed
 from soter.verify.problem.assumption import texts

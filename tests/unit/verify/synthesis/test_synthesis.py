@@ -9,7 +9,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.verify.synthesis.synthesize import CellCommands, chosen
+from soter.verify.synthesized_sc import CellCommands, chosen
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -15,7 +15,7 @@ from bench.recheck.small_modules import PROGRAMS
 import soter
 from long_tests import examples
 from soter.api import recheck
-from soter.api.timing import timing_reports
+from soter.api.check_report import timing_reports
 from soter.certificate.reading.module_facts import DiffersError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.switch_threads import Step, ends_of, starts
-from soter.api.timing import timing_reports
+from soter.api.check_report import timing_reports
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract

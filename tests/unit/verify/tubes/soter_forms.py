@@ -18,7 +18,7 @@ import cffi
 from generators.engine_comparison import call_compiler
 from soter.codegen.unit import generate
 from soter.language.front_end import check_file, system_of
-from soter.native.build import CHECK_FAILED
+from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:
     import random

@@ -18,9 +18,8 @@ from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import tube_check
 from soter.verify.tubes.expressions import Expressions, NoExpressionError
-from soter.verify.tubes.generated_functions import Caller
+from soter.verify.tubes.generated_functions import Caller, certain, function
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.print_forms import certain, function
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
 from unit.verify.tubes.random_plants import drawn_module

@@ -5,7 +5,7 @@
  * threads. Tables are their entries, in the order of their places. After a layer what was found is
  * what is expanded next; before all of it was expanded, the rest of it waits with what came of it
  * so far. Non-goals: whether a file is whole, and whose it is
- * (explore/checkpoint/checkpoint_file.py).
+ * (explore/checkpoints.py).
  */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>

@@ -4,7 +4,7 @@
  * Purpose: where all windows are points, what is reached at the end of an instant is every
  * combination of what the parts have reached then. So a property that reads several of them is
  * judged on all combinations of what it can see of each, which a search of each part alone noted.
- * Non-goals: executions (explore/engine/properties_across_parts.py puts those of the parts
+ * Non-goals: executions (explore/engine/reductions.py puts those of the parts
  * together).
  */
 #include "soter_explore_internal.h"

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.diagnostic import replace
 from soter.diagnostics.similar_names import likely
-from soter.language.check import foreign_name_hints
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import (
     a_type,
     error_expr,
@@ -19,7 +20,6 @@ from soter.language.check.expression_base import (
     is_error,
     unify_literals,
 )
-from soter.language.check.expression_context import SPECIALS
 from soter.language.check.expressions import call_hints
 from soter.language.check.expressions.field import FieldChecker, find_instance, flat_names
 from soter.language.model import typed
@@ -39,9 +39,9 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
-    from soter.language.check.expression_context import Context
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
+    from soter.language.check.checker_interface import Context
     from soter.language.check.scope import Entry
 
 TAKES = {
@@ -80,7 +80,7 @@ class CallChecker(FieldChecker):
             first = callee.target.name.text
             if context.find_local(first) is not None or first in context.scope.entries:
                 return self._no_function("a field", name, expr, context)
-            if first not in context.scope.imports and first in foreign_name_hints.LIBRARIES:
+            if first not in context.scope.imports and first in unknown_names.LIBRARIES:
                 return self._of_a_library(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
@@ -89,7 +89,7 @@ class CallChecker(FieldChecker):
             names = flat_names(callee)
             if isinstance(callee, tree.ErrorExpr):
                 self.names.losses += 1
-            elif names and names[0].text in foreign_name_hints.LIBRARIES:
+            elif names and names[0].text in unknown_names.LIBRARIES:
                 return self._of_a_library(expr, context, expected)
             elif isinstance(callee, tree.FieldExpr):
                 return self._no_function("a field", callee.span.text, expr, context)
@@ -140,7 +140,7 @@ class CallChecker(FieldChecker):
             call_hints.of_chance(name, expr, context)
             or call_hints.of_another_language(name, expr)
             or call_hints.of_a_literal(name, expr, expected)
-            or foreign_name_hints.a_function(expr, name, span)
+            or unknown_names.a_function(expr, name, span)
         )
         if not helps and self._takes(name, context) == len(expr.arguments):
             helps = (replace(span, name),)

@@ -4,14 +4,14 @@ Purpose: helps for values called as functions (`time()`, `rays(1)`), types (`Vec
 methods (`v.norm()`), chance (`randint(0, 1)`), literals (`zeros(3)`) and names that are nearly
 right. Every edit has been compared with the types at hand: what would be an error again is not
 proposed.
-Non-goals: reporting (`call.py`); words that only another language has (`foreign_name_hints.py`).
+Non-goals: reporting (`call.py`); words that only another language has (`unknown_names.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.diagnostic import replace
 from soter.language.model import typed
 from soter.language.model.types import ArrayType, EnumType, FloatType, ListType, RecordType
 from soter.language.syntax import tree
@@ -19,9 +19,9 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
-    from soter.language.check.expression_context import Context
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
+    from soter.language.check.checker_interface import Context
     from soter.language.model.types import Type
 
 RANDOM = frozenset(

@@ -10,22 +10,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.fix import replace
-from soter.language.check import foreign_name_hints
+from soter.diagnostics.diagnostic import replace
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import (
     error_expr,
     float_literal,
     is_error,
     plain,
 )
-from soter.language.check.expression_context import SPECIALS
 from soter.language.check.expressions.call import CallChecker
-from soter.language.check.expressions.choose import ChooseChecker
 from soter.language.check.expressions.field import listed
-from soter.language.check.expressions.operator import OperatorChecker
+from soter.language.check.expressions.operators_and_choices import ChooseChecker, OperatorChecker
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
-from soter.language.model.data_table import VALUE_MAX, Table
 from soter.language.model.types import (
     BOOL,
     DURATION,
@@ -39,14 +37,15 @@ from soter.language.model.types import (
     Type,
     leaf_count,
 )
+from soter.language.model.values import VALUE_MAX, Table
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
-    from soter.language.check.expression_context import Context
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
+    from soter.language.check.checker_interface import Context
     from soter.language.check.scope import Entry
 
 __all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
@@ -300,9 +299,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             message = f"{context.where} does not {verb} `{topic.name}`"
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
-                helps = (
-                    foreign_name_hints.listed_too(context.inputs, span.text, context.owner.span),
-                )
+                helps = (unknown_names.listed_too(context.inputs, span.text, context.owner.span),)
         self.diagnostics.error("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists

@@ -1,19 +1,21 @@
-"""Check what stands behind a dot or in brackets.
+"""Check what stands behind a dot or in brackets, in expressions and in paths such as `j.q[0]`.
 
-Purpose: fields, `list.len`, members of enums, names of imported files, elements; inside a system
-also `plant.truth`, topics of sub-systems.
-Non-goals: bare names (`expr.py`).
+Purpose: fields and elements in expressions; and what stands behind the name of a topic or of a
+plant in axes, `measured`, `commands` and `moves`: fields, and elements of arrays by constant
+indices.
+Non-goals: what the first name means (`scope.py`, `declarations.py`, `verify_block.py`); in paths,
+elements of lists, of which nobody knows beforehand whether they are there.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import insert, replace
-from soter.diagnostics.span import Span
-from soter.language.check import foreign_name_hints, other_scopes
+from soter.diagnostics.diagnostic import insert, replace
+from soter.diagnostics.source import Span
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import ExprBase, error_expr, is_error
-from soter.language.check.expression_context import SPECIALS
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -28,11 +30,13 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
-    from soter.language.check.expression_context import Context
-    from soter.language.check.scope import Entry
+    from collections.abc import Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.language.check.checker_interface import Context, Shared
+    from soter.language.check.scope import Entry, FileScope
     from soter.language.model.types import Type
+
 
 NAMES_SHOWN = 12
 
@@ -79,7 +83,7 @@ class FieldChecker(ExprBase):
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                helps = foreign_name_hints.without_object(names[0], names[1])
+                helps = unknown_names.without_object(names[0], names[1])
                 helps = helps or self._measured(expr, names, context)
                 self.unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
@@ -102,7 +106,7 @@ class FieldChecker(ExprBase):
                 n for n, i in context.instances.items() if isinstance(i.what, typed.PlantSymbol)
             ]
             return (replace(names[0].span, plants[0]),) if len(plants) == 1 else ()
-        meant = other_scopes.truth_as_topic(decls, names)
+        meant = unknown_names.truth_as_topic(decls, names)
         if meant is None or context.instances is not None or context.constant:
             return ()
         driven, plant = meant
@@ -389,3 +393,87 @@ def find_instance(
             break
         instances = what.by_name
     return what, depth
+
+
+def part_of(
+    shared: Shared,
+    root: Type,
+    parts: Sequence[tree.Name],
+    scope: FileScope,
+    plant: typed.PlantSymbol | None = None,
+) -> tuple[tuple[str, ...], Type] | None:
+    """The path below `root`, which `parts[0]` means, and the type there; None after a report.
+
+    `plant`: whose states `root` is.
+    """
+    t, path, whole = root, [], parts[0].span.to(parts[-1].span)
+    for part in parts:
+        if part is not parts[0]:
+            field = _field(shared, t, part, plant if t is root else None)
+            if field is None:
+                return None
+            t = field
+            path.append(part.text)
+        for index in part.indices if isinstance(part, tree.ElementName) else ():
+            number = _index(shared, t, index, whole, scope)
+            if number is None:
+                return None
+            assert isinstance(t, ArrayType)
+            t = t.element
+            path.append(f"[{number}]")
+    return tuple(path), t
+
+
+def instead_of(t: Type, path: tree.DottedPath) -> str:
+    """What to write where a part of `t` was wanted, and `path`, all of it, was named."""
+    if not isinstance(t, ArrayType):
+        return "name one of its fields"
+    return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"
+
+
+def _field(
+    shared: Shared, t: Type, part: tree.Name, plant: typed.PlantSymbol | None
+) -> Type | None:
+    at = t.index(part.text) if isinstance(t, RecordType) else None
+    if isinstance(t, RecordType) and at is not None:
+        return t.fields[at][1]
+    if plant in shared.damaged:
+        return None
+    names = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
+    known = ", ".join(f"`{n}`" for n in names)
+    what, there = ("field", "its fields") if plant is None else ("state", "there")
+    shared.diagnostics.error(
+        "N004",
+        f"`{t if plant is None else plant.name}` has no {what} `{part.text}`",
+        part.word,
+        notes=(f"{there} are {known}",) if names else (),
+        helps=shared.diagnostics.did_you_mean(part.text, names, part.word),
+    )
+    return None
+
+
+def _index(
+    shared: Shared, t: Type, index: tree.SyntaxExpr, path: Span, scope: FileScope
+) -> int | None:
+    """The value of an index in a path; None after a report."""
+    value = shared.constant(index, scope, INT, "the index of an element")
+    if not isinstance(value, int) or isinstance(t, ErrorType):
+        return None
+    number = typed.Literal(INT, index.span, value, str(value))
+    target = index.span.source.text[path.start : index.span.start].rstrip(" \t\n[")
+    if isinstance(t, ArrayType):
+        return value if constant_index(shared.diagnostics, t, number, target) else None
+    is_list = isinstance(t, ListType)
+    ends = not index.span.source.text[index.span.end : path.end].strip(" \t\n]")
+    shared.diagnostics.error(
+        "T002",
+        f"no element of `{t}` can be named here" if is_list else f"`{t}` cannot be indexed",
+        index.span,
+        notes=(
+            "which elements a list has is known at run time only"
+            if is_list
+            else "only arrays have elements",
+        ),
+        helps=instead_of_index(t, path, target, number) if ends else (),
+    )
+    return None

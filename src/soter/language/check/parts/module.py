@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.expressions.field import listed
-from soter.language.check.parts.leaf_paths import instead_of
+from soter.language.check.expressions.field import instead_of, listed
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed
@@ -22,7 +21,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 

@@ -1,30 +1,54 @@
-"""Check nodes: what they read and write, their locals, their step.
+"""Check nodes: what they read and write, their locals, their step, what an extern one is bound to.
 
-Purpose: `node` and `extern node` declarations -> `NodeSymbol`; inputs disjoint from outputs.
-Non-goals: modules (`module.py`), numbers (`elaborator.py`).
+Purpose: `node` and `extern node` declarations become `NodeSymbol`s; inputs and outputs must be
+disjoint. A binding (`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`) must be one
+that can be, with its file beside the file that declares it.
+Non-goals: modules (`module.py`), numbers (`elaborator.py`), whether there is such a file
+(`simulate/externs/`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import out_of_list
-from soter.language.check import foreign_name_hints
+from soter.diagnostics.diagnostic import out_of_list
+from soter.language.check import unknown_names
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.extern_bindings import check_binding, located
 from soter.language.model import typed
-from soter.language.model.data_table import VALUE_MAX
+from soter.language.model.binding_text import FORMS, binding_of
 from soter.language.model.types import BOOL, DURATION, leaf_count
+from soter.language.model.values import VALUE_MAX
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.syntax import tree
+
+
+def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostics) -> None:
+    """X009 for a binding text that cannot be one."""
+    if source is None or binding_of(source) is not None:
+        return
+    form = FORMS.get(source.partition(":")[0], FORMS["python"])
+    diagnostics.error(
+        "X009",
+        f"`{source}` is no binding",
+        span,
+        notes=("a binding names the language, the file and the function",),
+        helps=(f'write `"{form}"`',),
+    )
+
+
+def located(source: str | None, scope: FileScope) -> str | None:
+    """A binding with its files made relative to the file that declares it."""
+    binding = binding_of(source)
+    return source if binding is None else str(binding.beside(scope.loaded.path.parent))
+
 
 UNKNOWN = "<error>"
 """Name of the literal that stands for a period with an error."""
@@ -283,7 +307,7 @@ class NodeChecker:
                     f"`{decl.name.text}` does not publish `{ref.text}`",
                     ref.span,
                     notes=("fail-safe values take the place of what a node publishes",),
-                    helps=foreign_name_hints.published_too(
+                    helps=unknown_names.published_too(
                         (e.decl for e in scope.entries.values()), ref.text, decl.name
                     ),
                 )

@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import out_of_list
+from soter.diagnostics.diagnostic import out_of_list
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import a_type, error_expr, is_error, plain, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.extern_bindings import check_binding, located
-from soter.language.check.parts.node import input_is_set, period_or_unknown
+from soter.language.check.parts.node import check_binding, input_is_set, located, period_or_unknown
 from soter.language.check.statements import no_duration
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -30,7 +29,7 @@ from soter.language.model.types import (
 from soter.language.syntax.schemes import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type

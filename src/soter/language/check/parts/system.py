@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import a_type, is_error, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.expressions.choose import MAX_CHOICES
 from soter.language.check.expressions.field import find_instance
-from soter.language.check.other_scopes import is_driven
-from soter.language.check.parts.campaign_items import campaigned, mentioned
-from soter.language.check.parts.external_topics import deployed_system, externals
+from soter.language.check.expressions.operators_and_choices import MAX_CHOICES
 from soter.language.check.parts.instance_arrays import Unroller
-from soter.language.check.parts.wiring import SettingReader, Wires
+from soter.language.check.parts.system_items import (
+    SettingReader,
+    Wires,
+    campaigned,
+    deployed_system,
+    externals,
+    mentioned,
+)
+from soter.language.check.unknown_names import is_driven
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, has_list
 from soter.language.syntax import tree
@@ -25,7 +30,7 @@ from soter.language.syntax.printer import print_expr
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expression_context import Context
 from soter.language.check.expressions.field import find_instance
-from soter.language.check.parts.campaign_items import mentioned
 from soter.language.check.parts.instance_arrays import Unroller
 from soter.language.check.parts.system import (
     SystemChecker,
@@ -19,6 +18,7 @@ from soter.language.check.parts.system import (
     path_expr,
     source_line,
 )
+from soter.language.check.parts.system_items import mentioned
 from soter.language.model import typed
 from soter.language.model.types import INT
 from soter.language.syntax import tree

@@ -9,17 +9,17 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from soter.language.check.checker_interface import Context
+from soter.language.check.declaration_graph import mentioned
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expression_context import Context
-from soter.language.check.parts.leaf_paths import instead_of, part_of
-from soter.language.check.resolution_order import mentioned
+from soter.language.check.expressions.field import instead_of, part_of
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type

@@ -14,12 +14,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
-from soter.diagnostics.fix import exchange, replace
+from soter.diagnostics.diagnostic import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.conjuncts import conjuncts, disjuncts
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.predicates.decision_predicates import PredicateEvaluator
-from soter.language.evaluate.same_expression import same_expression
+from soter.language.evaluate.predicates import (
+    PredicateEvaluator,
+    conjuncts,
+    disjuncts,
+    same_expression,
+)
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, children, nodes, rewritten, topic_reads
@@ -38,8 +41,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.model.system import Module, System, Topic
     from soter.language.model.types import Type, Value
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import remove, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import remove, replace
+from soter.diagnostics.source import Span
 from soter.language.elaborate.undriven_topic_fixes import added
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
@@ -31,8 +31,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.evaluate.range_evaluation import ReadPlace
     from soter.language.model.system import Component, Module, Property, Scope, System, Topic
 

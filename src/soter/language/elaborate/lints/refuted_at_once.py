@@ -243,9 +243,7 @@ def doubt_constants(
     )
     if (ttf_always, safer_always) == (None, None):
         return False
-    from soter.language.evaluate.predicates.numbers_in_predicates import (  # noqa: PLC0415 - seldom
-        maybe_nan,
-    )
+    from soter.language.evaluate.numbers_in_predicates import maybe_nan  # noqa: PLC0415 - seldom
 
     if maybe_nan(system, module):
         return False  # the ranges of IEEE's comparisons, and a NaN is danger

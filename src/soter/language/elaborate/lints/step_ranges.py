@@ -12,8 +12,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.fix import Edit, Fix, exchange, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Edit, Fix, exchange, replace
+from soter.diagnostics.source import Span
 from soter.language.elaborate.lints.variables_reset_each_step import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
@@ -39,8 +39,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.evaluate.range_evaluation import Known
     from soter.language.model.system import Bound, Component, System, Topic
     from soter.language.model.types import Type

@@ -1,15 +1,15 @@
 """Variables of a step that were meant to last longer than it.
 
 Purpose: W029, a variable that counts or collects, and begins anew with every step.
-Non-goals: variables that are never read (`check/unused.py`); functions, whose variables end with
-them.
+Non-goals: variables that are never read (`check/declaration_graph.py`); functions, whose variables
+end with them.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.same_expression import same_expression
+from soter.language.evaluate.predicates import same_expression
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 

@@ -4,7 +4,7 @@ Purpose: of what a stand-in publishes, values between which no step, predicate, 
 can tell do the same, so one of them stands for all (docs/testing.md, "Values that nobody can tell
 apart"): of a part that nobody reads any value; of a number that is only compared with constants one
 at each constant, one between two that follow each other, one beyond them.
-Non-goals: which values are published (`contract_stand_ins.py`). Whatever is put into a local, an
+Non-goals: which values are published (`stand_ins.py`). Whatever is put into a local, an
 argument or a calculation counts as told apart.
 """
 
@@ -24,7 +24,7 @@ from soter.language.model.types import FloatType, IntType
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.model.system import Bound, Component, Module, Scope, System
     from soter.language.model.types import Value
 

@@ -1,8 +1,10 @@
 """The `faults { ... }` of a system: which component, how often, inside which assumption.
 
-Purpose: `SystemFaultSymbol` -> `Fault`, one a component that is hit, with diagnostics where it
-cannot happen; whether a proof's assumptions still hold with it.
-Non-goals: what a fault does (`semantics/random/faults.py`, `codegen/faults.py`).
+Purpose: `SystemFaultSymbol`s become `Fault`s, one a component that is hit, with diagnostics where
+it cannot happen; whether a proof's assumptions still hold with it. `named` finds a component by the
+path that a fault or a test gives, or says what to write.
+Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
+(`tested_system.py`).
 """
 
 from __future__ import annotations
@@ -11,24 +13,66 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.language.check.expressions.field import listed
-from soter.language.elaborate.tests_and_faults.component_names import named, nobody
-from soter.language.elaborate.tests_and_faults.sc_waits_for_dm import waiting
+from soter.language.elaborate.step_times import waiting
 from soter.language.model.durations import show_ns
 from soter.language.model.system import Fault, claims_nothing
-from soter.language.model.types import (
-    FloatType,
-    IntType,
-    has_list,
-    leaves,
-)
+from soter.language.model.types import FloatType, IntType, has_list, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.source import Span
     from soter.language.elaborate.topics import Topics
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
+
+
+def named(system: System, path: str) -> list[Component]:
+    """The components with this full name, else those that may be called so."""
+    matches = [c for c in system.components if c.name == path]
+    return matches or [c for c in system.components if path in _aliases(system, c)]
+
+
+def _aliases(system: System, c: Component) -> set[str]:
+    """What a component may be called beside its full name, as in `replace`."""
+    if c.node is None:
+        return set()
+    symbols = [c.node]
+    aliases: set[str] = set()
+    if c.module is not None:
+        module = system.modules[c.module]
+        symbols.append(module.symbol.ac if c.role == "ac" else module.symbol.sc)
+        aliases |= {f"{module.name}.{_short(s.name)}" for s in symbols}
+    return aliases | {s.name for s in symbols} | {_short(s.name) for s in symbols}
+
+
+def nobody(
+    system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
+) -> None:
+    """E009: no component is called so; `verb`: what it could do, `plants`: whether they can."""
+    known = [c.name for c in system.components if plants or c.role != "plant"]
+    head, _, last = path.rpartition(".")
+    inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
+    helps = diagnostics.did_you_mean(path, known, span)
+    if len(inside) == 1:
+        helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
+    if any(m.name == path for m in system.modules):
+        helps = (f"its decision module is `{path}.dm`",)
+    what = "component" if plants else "node"
+    diagnostics.error(
+        "E009",
+        f"this system has no {what} `{path}` that could {verb}",
+        span,
+        notes=(f"what steps is {listed(known)}",) if known else (),
+        helps=helps,
+    )
+
+
+def _short(name: str) -> str:
+    return name.rpartition(".")[2]
+
 
 GROUPS = ("all", "modules")
 """Targets of faults of time: every node and DM, or those of modules."""

@@ -11,22 +11,22 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.language.check.constants import Calculator
+from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
-from soter.language.elaborate.deployment.deployed_systems import from_outside
+from soter.language.elaborate.deployed_systems import from_outside
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.instantiate import expressions_of
-from soter.language.elaborate.shield_topics import refuse_overrun
-from soter.language.elaborate.tests_and_faults.component_names import named, nobody
-from soter.language.elaborate.tests_and_faults.contract_stand_ins import give_step
 from soter.language.elaborate.tests_and_faults.distinguishable_values import Readers
-from soter.language.elaborate.tests_and_faults.stated_values import (
+from soter.language.elaborate.tests_and_faults.faults import named, nobody
+from soter.language.elaborate.tests_and_faults.stand_ins import (
     StatedValues,
     field_path,
+    give_step,
     is_one_of,
     part_of,
     with_part,
 )
+from soter.language.elaborate.topics import refuse_overrun
 from soter.language.elaborate.wellformed import check_periods
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
@@ -37,7 +37,7 @@ from soter.language.model.types import RecordType
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.source import Span
     from soter.language.elaborate.instantiate import SubSystem
     from soter.language.elaborate.tests_and_faults.distinguishable_values import Path
     from soter.language.model.system import Component, Metric, Module, Scope, System

@@ -2,7 +2,7 @@
 
 Purpose: what nodes, modules, plants, systems and tests share: the loop over items with its
 recovery, unknown words, items that stand at most once, lists of names, types, ranges, `from`.
-Non-goals: the items themselves (`nodes.py`, `plants.py`, `systems.py`).
+Non-goals: the items themselves (`nodes.py`, `functions_and_plants.py`, `systems.py`).
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from soter.diagnostics.fix import Edit, Fix, append, remove, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Edit, Fix, append, remove, replace
+from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
-from soter.language.syntax.foreign_items import item_advice, item_meant
+from soter.language.syntax.foreign_words import item_advice, item_meant
+from soter.language.syntax.parsing.expression_elements import unclosed
 from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,
@@ -24,7 +25,6 @@ from soter.language.syntax.parsing.misplaced_words import (
     out_of_place,
     repaired,
 )
-from soter.language.syntax.parsing.nesting import unclosed
 from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostic, Help
     from soter.language.syntax.tokens import Tokens
 
 _Parts = TypeVar("_Parts")

@@ -9,30 +9,31 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.literals import (
-    NUMBERS,
-    explain_unit,
-    named_fields,
-    number,
-    period_of,
-)
-from soter.language.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
-from soter.language.syntax.parsing.operators import (
+from soter.language.syntax.parsing.expression_elements import (
     ANY,
     COMPARISON,
+    LEVELS_MAX,
+    NUMBERS,
     PRECEDENCE,
+    explain_unit,
+    height,
+    named_fields,
     no_expression,
+    number,
+    period_of,
+    report_nesting,
     report_slip,
     slip,
+    too_deep,
 )
 from soter.language.syntax.parsing.token_cursor import Cursor, Panic
 from soter.language.syntax.tokens import ERROR, NAME, UNIT_NS, visible
 
 if TYPE_CHECKING:
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Help
 
 _SHOWN_MAX = 100
 """So many characters of an edit are shown."""

@@ -11,10 +11,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, made
-from soter.diagnostics.fix import Edit, Fix, applied, replace
-from soter.diagnostics.source import Source
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Label, applied, made, replace
+from soter.diagnostics.source import Source, Span
 from soter.language.syntax.clause_words import (
     PLACES,
     PLANT,
@@ -28,8 +26,7 @@ from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, STRING
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Help
+    from soter.diagnostics.diagnostic import Diagnostic, Help
     from soter.language.syntax.parsing.token_cursor import Cursor
 
 TRIED_MAX = 400_000

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import remove
+from soter.diagnostics.diagnostic import remove
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import OnceParts, predicate
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.diagnostic import Help
+    from soter.diagnostics.source import Span
 
 
 @dataclass(slots=True)

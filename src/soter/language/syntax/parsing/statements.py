@@ -9,13 +9,12 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`pro
 
 from __future__ import annotations
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_items import NO_STATEMENT
+from soter.language.syntax.foreign_words import NO_STATEMENT
+from soter.language.syntax.parsing.expression_elements import c_style_loop, unclosed
 from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
-from soter.language.syntax.parsing.nesting import unclosed
-from soter.language.syntax.parsing.operators import c_style_loop
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
     ITEM_WORDS,

@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import exchange, replace
-from soter.diagnostics.span import Span
+from soter.diagnostics.diagnostic import exchange, replace
+from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_items import item_meant
+from soter.language.syntax.foreign_words import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts

@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, made
-from soter.diagnostics.fix import append, replace
+from soter.diagnostics.diagnostic import Label, append, made, replace
 from soter.diagnostics.similar_names import closest
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Span
 from soter.language.syntax.foreign_idioms import find, place_of
 from soter.language.syntax.tokens import (
     DURATION,
@@ -32,8 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.fix import Fix, Help
+    from soter.diagnostics.diagnostic import Diagnostic, Fix, Help
     from soter.language.syntax.tokens import Tokens
     from soter.language.syntax.tree import File
 

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import replace
+from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.nesting import LEVELS_MAX, too_deep
-from soter.language.syntax.parsing.operators import ANY
+from soter.language.syntax.parsing.expression_elements import ANY, LEVELS_MAX, too_deep
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, INT, NAME, STRING, string_value, visible
 

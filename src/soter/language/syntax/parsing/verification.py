@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.span import Span
+from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import BodyParser, OnceParts, predicate

@@ -18,6 +18,7 @@ from rosbags.rosbag1 import ReaderError as Reader1Error
 from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import Reader as Reader2
 
+from soter.monitor.logs.files.log_columns import Writers
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -25,7 +26,6 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
-from soter.monitor.logs.files.several_writers import Writers
 from soter.monitor.logs.files.whole_bags import WholeBag1, require_no_journal, require_whole
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 

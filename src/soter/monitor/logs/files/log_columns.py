@@ -1,26 +1,32 @@
-"""The columns of a log, whatever file they come from.
+"""The columns of a log, whatever file they come from, and what is told of any such file.
 
 Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
-D016 and says where.
-Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`typed_samples.py`).
+D016 and says where. `RowChoice`: whether a cell is what a `where` says, however its file writes it,
+and what stood there where none was. `remedies`: help for whoever has a file of PX4, ArduPilot or
+MATLAB, or one under a wrong name. `Writers`: where several nodes, or several channels of one name,
+give a topic its values, that is told with how many each gave, as they are read as one stream.
+Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`typed_samples.py`), a
+choice by time (`LogMap.counts`), sources of a mapping, of which each has a channel.
 """
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.load.bounded_read import opened
 from soter.mapping.message_types import HEADER_FRAME
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from soter.mapping.message_types import MessageType
-    from soter.mapping.stamp_source import StampSource
+    from soter.mapping.message_types import MessageType, StampSource
     from soter.mapping.topic_mapping import LogMap
 
 
@@ -197,3 +203,156 @@ def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
     if number is None or abs(number.adjusted()) > 40:
         raise unusable(path, f"`{str(given)[:40]}` in {where} is no time")
     return round(Fraction(number) * unit_ns)
+
+
+TRUTHS = {"true": True, "false": False}
+CODE = re.compile(r"[+-]?0[0-9]")
+"""What begins so is no number but a name that has figures."""
+SHOWN = 5
+
+
+class RowChoice:
+    """The rows in which each of these columns has this text; `where`: by column."""
+
+    def __init__(self, where: Mapping[str, str]) -> None:
+        self.where = where
+        self._seen: dict[str, dict[str, int]] = {name: {} for name in where}
+
+    def takes(self, cell_of: Callable[[str], Any]) -> bool:
+        """Whether a row is chosen; `cell_of`: what it has, by column."""
+        for name, wanted in self.where.items():
+            cell = cell_of(name)
+            if not _is(cell, wanted):
+                seen = self._seen[name]
+                shown = _shown(cell)
+                if shown in seen or len(seen) <= SHOWN:
+                    seen[shown] = seen.get(shown, 0) + 1
+                return False
+        return True
+
+    def __str__(self) -> str:
+        return " and ".join(f"{k} = {v}" for k, v in self.where.items())
+
+    @property
+    def helps(self) -> list[str]:
+        """Of columns that left rows out, what stood there instead."""
+        told = []
+        for name, seen in self._seen.items():
+            values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
+            more = ["others"] if len(seen) > SHOWN else []
+            if seen:
+                told.append(
+                    f"`{name}` is not `{self.where[name][:40]}` but {', '.join(values + more)}: "
+                    "say it in `where` as it stands there"
+                )
+        return told
+
+
+def _is(cell: object, wanted: str) -> bool:
+    """The same text, truth (`true`, `True`) or number (`1`, `1.0`)."""
+    text, wanted = "" if cell is None else str(cell).strip(), wanted.strip()
+    if text == wanted:
+        return True
+    if text.lower() in TRUTHS:
+        return text.lower() == wanted.lower()
+    if CODE.match(text) or CODE.match(wanted):
+        return False
+    number = decimal_of(text)
+    return number is not None and number == decimal_of(wanted)
+
+
+def _shown(cell: object) -> str:
+    if cell is None or cell == "":
+        return "empty"
+    kind = "a text" if isinstance(cell, str) else "a number"
+    kind = "a truth" if isinstance(cell, bool) else kind
+    text = str(cell).lower() if isinstance(cell, bool) else str(cell).strip()
+    return f"`{text[:40]}`, {kind if isinstance(cell, (str, bool, int, float)) else 'no text'}"
+
+
+READ = (
+    "read are `.csv`, `.csv.gz`, `.mcap`, `.bag` of ROS 1, and folders or `.db3` of ROS 2, by what "
+    "they are called: docs/real-logs.md"
+)
+ARDUPILOT = (
+    "`mavlogdump.py --format csv --types TYPE FILE` of the package `pymavlink` writes a CSV of one "
+    "type of its messages"
+)
+IN_UTF_8 = "`iconv -f UTF-16 -t UTF-8 FILE` writes it in UTF-8, as a CSV is here"
+BY_MAGIC = (
+    (b"ULog\x01\x12\x35", "a ULog of PX4: `ulog2csv FILE` of the package `pyulog` writes its CSVs"),
+    (b"\xa3\x95", f"a DataFlash log of ArduPilot: {ARDUPILOT}"),
+    (b"\x89MCAP0\r\n", "an MCAP: its name ends in `.mcap`"),
+    (b"#ROSBAG V2.0", "a bag of ROS 1: its name ends in `.bag`"),
+    (b"SQLite format 3\0", "a database: that of a bag of ROS 2 ends in `.db3`"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd: unpack it, or give the folder of the bag it is of"),
+    (b"\x1f\x8b", "packed by gzip: a CSV so packed ends in `.csv.gz`; unpack anything else"),
+    (b"PAR1", "Parquet: `pandas.read_parquet(FILE).to_csv(NEW)` in Python writes a CSV"),
+    (b"\x89HDF\r\n", "HDF5, as MATLAB writes it, too: its `writetable` writes a CSV"),
+    (b"MATLAB 5.0", "a MAT-file: MATLAB's `writetable` writes a CSV"),
+    (b"\xff\xfe", f"a text in UTF-16: {IN_UTF_8}"),
+    (b"\xfe\xff", f"a text in UTF-16: {IN_UTF_8}"),
+    (b"PK\x03\x04", "a ZIP, or a table of Excel: unpack it, or save the table as a CSV"),
+)
+BY_ENDING = {".tlog": f"a telemetry log of MAVLink: {ARDUPILOT}"}
+
+
+def remedies(path: Path) -> tuple[str, ...]:
+    """What it seems to be, where that is known, and what is read."""
+    try:
+        with opened(path, pipes=False) as file:
+            head = file.read(64)
+    except OSError:
+        return (READ,)
+    told = next((text for magic, text in BY_MAGIC if head.startswith(magic)), None)
+    told = told or BY_ENDING.get(path.suffix.lower())
+    if told is None and b"," in head and head.isascii() and path.suffix.lower() != ".csv":
+        told = "a CSV, perhaps: its name ends in `.csv`"
+    return (READ,) if told is None else (f"it looks like {told}", READ)
+
+
+WRITERS_SHOWN = 8
+"""So many writers of a channel are named."""
+
+
+class Writers:
+    """What was met so far, channel by channel."""
+
+    def __init__(self) -> None:
+        self._messages: dict[str, Counter[str]] = {}
+        self._last: dict[str, str] = {}
+        self._changes: Counter[str] = Counter()
+        self._offered: dict[str, int] = {}
+
+    def note(self, channel: str, writer: str) -> None:
+        """A message; `writer`: a node, or what else tells its writers apart."""
+        self._messages.setdefault(channel, Counter())[writer] += 1
+        self._changes[channel] += self._last.setdefault(channel, writer) != writer
+        self._last[channel] = writer
+
+    def offer(self, channel: str, publishers: int) -> None:
+        """How many publishers a bag of ROS 2 lists for a channel; it does not name them."""
+        self._offered[channel] = max(publishers, self._offered.get(channel, 0))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is told of channels with several writers."""
+        told = []
+        for channel, messages in self._messages.items():
+            if len(messages) < 2:
+                continue
+            first = [f"{name[:80]} ({n:,})" for name, n in messages.most_common(WRITERS_SHOWN)]
+            more = f" and {len(messages) - SHOWN:,} more" if len(messages) > WRITERS_SHOWN else ""
+            changes = self._changes[channel]
+            turns = f"{changes:,} change{'s'[: changes > 1]} from one to another"
+            told.append(
+                f"`{channel}` has {len(messages):,} writers, which are read as one stream: "
+                f"{', '.join(first)}{more}, {turns}; a `where` of the topic chooses messages"
+            )
+        told += [
+            f"{n:,} publishers offered `{channel}`, which are read as one stream: the bag does not "
+            "say whose each message is"
+            for channel, n in self._offered.items()
+            if n > 1 and len(self._messages.get(channel, ())) < 2
+        ]
+        return told

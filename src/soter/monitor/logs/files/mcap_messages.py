@@ -1,7 +1,7 @@
 """The messages of an MCAP, in the order in which they stand there.
 
 Purpose: their content: JSON, ROS (cdr, ros1), protobuf.
-Non-goals: the records of the file and whether they are whole (`report/mcap_records.py`), the order
+Non-goals: the records of the file and whether they are whole (`report/mcap_reading.py`), the order
 of times (`message_log.py`).
 """
 
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.files.log_columns import unusable
-from soter.monitor.logs.files.other_formats import remedies
+from soter.monitor.logs.files.log_columns import Writers, remedies, unusable
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -24,11 +23,9 @@ from soter.monitor.logs.files.ros_messages import (
     known_definitions,
     require_type,
 )
-from soter.monitor.logs.files.several_writers import Writers
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
-from soter.report.mcap_records import DamagedMcapError, McapRecords
-from soter.report.run_log import damaged, require_log_package
+from soter.report.mcap_reading import DamagedMcapError, McapRecords, damaged, require_log_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

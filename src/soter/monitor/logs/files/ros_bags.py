@@ -18,9 +18,8 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.logs.files.log_columns import REINDEX, unusable
+from soter.monitor.logs.files.log_columns import REINDEX, remedies, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
-from soter.monitor.logs.files.other_formats import remedies
 from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:

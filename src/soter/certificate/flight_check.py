@@ -1,0 +1,459 @@
+"""Every verdict in the log of a flight, once more.
+
+Purpose: `Flights`: logs of flights of the program in a certificate; each verdict "AC" of a module
+whose decision module follows SC is confirmed from the estimate that it read, or named.
+`read_flight`: from an MCAP of `soter run --log` to every verdict of every such module, with what it
+says that it read, and all in which the log contradicts itself or the program.
+Non-goals: logs of somebody else, tubes (`tubes/`), the claims of the certificate.
+
+The argument: a verdict is one about what was published. So each read has to be the value that the
+log has of that topic at that time, and the newest one before the verdict; where an instant has
+both, either counts, as the program's order decides it and a fresh one is as good. Verdicts are due
+at each release of the module: one that is missing, or came later than the module may start, is
+named wherever AC had control. An instant is judged when it is over; of a file that is cut the last
+instant may be half there, and is left out.
+
+The argument: a log is one of the program, parameters and system of the certificate, or of a system
+that deploys it (M025: the same modules and nodes, without plants), or it is refused. By the theorem
+a verdict "AC" needs reads that are fresh and an estimate that is good (docs/proof.md, "Decisions by
+tubes", condition 5): the first the log says, the second is asked of the tube of this room, with
+what the certificate claims of rest. Whether that claim holds is the matter of the re-check that
+comes first; without it nothing here is confirmed.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.case_check import TaskProcesses, can_fork
+from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
+from soter.certificate.format.folder import program_of, read_certificate
+from soter.certificate.reading.symbolic_operations import flat
+from soter.certificate.rechecker import in_words
+from soter.certificate.report import CONTRADICTED, UNCONFIRMED, Doubt, FlightReport
+from soter.certificate.tubes.check_rest import rest_of
+from soter.diagnostics.current_phase import phase
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.language.check.constants_and_types import Calculator
+from soter.language.front_end import system_to_prove
+from soter.language.model.types import FloatType, RecordType, has_list, leaf_name, leaves
+from soter.language.model.values import ValueShapeError, from_json
+from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
+from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
+from soter.report.parameter_text import changed
+from soter.report.printable_text import visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator, Sequence
+
+    from soter.certificate.format.folder import Certificate
+    from soter.certificate.report import Report
+    from soter.certificate.tubes.flight_verdict import ModuleTube
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Value
+
+    Progress = Callable[[float], None]
+
+
+AGAINST = ("ttf", "stale")
+"""Predicates of which none is true in a verdict "AC"."""
+
+
+@dataclass(frozen=True)
+class LoggedVerdict:
+    """A verdict "AC": when (ns), whose, and the leaves of all that it read, by `topic.leaf`."""
+
+    time_ns: int
+    module: str
+    estimate: dict[str, float]
+
+
+@dataclass
+class FlightLog:
+    """Verdicts "AC" in order of time; `others`: how many said "SC"; `doubts`: see above.
+
+    `to_ns`: up to where the log was read; `cut`: why it was not read to its end, "" where it was.
+    `unlogged`: topics that were read, and of which there is no message.
+    """
+
+    verdicts: list[LoggedVerdict] = field(default_factory=list)
+    others: int = 0
+    doubts: list[Doubt] = field(default_factory=list)
+    to_ns: int = 0
+    cut: str = ""
+    unlogged: dict[str, None] = field(default_factory=dict)
+
+
+def read_flight(path: Path, system: System, modules: Sequence[Module]) -> FlightLog:
+    """The verdicts of `modules` of `system`; SoterError D006 for what is no such log."""
+    log = FlightLog()
+    reader = _Reader(path, system, modules, log)
+    due: list[tuple[str, dict[str, Any]]] = []
+    now: int | None = None
+
+    def cut(why: str) -> None:
+        log.cut = why
+
+    for time_ns, channel, message in messages(path, cut):
+        if now is not None and time_ns > now:
+            reader.instant(now, due)
+            due = []
+        now = time_ns
+        due.append((channel, message))
+    if now is not None and not log.cut:
+        reader.instant(now, due)
+    reader.end(log.to_ns)
+    log.doubts.sort(key=lambda d: d.time_ns)
+    return log
+
+
+class _Verdicts:
+    """The verdicts of one module, as they come."""
+
+    def __init__(self, module: Module) -> None:
+        self.name, self.period, self.late = module.name, module.period_ns, module.late_ns
+        self.response = _response_ns(module)
+        self.next = 0
+        """The release of which the verdict is still missing."""
+        self.said: bool | None = None
+        """Whether the verdict before it was "AC"; None: that one is missing, or there is none."""
+        self.in_ac = self.flew = False
+        """Whether AC has control, and whether it had since the last verdict."""
+
+    def changed(self, in_ac: bool) -> None:
+        """The log says who has control from here on."""
+        self.in_ac = in_ac
+        self.flew |= in_ac
+
+    def doubts_of(self, time_ns: int, said: dict[str, Any]) -> Iterator[str]:
+        """What is wrong with a verdict for its place among the others, and with its own words."""
+        before, after = (said[f"mode_{at}"] == "AC" for at in ("before", "after"))
+        release = time_ns // self.period * self.period
+        if release < self.next:
+            yield "it is the second one of its period"
+            return
+        began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
+        if (before or after) and began > self.late:  # the one before it counts until then
+            yield f"it came {began} ns after its release, and may {self.late} ns"
+        elif (before or after) and ended > self.late + self.response:
+            most = self.late + self.response
+            yield f"it was there {ended} ns after its release, and may {most} ns"
+        if self.said is not None and self.said != before and release == self.next:
+            yield f"{_mode(before)} had control before it, and {_mode(self.said)} by the one before"
+        if after != self.in_ac:
+            yield f'it says "{_mode(after)}", and {_mode(self.in_ac)} has control'
+        predicates = said["predicates"]
+        false = [name for name in AGAINST if predicates[name]]
+        if before:  # SC gives control back after a fault of AC, too (docs/semantics.md)
+            false += ["gate_fault"] if predicates["gate_fault"] else []
+        else:
+            false += ["safer"] if not predicates["safer"] else []
+        if after and false:
+            yield f'it says "AC" against its own {", ".join(false)}'
+        self.next, self.said, self.flew = release + self.period, after, self.in_ac
+
+    def missing(self, before_ns: int, *, in_ac: bool = False) -> str:
+        """What is missing of the releases before a time, if AC had control; `in_ac`: just then."""
+        count = -((self.next - before_ns) // self.period) if before_ns > self.next else 0
+        if not count or not (self.flew or in_ac):
+            return ""
+        return f"{count} verdicts are" if count > 1 else "the verdict is"
+
+
+def _response_ns(module: Module) -> int:
+    """How long the step of a decision module may take."""
+    said = module.symbol.verify.response_dm
+    given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
+    return given if isinstance(given, int) else 0
+
+
+def _mode(in_ac: bool) -> str:
+    return "AC" if in_ac else "SC"
+
+
+class _Reader:
+    """What is known while a log goes by."""
+
+    def __init__(
+        self, path: Path, system: System, modules: Sequence[Module], log: FlightLog
+    ) -> None:
+        self.path, self.system, self.log = path, system, log
+        self.modules = {m.name: _Verdicts(m) for m in modules}
+        self.topics = {t.name: t for t in system.topics}
+        self.outside = {e.topic for e in system.externals}
+        self.published: dict[str, list[tuple[int, Value]]] = {}
+        """Of each topic of which the log has messages: the last two, the newest one first."""
+        self.begun = False
+
+    def instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
+        """All that the log has of one instant; SoterError D006 for what it cannot mean."""
+        self.log.to_ns, self.begun = time_ns, True
+        try:
+            for channel, message in due:
+                if channel in self.topics:
+                    value = self._message(channel, message)
+                    before = self.published.get(channel, [])
+                    self.published[channel] = [(time_ns, value), *before[:1]]
+                elif channel == MODES_TOPIC and message["module"] in self.modules:
+                    self.modules[message["module"]].changed(message["mode"] == "AC")
+            for channel, message in due:
+                if channel == DECISIONS_TOPIC and message["module"] in self.modules:
+                    self._verdict(time_ns, message)
+        except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
+            said = error if isinstance(error, ValueShapeError) else repr(error)
+            why = f"at {time_ns} ns: {said}; is it a log of `{self.system.name}`?"
+            raise unreadable(self.path, why) from error
+
+    def end(self, time_ns: int) -> None:
+        """The log was read up to here, this instant included."""
+        for name, module in self.modules.items():
+            if module.next == 0 and self.begun:
+                text = "the log has no verdict of it"
+                self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
+            self._missing(name, module.missing(time_ns + 1), module.next)
+
+    def _missing(self, name: str, what: str, since_ns: int) -> None:
+        if what:
+            text = f"{what} missing while AC had control"
+            self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, text))
+
+    def _verdict(self, time_ns: int, message: dict[str, Any]) -> None:
+        name = message["module"]
+        module = self.modules[name]
+        release = time_ns // module.period * module.period
+        was_ac = message["mode_before"] == "AC"
+        self._missing(name, module.missing(release, in_ac=was_ac), module.next)
+        why = list(module.doubts_of(time_ns, message))
+        estimate: dict[str, float] = {}
+        if message["mode_after"] == "AC":
+            for topic, read in message.get("reads", {}).items():
+                why += self._read(time_ns, topic, read, estimate)
+            self.log.verdicts.append(LoggedVerdict(time_ns, name, estimate))
+        else:
+            self.log.others += 1
+        self.log.doubts += [Doubt(time_ns, name, CONTRADICTED, w, estimate) for w in why]
+
+    def _read(
+        self, time_ns: int, name: str, read: dict[str, Any], estimate: dict[str, float]
+    ) -> Iterator[str]:
+        """Adds the leaves of what was read; what speaks against it."""
+        topic, age = self.topics[name], read["age_ns"]
+        value = from_json(topic.type, read["value"], name)
+        if not has_list(topic.type):
+            pairs = zip(leaves(topic.type), flat(value), strict=True)
+            estimate.update(
+                {leaf_name(name, p): x for (p, t), x in pairs if isinstance(t, FloatType)}
+            )
+        if type(age) is not int:
+            yield f"it read {name}, which nobody had published"
+            return
+        if age < 0 or (topic.max_age_ns is not None and age > topic.max_age_ns):
+            yield f"it read {name}, {age} ns old, and max_age is {topic.max_age_ns} ns"
+        last = self.published.get(name)
+        if last is None:
+            self.log.unlogged[name] = None
+            return
+        if topic.index in self.outside:  # measured before it came, and read as it has come
+            came, known = last[0]
+            if time_ns - age > came:
+                yield f"it read {name} of {time_ns - age} ns, and the last one came at {came} ns"
+            elif repr(known) != repr(value):
+                yield f"it read another {name} than the last one, which came at {came} ns"
+            return
+        possible = last if last[0][0] == time_ns else last[:1]
+        there = dict(possible).get(time_ns - age)
+        if there is None:
+            yield f"it read {name} of {time_ns - age} ns, and the last one is of {last[0][0]} ns"
+        elif repr(there) != repr(value):  # bit by bit: -0.0 is another number than 0.0
+            yield f"it read {name} of {time_ns - age} ns, and the log has another value of then"
+
+    def _message(self, channel: str, message: dict[str, Any]) -> Value:
+        """A message as a value of its topic."""
+        of = self.topics[channel].type
+        given = message if isinstance(of, RecordType) else message["value"]
+        return from_json(of, given, channel)
+
+
+REST = "rest"
+OF_LOGS = ("D006", "D007", "D023")
+ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
+PARAMETER = "param "
+"""What a log calls a parameter that is not at its default begins so."""
+
+
+def flights_of(folder: Path, logs: Sequence[str]) -> Flights | None:
+    """Logs, and the certificate in a folder; None where a re-check does not get far with that.
+
+    SoterError D006 of what is no log, D007 where `mcap` is not installed, D023 of a log that the
+    certificate is not about; `NotACertificateError`.
+    """
+    require_log_package()
+    try:
+        return Flights(read_certificate(folder), logs)
+    except SoterError as error:
+        if any(d.code in OF_LOGS for d in error.diagnostics):
+            raise
+    except (RejectedError, NotRecheckedError, LookupError, TypeError, AttributeError):
+        pass
+    return None
+
+
+class Flights:
+    """Logs of flights of the program of a certificate, whose seal is `seal`."""
+
+    def __init__(self, certificate: Certificate, logs: Sequence[str]) -> None:
+        """All logs are looked at, and none is read."""
+        self.seal = certificate.seal
+        self._checked, self._overrides = program_of(certificate)
+        assert self._checked.program is not None
+        self._sha256 = self._checked.program.sha256
+        self._entries = [e for e in certificate.manifest["modules"] if REST in e]
+        if not self._entries:
+            where = visible(str(certificate.folder))
+            text = f"no decision module of the certificate `{where}` follows SC: nothing to confirm"
+            raise SoterError((Diagnostic("D023", text),))
+        self._flats: dict[str, System] = {}
+        self._proved: dict[str, str] = {}
+        """Of a system that flew: the one of the certificate, which it is or deploys."""
+        self._followers: dict[tuple[str, str], ModuleTube | str] = {}
+        self._logs = [(log, self._system_of(log)) for log in logs]
+
+    def add_to(self, report: Report, progress: Progress) -> None:
+        """What is found of the logs, to the report on the certificate, if that is not rejected."""
+        if report.verdict != REJECTED and report.seal != self.seal:
+            report.verdict, report.reason = REJECTED, "it was changed while it was being read"
+        if report.verdict != REJECTED:
+            report.flights += self.check(progress)
+
+    def check(self, progress: Progress, workers: int | None = None) -> Iterator[FlightReport]:
+        """Log by log; `progress` is called with the share of its verdicts that are done.
+
+        Ctrl-C ends it with what was asked until then of the log that it was at.
+        """
+        for log, system in self._logs:
+            began = _spent()
+            phase(f"reading {visible(log)}", anew=True)
+            flat = self._flats[system]
+            proved = self._proved[system]
+            names = [e["module"] for e in self._entries if e["system"] == proved]
+            modules = [m for m in flat.modules if m.name in names]
+            report = FlightReport(log, system, names)
+            asked: list[LoggedVerdict] = []
+            try:
+                read = read_flight(Path(log), flat, modules)
+                report.verdicts, report.others = len(read.verdicts), read.others
+                report.to_ns, report.cut, report.doubts = read.to_ns, read.cut, list(read.doubts)
+                report.unlogged = list(read.unlogged)
+                phase(f"{visible(log)}: SC, followed from each estimate", anew=True)
+                every = self._answers(system, read.verdicts, workers or os.cpu_count() or 1)
+                with closing(every) as answers:  # processes end where somebody breaks it off
+                    for v, why in answers:
+                        asked.append(v)
+                        if why:
+                            doubt = Doubt(v.time_ns, v.module, UNCONFIRMED, why, v.estimate)
+                            report.doubts.append(doubt)
+                        progress(len(asked) / len(read.verdicts))
+            except KeyboardInterrupt:
+                report.interrupted = True
+            report.doubts.sort(key=lambda d: (d.time_ns, d.module, d.kind))
+            doubted = {(d.time_ns, d.module) for d in report.doubts}
+            report.asked = len(asked)
+            report.confirmed = sum((v.time_ns, v.module) not in doubted for v in asked)
+            report.seconds = _spent() - began
+            yield report
+            if report.interrupted:
+                return
+
+    def _answers(
+        self, system: str, verdicts: Sequence[LoggedVerdict], workers: int
+    ) -> Generator[tuple[LoggedVerdict, str]]:
+        """Each verdict, as it is done, and why its estimate is not known to be good; "": it is."""
+        for name in {v.module for v in verdicts}:
+            self._follower(system, name)  # before processes are forked
+
+        def answer(k: int) -> str:
+            return self._why_not(system, verdicts[k])
+
+        answers: Generator[tuple[int, str]] = ((k, answer(k)) for k in range(len(verdicts)))
+        if workers > 1 and len(verdicts) > 1 and can_fork():
+            answers = TaskProcesses(len(verdicts), answer, min(workers, len(verdicts))).answers()
+        with closing(answers):
+            for k, why in answers:
+                yield verdicts[k], why
+
+    def _why_not(self, system: str, verdict: LoggedVerdict) -> str:
+        """Why a verdict is not confirmed; "": it is."""
+        known = self._follower(system, verdict.module)
+        if isinstance(known, str):
+            return known
+        missing = [name for name in known.reads if name not in verdict.estimate]
+        if missing:
+            return f"the log does not say what it read of {', '.join(missing)}"
+        try:
+            why = known.good(verdict.estimate) or ""
+            return ANY_COMMAND + why if why and known.judges else why
+        except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
+            return in_words(error)
+
+    def _follower(self, system: str, module: str) -> ModuleTube | str:
+        """What follows a module, read once; why there is none, where nothing is known of it."""
+        key = system, module
+        if key not in self._followers:
+            proved = self._proved[system], module
+            entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
+            try:
+                self._followers[key] = rest_of(self._flat(proved[0]), entry)
+            except Exception as error:  # noqa: BLE001 - as above
+                self._followers[key] = in_words(error)
+        return self._followers[key]
+
+    # ------------------------------------------------------------ of which program
+
+    def _system_of(self, log: str) -> str:
+        """The system that flew in a log; SoterError D023 where the certificate is of another."""
+        said = metadata(Path(log))
+        if not said:
+            raise unreadable(Path(log), "it does not say what flew")
+        system, own = said.get("system", ""), self._sha256
+        if said.get("program_sha256") != own:
+            other = said.get("program_sha256", "none")
+            raise _of_another(
+                log, f"its program is {other[:12]}, that of the certificate {own[:12]}"
+            )
+        of_entries = dict.fromkeys(e["system"] for e in self._entries)
+        assert self._checked.program is not None
+        if system in self._checked.program.systems:
+            self._proved[system] = (self._flat(system).proved or self._flat(system)).name
+        if self._proved.get(system) not in of_entries:
+            names = ", ".join(f"`{n}`" for n in of_entries)
+            raise _of_another(log, f"system `{system}` flew, and the certificate is about {names}")
+        proved = {name: text for name, (text, _) in changed(self._flats[system]).items()}
+        begin = len(PARAMETER)
+        flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
+        for name in sorted(proved.keys() | flown.keys()):
+            values = [of.get(name, "the default") for of in (flown, proved)]
+            if values[0] != values[1]:
+                text = f"{name} was {values[0]} in it, and is {values[1]} in the certificate"
+                raise _of_another(log, text)
+        return system
+
+    def _flat(self, system: str) -> System:
+        if system not in self._flats:
+            flat = system_to_prove(self._checked, system, self._overrides, exact=False)
+            self._flats[system] = flat
+        return self._flats[system]
+
+
+def _of_another(log: str, why: str) -> SoterError:
+    helps = ("fly and prove the same program with the same parameters",)
+    return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=helps),))
+
+
+def _spent() -> float:
+    """Seconds of processors so far, of this process and of those that it has ended."""
+    t = os.times()
+    return t.user + t.system + t.children_user + t.children_system

@@ -1,1 +1,0 @@
-"""Verdicts of decision modules that follow SC, out of the log of a flight, each checked again."""

@@ -1,0 +1,232 @@
+"""An SC with locals, or that looks at modes of other modules: an extra.
+
+Purpose: every step that SC may take (`every_step`), one combination of modes and values of its
+locals after the other, and a term for whatever one of several steps publishes (`one_of`). Who
+decides the modes of other modules is no part of a certificate: a step of SC is read once for each
+combination of them, a predicate with each of them open.
+Non-goals: which of these values occur after which: any element of the set that every step keeps may
+be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
+What a module waits for (P2b is not claimed of one that waits); sharing code with
+`verify/problem/modes_of_other_modules.py`, which reads topics in their place.
+
+Truths, enumerations and short ranges are taken value by value; what would make too many
+combinations becomes an input over its range.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.reading.symbolic_operations import filled, whole
+from soter.certificate.terms.arb_balls import ONE, ZERO, exact, key_of
+from soter.certificate.terms.terms import Atom, NotRecheckedError
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import BoolType, EnumType, IntType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
+    from soter.certificate.terms.terms import Linear, Proposition, Terms
+    from soter.language.model.types import Type
+
+    Key = typed.ModuleSymbol | str
+
+
+MODES_MAX = 4
+"""So many modules may SC look at: its step is read for every combination."""
+
+
+def modes_in(code: Sequence[object]) -> list[Key]:
+    """Modules whose mode is read."""
+    modules = [
+        n.module for n in nodes([x for x in code if x is not None]) if isinstance(n, typed.ModeRead)
+    ]
+    return list(dict.fromkeys(modules))
+
+
+def every_mode(code: Sequence[object]) -> Iterator[dict[Key, int]]:
+    """Every combination of the modes that a step reads; one empty one where it reads none.
+
+    NotRecheckedError where there are too many.
+    """
+    keys = modes_in(code)
+    if len(keys) > MODES_MAX:
+        raise NotRecheckedError(f"SC looks at the modes of more than {MODES_MAX} modules")
+    for values in product((0, 1), repeat=len(keys)):
+        yield dict(zip(keys, values, strict=True))
+
+
+def any_mode(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
+    """A new input for every mode that is read: 0 or 1, and nothing more is known of it."""
+    return {key: whole(terms.input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
+
+
+def only_modes_of_others(facts: Facts) -> None:
+    """`NotRecheckedError` where the module's own mode is read, an unknown one, or one in `safe`.
+
+    Asked where the module flies: symbols of a view, or of an abstraction, are others.
+    """
+    flying, module = facts.flying, facts.flying_module
+    sc = flying.components[module.sc]
+    assert sc.node is not None
+    symbol = facts.symbol
+    other = [e for e in symbol.predicates if e is not symbol.ttf and e is not symbol.safer]
+    if modes_in(other):
+        raise NotRecheckedError("`mode` in another predicate than `ttf` and `safer`")
+    asked = [(sc.scope, key) for key in modes_in(sc.node.step)]
+    asked += [(module.scope, key) for key in modes_in([symbol.ttf, symbol.safer])]
+    for scope, key in asked:
+        if scope.modules.get(key, module.index) == module.index:
+            raise NotRecheckedError("the module's own mode, or that of an unknown one")
+
+
+def assumed(facts: Facts) -> Said:
+    """Of the modules whose modes SC, `ttf` or `safer` read; and of those that `safer` reads."""
+    flying, module = facts.flying, facts.flying_module
+    sc = flying.components[module.sc]
+    assert sc.node is not None
+    waited = {module.scope.modules[k] for k in modes_in([facts.symbol.safer])}
+    read = {sc.scope.modules[k] for k in modes_in(sc.node.step)}
+    read |= {module.scope.modules[k] for k in modes_in([facts.symbol.ttf])}
+    for name in (flying.modules[i].name for i in sorted(read | waited)):
+        yield f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it"
+    for name in (flying.modules[i].name for i in sorted(waited)):
+        text = f"nothing is confirmed of P2b: `safer` waits until {name} is in AC"
+        yield f"waits {name}", text
+
+
+COMBINATIONS_MAX = 256
+WIDEST = 2**31
+"""Longer ranges than this are no bounded ints for us."""
+
+
+def every_step(
+    terms: Terms, sc: typed.NodeSymbol, with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]]
+) -> Iterator[dict[int, Any]]:
+    """What it may publish; `with_modes`: by modes, and then by values of its locals."""
+    for modes in every_mode(sc.step):
+        published = with_modes(modes)
+        for known_locals in _combinations(terms, sc.locals):
+            yield published(known_locals)
+
+
+def _combinations(
+    terms: Terms, variables: Sequence[typed.Variable]
+) -> Iterator[dict[typed.Variable, Any]]:
+    """Every combination of values; without locals the empty one."""
+    parts = [of for v in variables for _, of in _leaves(v)]
+    sizes = [_size(of) for of in parts]
+    by_size = sorted(range(len(parts)), key=lambda k: sizes[k])
+    single: set[int] = set()
+    for k in by_size:
+        if prod(sizes[i] for i in (*single, k)) <= COMBINATIONS_MAX:
+            single.add(k)
+    ranges: list[list[Any]] = []
+    for k, of in enumerate(parts):
+        ranges.append(_values(of) if k in single else [_as_input(terms, of)])
+    for values in product(*ranges):
+        left = list(values)
+        value_by_variable = {}
+        for v in variables:
+            count = len(_leaves(v))
+            value_by_variable[v] = filled(v.type, left[:count])
+            left = left[count:]
+        yield value_by_variable
+
+
+def _leaves(variable: typed.Variable) -> list[tuple[tuple[str, ...], Type]]:
+    variable_leaves = list(leaves(variable.type))
+    if any("[]" in path for path, _ in variable_leaves):
+        raise NotRecheckedError(f"a list in the local `{variable.name}` is not rechecked")
+    return variable_leaves
+
+
+def _size(of: Type) -> int:
+    if isinstance(of, BoolType):
+        return 2
+    if isinstance(of, EnumType):
+        return len(of.members)
+    if isinstance(of, IntType) and of.high - of.low < WIDEST:
+        return of.high - of.low + 1
+    raise NotRecheckedError("an SC with a local that is no truth, enumeration or bounded int")
+
+
+def _values(of: Type) -> list[Any]:
+    if isinstance(of, BoolType):
+        return [False, True]
+    if isinstance(of, IntType):
+        return list(range(of.low, of.high + 1))
+    return list(range(_size(of)))
+
+
+def _as_input(terms: Terms, of: Type) -> Linear | Proposition:
+    if isinstance(of, BoolType):
+        free = terms.input("box", "local", exact(0.0), exact(1.0))
+        return terms.below(terms.combine(((ONE, free),), exact(-0.5)))
+    low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _size(of) - 1)
+    return whole(terms.input("box", "local", exact(float(low)), exact(float(high))))
+
+
+# ---------------------------------------------------------------- one of several
+
+
+def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
+    """Whatever one of the alternatives is; those that enclose the same numbers count once."""
+    shapes = _Shapes(terms)
+    kept: dict[object, Linear] = {}
+    for x in alternatives:
+        kept.setdefault(shapes.of(x), x)
+    different = list(kept.values())
+    first = different[0]
+    if len(different) == 1:
+        return first
+    low, high = first.low, first.high
+    for x in different[1:]:
+        low, high = low.min(x.low), high.max(x.high)
+    gaps = [terms.subtract(x, first) for x in different[1:]]
+    return terms.made(Atom("any", (*different, *gaps), low=low, high=high))
+
+
+class _Shapes:
+    """Equal for terms that were built alike, over the same inputs: their enclosures are equal.
+
+    Two of them need not be the same number. One stands for both, as it encloses the same numbers.
+    """
+
+    def __init__(self, terms: Terms) -> None:
+        self._terms = terms
+        self._atoms: dict[int, int] = {}
+        self._names: dict[object, int] = {}
+
+    def of(self, x: Linear) -> object:
+        """Of a term."""
+        parts = frozenset((self._atom(a), key_of(c)) for a, c in x.terms.items())
+        return (key_of(x.const), key_of(x.radius), parts, x.nonnegative)
+
+    def _atom(self, index: int) -> int:
+        """A number for the shape of an atom."""
+        if index not in self._atoms:
+            atom = self._terms.atoms[index]
+            shape: object = index
+            if atom.kind not in ("state", "box"):
+                shape = (
+                    atom.kind,
+                    tuple(self.of(x) for x in atom.arguments),
+                    None if atom.condition is None else self._truth(atom.condition),
+                    tuple(key_of(w) for w in atom.weights),
+                    atom.values,
+                    atom.shape,
+                    key_of(atom.extra),
+                )
+            self._atoms[index] = self._names.setdefault(shape, len(self._names))
+        return self._atoms[index]
+
+    def _truth(self, x: Proposition) -> int:
+        argument = None if x.argument is None else self.of(x.argument)
+        shape = (x.kind, tuple(self._truth(p) for p in x.parts), argument, x.value, x.strict)
+        return self._names.setdefault(shape, len(self._names))

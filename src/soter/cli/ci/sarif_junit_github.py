@@ -1,0 +1,168 @@
+"""What continuous integration reads: SARIF 2.1.0, JUnit's XML, workflow commands of GitHub Actions.
+
+Purpose: `sarif`: one run with a result for everything that is wrong or open, and a rule for every
+code with its page of `soter explain`; what is proved or clean is no result: viewers show each as an
+alert. `junit`: one `testsuite` a file, one `testcase` a finding: what is wrong is a failure, what
+is open an error, warnings stand in `system-out`; a file in which nothing was found is a case that
+passes. `github`: a line `::error file=...,line=...::message` for all that is wrong or open.
+Non-goals: other versions; fixes; attributes that only some readers know; the XML of `soter test`
+(`explore/junit.py`).
+Source: OASIS Standard "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; GitHub's
+documentation, "Workflow commands for GitHub Actions".
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+from xml.etree import ElementTree as ET
+
+from soter.cli.terminal.command_line import place
+from soter.diagnostics.codes import explain, title
+from soter.report.junit_xml import case, clean, document, said
+from soter.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.cli.terminal.command_line import CiFinding
+
+
+SCHEMA = (
+    "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
+)
+LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
+
+
+def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:
+    """The document, as text."""
+    shown = [f for f in findings if f.kind != "pass"]
+    rules = sorted({f.rule for f in shown})
+    run = {
+        "tool": {
+            "driver": {"name": "soter", "version": VERSION, "rules": [_rule(r) for r in rules]}
+        },
+        "columnKind": "unicodeCodePoints",
+        "automationDetails": {"id": f"soter/{command}/"},
+        "invocations": [{"executionSuccessful": exit_code in (0, 1, 3, 4), "exitCode": exit_code}],
+        "results": [_result(f, rules.index(f.rule)) for f in shown],
+    }
+    document = {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
+    return json.dumps(document, indent=2, allow_nan=False)
+
+
+def _rule(code: str) -> dict[str, Any]:
+    rule: dict[str, Any] = {"id": code}
+    page = explain(code)
+    if page is not None:
+        rule["shortDescription"] = {"text": title(code) or code}
+        rule["help"] = {"text": page, "markdown": page}
+    return rule
+
+
+def _result(finding: CiFinding, rule: int) -> dict[str, Any]:
+    text = "\n".join((finding.text, *finding.details))
+    result: dict[str, Any] = {
+        "ruleId": finding.rule,
+        "ruleIndex": rule,
+        "level": LEVELS[finding.kind],
+        "message": {"text": text},
+    }
+    at = place(finding.span)
+    if at is not None:
+        name, line, column, end_line, end_column = at
+        region = {
+            "startLine": line,
+            "startColumn": column,
+            "endLine": end_line,
+            "endColumn": end_column,
+        }
+        physical = {"artifactLocation": {"uri": _uri(name)}, "region": region}
+        result["locations"] = [{"physicalLocation": physical}]
+    return result
+
+
+def _uri(name: str) -> str:
+    path = Path(name)
+    return path.as_uri() if path.is_absolute() else quote(path.as_posix())
+
+
+def junit(command: str, files: Sequence[str], findings: Sequence[CiFinding]) -> str:
+    """The document, as text. Findings in no file count for the first one."""
+    by_file: dict[str, list[CiFinding]] = {name: [] for name in files or ("soter",)}
+    first = next(iter(by_file))
+    for f in findings:
+        at = place(f.span)
+        own = first if f.span is None else f.span.source.name if at is None else at[0]
+        by_file.setdefault(own, []).append(f)
+    root = ET.Element("testsuites", {"name": f"soter {command}", **_counts(findings, by_file)})
+    for name, mine in by_file.items():
+        one = {name: mine}
+        suite = ET.SubElement(root, "testsuite", {"name": clean(name), **_counts(mine, one)})
+        cases = [f for f in mine if f.kind != "warning"]
+        for f in cases:
+            _case(suite, name, f)
+        if not cases:
+            case(suite, name, command)
+        warnings = [_text(f) for f in mine if f.kind == "warning"]
+        if warnings:
+            said(suite, "system-out", "\n\n".join(warnings))
+    return document(root)
+
+
+def _counts(findings: Sequence[CiFinding], files: dict[str, list[CiFinding]]) -> dict[str, str]:
+    cases = [f for f in findings if f.kind != "warning"]
+    empty = sum(all(f.kind == "warning" for f in mine) for mine in files.values())
+    return {
+        "tests": str(len(cases) + empty),
+        "failures": str(sum(f.kind == "fail" for f in cases)),
+        "errors": str(sum(f.kind == "open" for f in cases)),
+        "skipped": "0",
+        "time": f"{sum(f.seconds for f in findings):.3f}",
+    }
+
+
+def _case(suite: ET.Element, file: str, f: CiFinding) -> None:
+    one = case(suite, file, f.name, f.seconds)
+    if f.kind == "pass":
+        said(one, "system-out", "\n".join((f.text, *f.details)))
+        return
+    kind = "failure" if f.kind == "fail" else "error"
+    said(one, kind, _text(f), type=f.rule, message=f.text)
+
+
+def _text(f: CiFinding) -> str:
+    at = place(f.span)
+    where = "" if at is None else f"{at[0]}:{at[1]}:{at[2]}: "
+    return "\n".join((f"{where}{f.rule}: {f.text}", *f.details))
+
+
+WORDS = {"fail": "error", "open": "error", "warning": "warning"}
+
+
+def github(findings: Sequence[CiFinding]) -> str:
+    """The commands, a line each; nothing where all is well."""
+    return "\n".join(_command(f) for f in findings if f.kind != "pass")
+
+
+def _command(finding: CiFinding) -> str:
+    properties = {"title": f"soter: {finding.rule}"}
+    at = place(finding.span)
+    if at is not None:
+        name, line, column, end_line, end_column = at
+        properties |= {"file": name, "line": str(line), "endLine": str(end_line)}
+        if line == end_line:  # else GitHub refuses columns
+            properties |= {"col": str(column), "endColumn": str(end_column)}
+    told = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
+    text = "\n".join((finding.text, *finding.details))
+    return f"::{WORDS[finding.kind]} {told}::{_data(text)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")

@@ -1,0 +1,292 @@
+"""The environment in generated C: steps of plants, topics set from outside, draws.
+
+Purpose: what `soter_step_fn` is for a plant (disturbances, integration, what is measured with which
+error), and what `publish` and `draw` of the kernel's tables are: a value from outside is checked
+before anything reads it, and a drawn one goes the same way.
+Non-goals: integration itself (`core/plants.py`), when inputs change (drivers).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.body import BranchChoices, stream_key
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import float_number, int_number
+from soter.codegen.externs import received, to_ends
+from soter.codegen.faults import disturb, leaf_of, scaled
+from soter.codegen.function_context import CT, HEADER, OK, STEP_PARAMETERS, S, enabled, where
+from soter.core import core
+from soter.core.core_walks import walk
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.codegen.c.types import TypeTable
+    from soter.codegen.function_context import Frame
+    from soter.language.model.system import Bound, Component, InputDrive, System, Topic
+    from soter.language.model.types import Type
+
+
+DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
+
+
+def whom(stream: str) -> tuple[c.CExpr, ...]:
+    """The first arguments of a draw that a driver may answer."""
+    return (HEADER, c.Name("answer"), stream_key(stream))
+
+
+def uniform(
+    stream: str, index: c.CExpr, low: float, high: float, *, chance: bool = False
+) -> c.CExpr:
+    """A float drawn from [low, high]; by `chance` whoever answers."""
+    bounds = (float_number(low), float_number(high))
+    if chance:
+        return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
+    return c.CallExpr("soter_drawn", (*whom(stream), index, *bounds))
+
+
+def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
+    """Draws one after the other: C leaves the order inside an initializer open."""
+    if len(drawn) == 1:
+        return [], [drawn[0][1]]
+    names = [f"{name}_{k}" for k in range(len(drawn))]
+    before: list[c.CStmt] = [
+        c.Declare(t, n, e, const=True) for n, (t, e) in zip(names, drawn, strict=True)
+    ]
+    return before, [c.Name(n) for n in names]
+
+
+def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
+    """A value of type `t` from its leaves in order."""
+    if isinstance(t, RecordType):
+        return c.Initializer(
+            tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields),
+            types.stored(t),
+        )
+    if isinstance(t, ArrayType):
+        items = c.Initializer(
+            tuple((None, assemble(types, t.element, values)) for _ in range(t.size))
+        )
+        return c.Initializer((("at", items),), types.stored(t))
+    value = next(values)  # type: ignore[call-overload]
+    assert isinstance(value, c.CExpr)
+    return value
+
+
+def choosing(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
+    """What choices need: how many were made in this step, and which release it is."""
+    if not any(isinstance(n, core.Choose) for n in walk(statements)):
+        return []
+    since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
+    release = c.Binary("/", since, int_number(component.period_ns))
+    return [
+        c.Declare("uint32_t", "made", c.Number("0U")),
+        c.Declare("int64_t", "release", release, const=True),
+    ]
+
+
+VALUE, TIME, STATUS = c.Name("value"), c.Name("time"), c.Name("status")
+PUBLISH_PARAMETERS = (("void *", "state"), ("const void *", "given"), ("int64_t", "time"))
+
+
+class InputEmitter:
+    """Emits the setters and the draws of one system."""
+
+    def __init__(self, system: System, frame: Frame) -> None:
+        self.system = system
+        self.frame = frame
+        self.types = frame.types
+
+    def setter(self, topic: int) -> str:
+        """The function through which a topic takes a value of the environment's."""
+        return f"{self.frame.prefix}_publish_{topic}"
+
+    def publish(self, topic: Topic) -> c.FunctionDef:
+        """Stores a value that is of the topic's type and set; refuses any other."""
+        stored = self.types.stored(topic.type)
+        stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic.index)))
+        size = c.CallExpr("sizeof", (VALUE,))
+        copied = c.CallExpr("memcpy", (c.Unary("&", VALUE), c.Name("given"), size))
+        body = (
+            self.frame.state_pointer(),
+            *self.frame.fault_pointer(),
+            c.Unused("fault"),
+            c.Declare(stored, VALUE.text, None),
+            c.Do(c.Cast("void", copied)),
+            *received(topic.type, VALUE),
+            *to_ends(topic.type, topic.bounds, VALUE),
+            *self.types.check(topic.type, topic.bounds, VALUE),
+            c.IfStmt(c.Binary("!=", STATUS, OK), (c.Return(STATUS),)),
+            c.Assign(self.frame.topic(topic.index), VALUE),
+            c.Assign(stamp, TIME),
+            *self.frame.push_on(topic.index),
+            c.Return(OK),
+        )
+        doc = f"{topic.name}, from the environment"
+        return c.FunctionDef("soter_fault", self.setter(topic.index), PUBLISH_PARAMETERS, body, doc)
+
+    def draw(self, drive: InputDrive, name: str) -> c.FunctionDef:
+        """A change of an environment input, by chance or as a driver answers."""
+        info = self.system.topics[drive.topic]
+        index = c.Binary("/", CT, int_number(drive.every_ns))
+        stream = f"input.{info.name}"
+        before: Sequence[c.CStmt]
+        if drive.values:
+            before, value = self._one_of(drive, stream, index)
+        else:
+            drawn = [
+                self._leaf(t, bound, ".".join((stream, *path)), index)
+                for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True)
+            ]
+            before, values = in_order(drawn, "drawn")
+            value = assemble(self.types, info.type, iter(values))
+        given = (S, c.Unary("&", VALUE), CT)
+        body = (
+            self.frame.state_pointer(),
+            *before,
+            c.Declare(self.types.stored(info.type), VALUE.text, value, const=True),
+            c.Do(c.Cast("void", c.CallExpr(self.setter(drive.topic), given))),
+            c.Unused("answer"),
+        )
+        return c.FunctionDef("void", name, DRAW_PARAMETERS, body, f"environment input {info.name}")
+
+    def _one_of(
+        self, drive: InputDrive, stream: str, index: c.CExpr
+    ) -> tuple[list[c.CStmt], c.CExpr]:
+        """One of the declared values of an input."""
+        t = self.system.topics[drive.topic].type
+        last = len(drive.values) - 1
+        pick = c.CallExpr(
+            "soter_drawn_int", (*whom(stream), index, int_number(0), int_number(last))
+        )
+        name = c.Name("drawn_pick")
+        value = self.types.constant(t, drive.values[last], "value")
+        for k in range(last - 1, -1, -1):
+            this = self.types.constant(t, drive.values[k], "value")
+            value = c.Ternary(c.Binary("==", name, c.Number(str(k))), this, value)
+        declared = c.Declare("int64_t", name.text, pick, const=True)
+        return [declared, c.Unused(name.text)], self.types.to_store(t, value)
+
+    def _leaf(
+        self, t: Type, bound: Bound | None, stream: str, index: c.CExpr
+    ) -> tuple[str, c.CExpr]:
+        """One leaf of an input: its C type, and the draw."""
+        if isinstance(t, FloatType):
+            assert bound is not None
+            return "double", uniform(stream, index, bound.low, bound.high)
+        if isinstance(t, BoolType):
+            drawn = c.CallExpr("soter_drawn_bool", (*whom(stream), index))
+            return "uint8_t", c.Cast("uint8_t", drawn)
+        if isinstance(t, EnumType):
+            low, high = 0, len(t.members) - 1
+        else:
+            assert isinstance(t, IntType)
+            low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
+        limits = (int_number(low), int_number(high))
+        drawn = c.CallExpr("soter_drawn_int", (*whom(stream), index, *limits))
+        return self.types.stored(t), self.types.to_store(t, drawn)
+
+
+def plant_step(
+    frame: Frame, component: Component, step: core.PlantStep, name: str
+) -> c.FunctionDef:
+    """One release of a plant."""
+    once = core.If(step.span, core.Const(BOOL, True), step.integrate, ())
+    task = frame.task((*step.choose, once, *step.publish), step.states)
+    with frame.body.planned(None if step.extern else task, frame.certain(component, step)):
+        body = tuple(_step(frame, component, step, name))
+    assert component.plant is not None
+    doc = f"plant {component.plant.name}, {where(step.span)}"
+    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, body, doc)
+
+
+def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -> list[c.CStmt]:
+    first = c.Name("first")
+    is_first = c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True)
+    code = (*step.choose, *step.integrate, *step.publish)
+    used = frame.body.used(code)
+    frame.body.choices = BranchChoices(component.name, chance=step.extern)
+    body = frame.load(step.states, used)
+    body += _disturbances(frame, component, step, used)
+    body += frame.declare_outputs(step.outputs)
+    body += choosing(component, code)
+    body += frame.body.block(step.choose, step.integrate, step.publish)
+    if step.extern:
+        body += _new_states(frame, step, name)
+    elif step.integrate:
+        inner = frame.body.block(step.integrate, step.publish)
+        body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
+    body += frame.body.block(step.publish)
+    body += _noise(frame, component, step)
+    body += disturb(frame, component, step.outputs)
+    body += frame.check_outputs(step.outputs)
+    unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
+    body = [frame.state_pointer(), is_first, *unused, *frame.sticky(body)]
+    body += frame.store(step.states)
+    body += frame.publish(step.outputs, gated=False)
+    body.append(c.Return(OK))
+    frame.body.choices = None
+    return body
+
+
+def _disturbances(
+    frame: Frame, component: Component, step: core.PlantStep, used: set[str]
+) -> list[c.CStmt]:
+    if not any(n in used for n, _, _ in step.disturbances):
+        return []
+    began = c.Ternary(
+        c.Name("first"), c.Number("0"), c.Binary("-", CT, int_number(component.period_ns))
+    )
+    statements: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
+    for number, (name, t, draws) in enumerate(step.disturbances):
+        if name in used:
+            chance = [_draw(d, component, c.Name("began")) for d in draws]
+            drawn = [scaled(frame, component, number, e) for e in chance]
+            own = frame.body.local(name)
+            before, values = in_order([("double", e) for e in drawn], f"drawn_{own}")
+            value = assemble(frame.types, t, iter(values))
+            statements += [*before, c.Declare(frame.types.work(t), own, value, const=True)]
+    return statements
+
+
+def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
+    """A disturbance: one that holds is drawn by chance, whoever answers."""
+    hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
+    index = c.Binary("/", at, int_number(hold))
+    chance = draw.hold_ns > 0 or component.extern
+    return uniform(draw.stream, index, draw.low, draw.high, chance=chance)
+
+
+def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
+    """An extern plant: the driver's answer holds the new states."""
+    got = c.Name("got")
+    statements: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
+    assigns = tuple(
+        c.Assign(c.Name(frame.body.local(x.name)), c.Arrow(got, field_name(x.cell.name)))
+        for x in step.states
+    )
+    statements.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
+    return statements
+
+
+def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
+    """Measurement errors, leaf by leaf."""
+    statements: list[c.CStmt] = []
+    index = c.Binary("/", CT, int_number(component.period_ns))
+    for output, leaf, draw in step.noise:
+        target = leaf_of(frame.body.out(output), step.outputs[output].type, leaf)
+        error = uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
+        statements.append(c.Assign(target, c.Binary("+", target, error)))
+    return statements

@@ -1,0 +1,309 @@
+"""What externs see of a generated program, and what becomes of their answers.
+
+Purpose: structs of inputs and answers, the prototypes of linked C functions, and what calls them.
+An enum, int or length that its type does not have is the step fault `extern`; bools become 0 or 1,
+unused tails and padding become zero, so that a state is still its bytes; the float32 of an end of a
+topic's set becomes that end.
+Non-goals: how steps use them (`nodes.py`, `environment.py`), who answers (drivers), value sets of
+topics (`c/types.py`): they come after.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import FAULT, float_number, int_number
+from soter.core.layout import INT_KINDS, arrange, scalar, struct_of
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+from soter.language.model.values import singles
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.codegen.function_context import Frame
+    from soter.core.core import CoreSystem, Function
+    from soter.core.layout import Struct
+    from soter.diagnostics.source import Span
+    from soter.language.model.system import Bound, Component, System
+    from soter.language.model.types import Type
+
+
+LINKED = "_linked"
+"""How the name of a function ends that calls a linked one."""
+
+
+def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
+    """Fields of the struct in which a driver answers an extern step."""
+    if component.plant is not None:
+        return tuple((v.name, v.type) for v in component.plant.states)
+    assert component.node is not None
+    short = component.node.answers
+    return (*short, *((f"has_{n}", BOOL) for n, _ in short))
+
+
+def struct(
+    frame: Frame, layout: Struct, name: str, comment: str, *, topics: bool = False
+) -> c.StructDef:
+    """A struct as it is laid out; `topics`: the one of all topics."""
+    members = [
+        c.StructMember(
+            frame.types.stored(m.type),
+            frame.topic_field(m.index) if topics else field_name(m.name),
+        )
+        for m in layout.members
+    ]
+    if layout.padding or not members:
+        members.append(c.StructMember("uint8_t", "pad_", layout.padding or 8))
+    return c.StructDef(name, tuple(members), comment)
+
+
+def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
+    """What externs see: inputs, outputs, and the prototypes of linked functions."""
+    declarations: list[c.CTop] = []
+    for x in frame.system.components:
+        if not x.extern:
+            continue
+        name = names[x.index]
+        layout = arrange(answer_fields(x))
+        declarations.append(struct(frame, layout, f"{name}_out", f"what {x.name} answers"))
+        bound_to_c = (x.binding or "").startswith("c:")
+        if x.node is not None and (bound_to_c or x.index in frame.apart):
+            declarations.append(_inputs(frame, x, name))
+        if x.node is not None and bound_to_c:
+            declarations.append(_linked(x, name))
+    declarations += [_prototype(frame, f) for f in core.functions if is_linked(f)]
+    return [c.Section("externs"), *declarations] if declarations else []
+
+
+def request_fields(system: System, component: Component) -> tuple[tuple[str, Type], ...]:
+    """Members of the struct of what an extern node reads, in its order, with their types."""
+    assert component.node is not None
+    topics = component.scope.topics
+    return tuple(
+        (x.topic.name.rsplit(".", 1)[-1], system.topics[topics[x.topic]].type)
+        for x in component.node.subscribes
+    )
+
+
+def _inputs(frame: Frame, x: Component, name: str) -> c.StructDef:
+    members = tuple(
+        c.StructMember(frame.types.stored(t), field_name(n))
+        for n, t in request_fields(frame.system, x)
+    ) or (c.StructMember("uint8_t", "pad_"),)
+    return c.StructDef(f"{name}_in", members, f"what {x.name} reads")
+
+
+def _linked(x: Component, name: str) -> c.FunctionDef:
+    assert x.node is not None
+    assert x.binding is not None
+    return c.FunctionDef(
+        "int",
+        symbol_of(x.binding),
+        _parameters(x, name),
+        None,
+        f"extern node {x.node.name}: 0 is success; set has_... for each output given",
+        static=False,
+    )
+
+
+def _parameters(x: Component, name: str) -> tuple[tuple[str, str], ...]:
+    assert x.node is not None
+    kept = ((f"{name}_local *", "local"),) if x.node.locals else ()
+    return ((f"const {name}_in *", "in"), *kept, (f"{name}_out *", "out"))
+
+
+def symbol_of(binding: str) -> str:
+    """The function that `c:file.c:function` names."""
+    return binding.rsplit(":", 1)[1]
+
+
+def linked_name(name: str) -> str:
+    """What generated code calls in the place of the linked function of `name`."""
+    return name + LINKED
+
+
+def call_of_node(x: Component, name: str) -> c.FunctionDef:
+    """Calls the linked function of an extern node."""
+    assert x.binding is not None
+    return call_linked("int", name, symbol_of(x.binding), _parameters(x, name))
+
+
+def _prototype(frame: Frame, f: Function) -> c.FunctionDef:
+    """Of the linked function of an extern function."""
+    return c.FunctionDef(
+        frame.types.work(f.result_type),
+        symbol_of(f.source or ""),
+        _parameters_of(frame, f),
+        None,
+        f"extern fun {f.source_name}",
+        static=False,
+    )
+
+
+def is_linked(f: Function) -> bool:
+    """Whether a function is a linked one."""
+    return f.result is None and (f.source or "").startswith("c:")
+
+
+def linked_functions(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
+    """Every binding to C whose function is called, where it is declared, whether it is a node."""
+    for x in frame.system.components:
+        if x.extern and x.node is not None and (x.binding or "").startswith("c:"):
+            assert x.binding is not None
+            yield x.binding, x.node.span, True
+    for f in core.functions:
+        if is_linked(f):
+            assert f.source is not None
+            yield f.source, f.span, False
+
+
+def call_of_function(frame: Frame, f: Function, name: str) -> c.FunctionDef:
+    """Calls the linked function of an extern function."""
+    result, parameters = frame.types.work(f.result_type), _parameters_of(frame, f)
+    return call_linked(result, name, symbol_of(f.source or ""), parameters)
+
+
+def _parameters_of(frame: Frame, f: Function) -> tuple[tuple[str, str], ...]:
+    return tuple((frame.types.work(p.type), frame.body.local(p.name)) for p in f.parameters)
+
+
+def call_linked(
+    result: str, name: str, symbol: str, parameters: tuple[tuple[str, str], ...]
+) -> c.FunctionDef:
+    """Calls a linked function where no other name is in scope that could hide its own.
+
+    Its own name is the user's: `answer`, say, which steps have a parameter of.
+    """
+    given = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
+    call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in given))
+    return c.FunctionDef(result, linked_name(name), given, (c.Return(call),), inline=True)
+
+
+EXTERN = c.Name("SOTER_EXTERN_FAULT")
+ZERO = c.Number("0")
+
+
+def received(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
+    """Statements that make the stored value `e` one of type `t`; they may raise `extern`."""
+    if isinstance(t, BoolType):
+        return [c.Assign(e, c.Ternary(c.Binary("!=", e, ZERO), c.Number("1"), ZERO))]
+    if isinstance(t, EnumType):
+        return _within(e, 0, len(t.members) - 1, unsigned=True)
+    if isinstance(t, IntType):
+        return _int(t, e)
+    if isinstance(t, RecordType):
+        statements: list[c.CStmt] = []
+        for name, field in t.fields:
+            statements += received(field, c.Member(e, field_name(name)), depth)
+        return [*statements, *_padding(t, e, depth)]
+    counter = f"k{depth}"
+    if isinstance(t, ArrayType):
+        inner = received(t.element, c.IndexExpr(c.Member(e, "at"), c.Name(counter)), depth + 1)
+        return [c.For(counter, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
+    if isinstance(t, ListType):
+        return [*_list(t, e, counter, depth), *_padding(t, e, depth)]
+    return []
+
+
+def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
+    """Statements that make a float of `e` an end of its set where it is the float32 of that end.
+
+    `bounds`: of all leaves of `t`. None of an end that is a float32, or has its own inside.
+    """
+    if isinstance(t, FloatType):
+        return [] if bounds[0] is None else _to_ends_of(bounds[0], e)
+    if isinstance(t, RecordType):
+        statements: list[c.CStmt] = []
+        rest = iter(bounds)
+        for name, field in t.fields:
+            part = list(islice(rest, sum(1 for _ in leaves(field))))
+            statements += to_ends(field, part, c.Member(e, field_name(name)), depth)
+        return statements
+    counter = c.Name(f"k{depth}")
+    if isinstance(t, ListType):
+        item = c.IndexExpr(c.Member(e, "items"), counter)
+        inner = to_ends(t.element, bounds, item, depth + 1)
+        return [c.For(counter.text, ZERO, c.Member(e, "len"), tuple(inner))] if inner else []
+    if not isinstance(t, ArrayType):
+        return []
+    size = sum(1 for _ in leaves(t.element))
+    groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
+    at = c.Member(e, "at")
+    if len(set(groups)) == 1:
+        inner = to_ends(t.element, groups[0], c.IndexExpr(at, counter), depth + 1)
+        return [c.For(counter.text, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
+    each = [c.IndexExpr(at, c.Number(str(k))) for k in range(t.size)]
+    return [x for g, part in zip(groups, each, strict=True) for x in to_ends(t.element, g, part)]
+
+
+def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
+    statements: list[c.CStmt] = []
+    for end, single in zip((bound.low, bound.high), singles(bound), strict=True):
+        if single != end:
+            least, most = sorted((end, single))
+            from_ = c.Binary(">=", e, float_number(least))
+            to = c.Binary("<=", e, float_number(most))
+            own = c.Assign(e, float_number(end))
+            statements.append(c.IfStmt(c.Binary("&&", from_, to), (own,)))
+    return statements
+
+
+def _within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.CStmt]:
+    fits = c.Binary("<=", e, int_number(high))
+    if not unsigned or low > 0:
+        fits = c.Binary("&&", c.Binary(">=", e, int_number(low)), fits)
+    return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
+
+
+def _int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
+    """Nothing where the storage holds no other values than the type."""
+    storage = scalar(t)
+    assert storage is not None
+    low, high = next((k[2], k[3]) for k in INT_KINDS if k[4] == storage.c_type)
+    if (t.low, t.high) == (low, high):
+        return []
+    if t.high == high:
+        fits: c.CExpr = c.Binary(">=", e, int_number(t.low))
+        return [c.Do(c.CallExpr("soter_guard", (fits, EXTERN, FAULT)))]
+    return _within(e, t.low, t.high, unsigned=t.low == low)
+
+
+def _list(t: ListType, e: c.CExpr, counter: str, depth: int) -> list[c.CStmt]:
+    length = c.Member(e, "len")
+    element = c.IndexExpr(c.Member(e, "items"), c.Name(counter))
+    capacity = c.Number(str(t.capacity))
+    outside = c.Binary("||", c.Binary("<", length, ZERO), c.Binary(">", length, capacity))
+    inner = received(t.element, element, depth + 1)
+    statements: list[c.CStmt] = [
+        c.IfStmt(
+            outside,
+            (c.Do(c.CallExpr("soter_raise", (FAULT, EXTERN))), c.Assign(length, ZERO)),
+        )
+    ]
+    if inner:
+        statements.append(c.For(counter, ZERO, length, tuple(inner)))
+    size = c.CallExpr("sizeof", (element,))
+    zero = c.Do(c.Cast("void", c.CallExpr("memset", (c.Unary("&", element), ZERO, size))))
+    return [*statements, c.For(counter, length, capacity, (zero,))]
+
+
+def _padding(t: RecordType | ListType, e: c.CExpr, depth: int) -> list[c.CStmt]:
+    padding = struct_of(t).padding
+    if not padding:
+        return []
+    counter = f"k{depth}"
+    byte = c.IndexExpr(c.Member(e, "pad_"), c.Name(counter))
+    return [c.For(counter, ZERO, c.Number(str(padding)), (c.Assign(byte, ZERO),))]

@@ -1,0 +1,420 @@
+"""Which large temporaries are places of their own, share one, or only point to one.
+
+Purpose: a `StoragePlan` of a body: temporaries that refer to what nothing changes while they are
+read; those that share a place, because one is a copy of the other and they never differ while both
+are needed; stores that nobody reads.
+Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.is_large`).
+
+Decision 109. Derived here from the definition of liveness: backwards through structured code, loops
+until nothing changes. Two places interfere where one is written while the other is still needed
+(but for the write that makes them equal), and where one is read while the other is written in more
+than one piece. What is written in several pieces never shares a place with what it is made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.core import output_name
+from soter.core.core_walks import walk, written_names
+from soter.language.model.types import RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from soter.language.model.types import Type
+
+
+RESULT = "$result"
+"""The place that the caller of a function gives for what it returns."""
+
+
+Path = tuple[str, ...]
+"""Fields, from the outside."""
+
+
+@dataclass(frozen=True)
+class StoragePlan:
+    """Of one body. Names are those of Core, `RESULT` and `output_name`.
+
+    `references`: they are pointers; `behind`: the temporaries that such a one may point into;
+    `same`: of one that points to all of another, that one; `homes`: of a name that has no place of
+    its own, whose it has, or which part of whose; `shared`: places that others have, too; `idle`:
+    statements (by `id`) whose value nobody reads.
+    """
+
+    references: frozenset[str] = frozenset()
+    behind: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    same: Mapping[str, str] = field(default_factory=dict)
+    homes: Mapping[str, tuple[str, Path]] = field(default_factory=dict)
+    shared: frozenset[str] = frozenset()
+    idle: frozenset[int] = frozenset()
+
+    def home(self, name: str) -> str:
+        """Whose place a name has, or a part of whose."""
+        return self.homes[name][0] if name in self.homes else name
+
+    def whole(self, name: str) -> str:
+        """What a name is another name for."""
+        while name in self.same:
+            name = self.same[name]
+        return name
+
+    def reads(self, *roots: object) -> set[str]:
+        """The temporaries from which expressions read, through references too."""
+        names = {x.name for x in walk(roots) if isinstance(x, core.Var)}
+        return {r for name in names for r in (name, *self.behind.get(name, ()))}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedBody:
+    """A body to be planned.
+
+    `given`: large parameters and cells that are read in place, and never change here; `kept`: large
+    locals of a step, which are loaded first and stored last; `outputs`: numbers of large outputs
+    that may share a place; `result`: what a function returns; `leave`: its flag of having returned;
+    `read_later`: other temporaries that are read behind the body.
+    """
+
+    code: tuple[core.Stmt, ...]
+    is_large: Callable[[Type], bool]
+    given: tuple[str, ...] = ()
+    kept: tuple[tuple[str, Type], ...] = ()
+    outputs: tuple[tuple[int, Type], ...] = ()
+    result: core.Expr | None = None
+    leave: str | None = None
+    read_later: tuple[str, ...] = ()
+
+
+def is_place(e: core.Expr) -> bool:
+    """Whether an expression names something that lies somewhere, and so has an address."""
+    while isinstance(e, (core.Field, core.Element)):
+        e = e.target
+    return isinstance(e, (core.Var, core.Get, core.Const))
+
+
+def has_address(e: core.Expr) -> bool:
+    """Whether it is one such thing, or one of several."""
+    if isinstance(e, core.Select):
+        return has_address(e.then) and has_address(e.otherwise)
+    return is_place(e)
+
+
+def is_still_here(e: core.Expr, leave: str) -> bool:
+    """Whether a condition says that the function has not returned: where it is read, it is true."""
+    if not isinstance(e, core.Unary) or e.op != "not":
+        return False
+    return isinstance(e.operand, core.Var) and e.operand.name == leave
+
+
+def plan_of(task: PlannedBody) -> StoragePlan:
+    """The plan of a body."""
+    return _Planner(task).run()
+
+
+class _Planner:
+    def __init__(self, task: PlannedBody) -> None:
+        self.task = task
+        self.types: dict[str, Type] = dict(task.kept)
+        self.declared: dict[str, tuple[int, int]] = {}
+        """Of each temporary its depth, and its number in the order of the text."""
+        self.outputs = {output_name(k): t for k, t in task.outputs}
+        self.kept = {name for name, _ in task.kept}
+        self.fixed = {RESULT, *self.outputs, *self.kept}
+        self.candidates: dict[str, frozenset[str]] = {}
+        self.same: dict[str, str] = {}
+        """Of a reference to all of another temporary, that one."""
+        fixed = written_names(task.code)
+        self._declare(task.code, 0, fixed)
+        self.types.update(self.outputs)
+        if task.result is not None and task.is_large(task.result.type):
+            self.types[RESULT] = task.result.type
+
+    def _declare(self, block: tuple[core.Stmt, ...], depth: int, changed: set[str]) -> None:
+        for s in block:
+            if isinstance(s, (core.Let, core.Call)):
+                t = s.value.type if isinstance(s, core.Let) else s.type
+                if self.task.is_large(t):
+                    self.types[s.name] = t
+                    self.declared[s.name] = depth, len(self.declared)
+                    constant = isinstance(s, core.Let) and s.name not in changed
+                    if constant and isinstance(s, core.Let) and has_address(s.value):
+                        self.candidates[s.name] = frozenset(_bases(s.value))
+                        if isinstance(s.value, core.Var):
+                            self.same[s.name] = s.value.name
+            elif isinstance(s, core.If):
+                self._declare(s.then, depth + 1, changed)
+                self._declare(s.otherwise, depth + 1, changed)
+            elif isinstance(s, core.Loop):
+                self._declare(s.body, depth + 1, changed)
+
+    def run(self) -> StoragePlan:
+        """Refer to as much as can be, then share as much as can be."""
+        references = dict(self.candidates)
+        while True:
+            same = {n: o for n, o in self.same.items() if n in references}
+            walker = _Walker(self.task, self.types, _through(references), same)
+            walker.run()
+            if not walker.changed:
+                break
+            for name in walker.changed:
+                del references[name]
+        homes = self._share(walker)
+        return StoragePlan(
+            references=frozenset((*references, *self.task.given)),
+            behind=walker.behind,
+            same=same,
+            homes=homes,
+            shared=frozenset(home for home, _ in homes.values()),
+            idle=frozenset(walker.idle),
+        )
+
+    def _share(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
+        """Whole places first; then parts of what is made of them."""
+        groups: dict[str, dict[str, Path]] = {n: {n: ()} for n in self.types}
+        for a, b in walker.copies:
+            if self.types[a] == self.types[b]:
+                self._join(groups, walker, (a, ()), b)
+        for a, field_, b in walker.parts:
+            of = self.types[a]
+            if isinstance(of, RecordType) and of.fields[field_][1] == self.types[b]:
+                self._join(groups, walker, (a, (of.fields[field_][0],)), b)
+        homes: dict[str, tuple[str, Path]] = {}
+        for name, group in groups.items():
+            home = self._home(group)
+            if home != name:
+                homes[name] = home, group[name]
+        return homes
+
+    def _join(
+        self,
+        groups: dict[str, dict[str, Path]],
+        walker: _Walker,
+        into: tuple[str, Path],
+        name: str,
+    ) -> None:
+        """Let a group have its place in another, if nothing keeps them apart."""
+        outer, inner = groups[into[0]], groups[name]
+        path = (*outer[into[0]], *into[1])
+        if outer is inner or any((x, y) in walker.apart for x in outer for y in inner):
+            return
+        if path != inner[name]:
+            if inner[name] or self.fixed & inner.keys():
+                return
+            if self._rank(self._home(outer)) > self._rank(self._home(inner)):
+                return  # what is a part of another is declared inside its scope
+        elif path:
+            return
+        both = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
+        for x in both:
+            groups[x] = both
+
+    def _home(self, group: dict[str, Path]) -> str:
+        return min((n for n, p in group.items() if not p), key=self._rank)
+
+    def _rank(self, name: str) -> tuple[int, int, int]:
+        """The result's place first, then locals of the step, then outputs, then the outermost."""
+        if name == RESULT:
+            return 0, 0, 0
+        if name in self.kept:
+            return 1, 0, 0
+        return (2, 0, 0) if name in self.outputs else (3, *self.declared[name])
+
+
+def _bases(e: core.Expr) -> Iterator[str]:
+    """The temporaries that a thing with an address is, or is a part of."""
+    if isinstance(e, core.Select):
+        yield from _bases(e.then)
+        yield from _bases(e.otherwise)
+        return
+    while isinstance(e, (core.Field, core.Element)):
+        e = e.target
+    if isinstance(e, core.Var):
+        yield e.name
+
+
+def _through(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[str]]:
+    """Of each reference everything that it may point into, through other references."""
+    known: dict[str, frozenset[str]] = {}
+    for name, bases in references.items():  # those that are referred to come first
+        known[name] = frozenset({x for b in bases for x in (b, *known.get(b, ()))})
+    return known
+
+
+class _Walker:
+    """One walk, from the end to the beginning."""
+
+    def __init__(
+        self,
+        task: PlannedBody,
+        types: Mapping[str, Type],
+        behind: dict[str, frozenset[str]],
+        same: dict[str, str],
+    ) -> None:
+        self.task = task
+        self.tracked = frozenset(types)
+        self.behind = behind
+        self.same = same
+        self.idle: set[int] = set()
+        self.changed: set[str] = set()
+        """References to something that is written while they are needed."""
+        self.copies: list[tuple[str, str]] = []
+        self.parts: list[tuple[str, int, str]] = []
+        """Which field of what is made of what."""
+        self.apart: set[tuple[str, str]] = set()
+        self._at_exit: set[str] = set()
+        self._order: dict[int, int] = {}
+        self._said: dict[str, int] = {}
+        """Of each output the number of the first statement that publishes it, or of its loop."""
+        self._number(task.code, None)
+
+    def _number(self, block: tuple[core.Stmt, ...], loop: int | None) -> None:
+        for s in block:
+            at = self._order[id(s)] = len(self._order)
+            if isinstance(s, core.Publish):
+                self._said.setdefault(output_name(s.output), at if loop is None else loop)
+            elif isinstance(s, core.If):
+                self._number(s.then, loop)
+                self._number(s.otherwise, loop)
+            elif isinstance(s, core.Loop):
+                self._number(s.body, at if loop is None else loop)
+
+    def run(self) -> None:
+        """Fills what is found."""
+        task = self.task
+        live = {output_name(k) for k, _ in task.outputs} | {n for n, _ in task.kept}
+        live |= self.tracked & {*task.read_later}
+        if task.result is not None:
+            reads = self._reads(task.result)
+            if RESULT in self.tracked:
+                self._write(RESULT, task.result, {RESULT}, reads)
+            live |= reads
+        self._at_exit = set(live)
+        live = self._block(task.code, live) - self._said.keys()
+        kept = {n for n, _ in task.kept}
+        self.apart |= {(a, b) for a in kept for b in kept if a != b}
+        self.apart |= {(b, a) for a, b in self.apart}
+        self.copies.reverse()
+        self.parts.reverse()
+
+    def _reads(self, *roots: object) -> set[str]:
+        names = {x.name for x in walk(roots) if isinstance(x, core.Var)}
+        names |= {x for name in names for x in self.behind.get(name, ())}
+        return names & self.tracked
+
+    # ------------------------------------------------------------ statements
+
+    def _block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
+        """What is needed before a block, from what is needed after it."""
+        for s in reversed(block):
+            live = self._statement(s, live)
+        return live
+
+    def _statement(self, s: core.Stmt, live: set[str]) -> set[str]:
+        if isinstance(s, core.If):
+            if self.task.leave is not None and is_still_here(s.condition, self.task.leave):
+                return self._block(s.then, live)
+            then, otherwise = self._block(s.then, live), self._block(s.otherwise, live)
+            return then | otherwise | self._reads(s.condition)
+        if isinstance(s, core.Loop):
+            return self._loop(s, live)
+        at = self._order[id(s)]
+        live = {x for x in live if self._said.get(x, -1) <= at}  # of the others nobody reads
+        if isinstance(s, core.Let):
+            return self._full(s, s.name, s.value, live)
+        if isinstance(s, core.Call):
+            reads = self._reads(s.arguments)
+            if s.name in self.tracked:
+                self._write(s.name, None, live, reads)
+            return (live - {s.name}) | reads
+        if isinstance(s, core.Set):
+            if s.name == self.task.leave:
+                return set(self._at_exit)
+            if not s.path:
+                return self._full(s, s.name, s.value, live)
+            return self._part(s.name, s.value, live, self._reads(s.path, s.value))
+        if isinstance(s, core.Push):
+            return self._part(s.name, s.value, live, self._reads(s.path, s.value))
+        if isinstance(s, core.Publish):
+            name = output_name(s.output)
+            if s.limit is None:
+                return self._full(None, name, s.value, live)
+            return self._part(name, s.value, live, self._reads(s.value))
+        if isinstance(s, core.Choose) and s.ages is not None:
+            return self._part(s.ages, None, live, set())
+        return live | self._reads(
+            *(getattr(s, n) for n in ("condition", "operands", "limit") if hasattr(s, n))
+        )
+
+    def _loop(self, s: core.Loop, live: set[str]) -> set[str]:
+        idle, changed = set(self.idle), set(self.changed)
+        around = set(live)
+        while True:  # what is idle in one round may be needed in the next
+            self.idle = set(idle)
+            before = self._block(s.body, around)
+            if before <= around:
+                break
+            around |= before
+        self.changed |= changed
+        return around
+
+    def _full(self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]) -> set[str]:
+        """A new value for all of a place; of a small one, what is read for it."""
+        reads = self._reads(value)
+        if name not in self.tracked:
+            return live | reads
+        if s is not None and name not in live:
+            self.idle.add(id(s))
+            return live
+        if name not in self.behind:
+            self._write(name, value, live, reads)
+        return (live - {name}) | reads
+
+    def _part(
+        self, name: str, value: core.Expr | None, live: set[str], reads: set[str]
+    ) -> set[str]:
+        """A new value for a part of a place: the rest of it is still needed."""
+        if name not in self.tracked:
+            return live | reads
+        self._write(name, value, live, reads - {name}, whole=False)
+        return live | reads | {name}
+
+    def _write(
+        self,
+        name: str,
+        value: core.Expr | None,
+        live: set[str],
+        reads: set[str],
+        *,
+        whole: bool = True,
+    ) -> None:
+        """A place is written: from one thing with an address at once, else in pieces."""
+        at_once = value is not None and has_address(value)
+        needed = live if at_once else live | reads
+        self.changed |= {r for r in needed if name in self.behind.get(r, ())}
+        equal = {name}
+        if whole and isinstance(value, core.Var):
+            source = self._whole(value)
+            if source is not None:
+                equal.add(source)
+                if (name, source) not in self.copies:
+                    self.copies.append((name, source))
+        elif whole and isinstance(value, core.Make):
+            for k, element in enumerate(value.elements):
+                source = self._whole(element)
+                if source is not None:
+                    equal.add(source)
+                    if (name, k, source) not in self.parts:
+                        self.parts.append((name, k, source))
+        self.apart |= {(name, x) for x in needed - equal}
+
+    def _whole(self, e: core.Expr) -> str | None:
+        """The place that an expression is all of."""
+        if not isinstance(e, core.Var):
+            return None
+        name = e.name
+        while name in self.same:
+            name = self.same[name]
+        return name if name in self.tracked and name not in self.behind else None

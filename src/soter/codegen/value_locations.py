@@ -1,0 +1,275 @@
+"""Where the values of a body lie in C, and how a large one gets there.
+
+Purpose: the place of every temporary, output and result by the body's plan; large arguments by
+address; values put into places, in pieces where that saves a place. Comparisons of stored values
+whose result a compiler would remark on get `soter_plain` around their operands.
+Non-goals: the plan (`storage_plan.py`), what expressions and statements are (`codegen/body.py`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name, local
+from soter.codegen.storage_plan import RESULT, PlannedBody, StoragePlan, has_address, plan_of
+from soter.core import core
+from soter.core.core import output_name
+from soter.core.core_walks import walk
+from soter.core.layout import LENGTH, scalar, storage_range, struct_of
+from soter.language.model.types import ArrayType, EnumType, FloatType, IntType, ListType, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.codegen.c.types import TypeTable
+    from soter.language.model.types import Type
+
+
+LOGICAL = frozenset(("&&", "||"))
+STORED = (core.Get, core.Field, core.Element, core.Fact)
+
+
+def is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
+    """Whether a compiler could tell the result of an int comparison, and would remark on it.
+
+    That is a stored value against a constant at or beyond the limits of its storage, or constants
+    chosen by a condition that it knows.
+    """
+    if isinstance(value, core.Select):
+        return True
+    if not isinstance(other, core.Const) or isinstance(value, (core.Var, core.Const)):
+        return False
+    s = scalar(LENGTH if isinstance(value, core.Length) else value.type)
+    if s is None or not isinstance(value.type, (IntType, EnumType)):
+        return False
+    low, high = storage_range(s)
+    if op in {"==", "!="}:
+        return not low <= other.value <= high
+    return not low < other.value < high
+
+
+def compared_twice(condition: core.Expr) -> list[core.Expr]:
+    """Stored values that parts of a condition compare with several constants for equality.
+
+    Where no value fits all of them a compiler knows the result.
+    """
+    comparisons: list[tuple[core.Expr, object]] = []
+    parts = [condition]
+    while parts:
+        part = parts.pop()
+        if isinstance(part, core.Unary) and part.op == "not":
+            parts.append(part.operand)
+        elif isinstance(part, core.Binary) and part.op in LOGICAL:
+            parts += (part.left, part.right)
+        elif isinstance(part, core.Binary) and part.op in {"==", "!="}:
+            for value, other in ((part.left, part.right), (part.right, part.left)):
+                exact = isinstance(value, STORED) and not isinstance(value.type, FloatType)
+                if exact and isinstance(other, core.Const):
+                    comparisons.append((value, other.value))
+    return [v for v, x in comparisons if any(w == v and y != x for w, y in comparisons)]
+
+
+MADE = c.Unary("*", c.Name("made"))
+"""Where a function puts what it returns, if that is large: its caller says where that is."""
+
+
+class Places:
+    """Places of one body after the other."""
+
+    def __init__(self, types: TypeTable) -> None:
+        self.types = types
+        self.outputs: tuple[str, ...] = ()
+        """Names of the outputs of the step that is being emitted."""
+        self.plan = StoragePlan()
+        self.certain: frozenset[int] = frozenset()
+        """Outputs of the step that is being emitted which it always publishes."""
+        self.in_place: frozenset[str] = frozenset()
+        """Locals of the step that it works on where they lie in the state."""
+        self._given = 0
+
+    def expr(self, e: core.Expr) -> c.CExpr:
+        """A pure expression."""
+        raise NotImplementedError
+
+    def local(self, name: str) -> str:
+        """The C name of a temporary."""
+        return local(name, self.types.prefix)
+
+    @contextmanager
+    def planned(
+        self,
+        task: PlannedBody | None,
+        certain: frozenset[int] = frozenset(),
+        in_place: frozenset[str] = frozenset(),
+    ) -> Iterator[None]:
+        """Emit a body whose large values lie where a plan of it says, and what it surely gives."""
+        self.plan = StoragePlan() if task is None else plan_of(task)
+        self.certain = certain
+        self.in_place = in_place
+        self._given = 0
+        try:
+            yield
+        finally:
+            self.plan = StoragePlan()
+            self.certain = frozenset()
+            self.in_place = frozenset()
+
+    def used(self, root: object) -> set[str]:
+        """Names of temporaries that are read somewhere below, but for values that nobody reads."""
+        read_counts = Counter(x.name for x in walk(root) if isinstance(x, core.Var))
+        for s in walk(root):
+            if id(s) in self.plan.idle:
+                read_counts.subtract(x.name for x in walk(s) if isinstance(x, core.Var))
+        return {name for name, times in read_counts.items() if times > 0}
+
+    def refers(self, name: str) -> bool:
+        """Whether a temporary is a pointer to where its value lies."""
+        return name in self.plan.references or name in self.in_place
+
+    def is_own(self, name: str) -> bool:
+        """Whether a name has a place of its own."""
+        return self.plan.home(name) == name
+
+    def place(self, name: str) -> c.CExpr:
+        """Where a temporary, an output or the result lies."""
+        home, path = self.plan.homes.get(name, (name, ()))
+        place = self._own(home)
+        for part in path:
+            place = c.Member(place, field_name(part))
+        return place
+
+    def _own(self, name: str) -> c.CExpr:
+        if name == RESULT:
+            return MADE
+        for k, output in enumerate(self.outputs):
+            if name == output_name(k):
+                return c.Name(f"out_{output}")
+        own = c.Name(self.local(name))
+        return c.Unary("*", own) if self.refers(name) else own
+
+    # ------------------------------------------------------------ locals in place
+
+    def is_changed(self, name: str) -> c.Name:
+        """Whether a step has changed a local that it works on in place."""
+        return c.Name(f"given_{self.local(name)}_changed")
+
+    def before(self, name: str) -> c.Name:
+        """What such a local was until then."""
+        return c.Name(f"given_{self.local(name)}_before")
+
+    def changing(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
+        """The C of a statement; in front of it what it changes in place is put aside, once."""
+        name = getattr(s, "name", None)
+        if isinstance(s, core.Publish):
+            name = output_name(s.output)
+        home = self.plan.home(name) if isinstance(name, str) else ""
+        if home not in self.in_place or all(isinstance(x, c.Unused) for x in made):
+            return made
+        changed = self.is_changed(home)
+        aside = (c.Assign(self.before(home), self.place(home)), c.Assign(changed, c.Name("true")))
+        return [c.IfStmt(c.Unary("!", changed), aside), *made]
+
+    # ------------------------------------------------------------ calls
+
+    def parameters(self, parameters: tuple[core.Parameter, ...]) -> list[tuple[str, str]]:
+        """C types and names of parameters: large ones by address."""
+        return [(self.parameter_type(p.type), self.local(p.name)) for p in parameters]
+
+    def parameter_type(self, t: Type) -> str:
+        """The C type of a parameter."""
+        work = self.types.work(t)
+        return f"const {work} *" if self.types.is_large(t) else work
+
+    def task(self, f: core.Function, result: core.Expr) -> PlannedBody:
+        """What is to be planned of a function."""
+        large = self.types.is_large
+        given = tuple(p.name for p in f.parameters if large(p.type))
+        return PlannedBody(code=f.body, is_large=large, given=given, result=result, leave=f.leave)
+
+    def arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
+        """What a function is given, and what goes before the call."""
+        before: list[c.CStmt] = []
+        given: list[c.CExpr] = []
+        for e in arguments:
+            first, argument = self._argument(e)
+            before += first
+            given.append(argument)
+        return before, given
+
+    def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
+        """What a function is given: of something large its address."""
+        if not self.types.is_large(e.type):
+            return [], self.expr(e)
+        if has_address(e):
+            return [], c.address(self.expr(e))
+        before, value = self._apart(e)
+        return before, c.address(value)
+
+    # ------------------------------------------------------------ large values
+
+    def into(self, target: c.CExpr, root: str, t: Type, e: core.Expr) -> list[c.CStmt]:
+        """Put a value where one of type `t` is stored: in `target`, a part or all of place `root`.
+
+        In pieces, where it is made of large ones, so that no other place is needed for it; in one
+        where a piece may be read from what is written.
+        """
+        if isinstance(e, core.Select) and self.types.is_large(t):
+            then = self.into(target, root, t, e.then)
+            otherwise = self.into(target, root, t, e.otherwise)
+            return [c.IfStmt(self.expr(e.condition), tuple(then), tuple(otherwise))]
+        in_pieces = isinstance(e, core.Make) and self.types.is_large(t)
+        if not in_pieces or not isinstance(e, core.Make):
+            if self._lies_in(e, target):
+                return []
+            return [c.Assign(target, self.types.to_store(t, self.expr(e)))]
+        if self._is_read(target, root, e):
+            before, value = self._apart(e)
+            return [*before, c.Assign(target, value)]
+        if isinstance(t, RecordType):
+            statements: list[c.CStmt] = []
+            for (name, of), element in zip(t.fields, e.elements, strict=True):
+                statements += self.into(c.Member(target, field_name(name)), root, of, element)
+            if struct_of(t).padding:
+                byte = c.IndexExpr(c.Member(target, "pad_"), c.Name("pad"))
+                zero = (c.Assign(byte, c.Number("0")),)
+                count = c.Number(str(struct_of(t).padding))
+                statements.append(c.For("pad", c.Number("0"), count, zero))
+            return statements
+        assert isinstance(t, (ArrayType, ListType))
+        if isinstance(t, ArrayType) and not self.types.is_large(t.element):
+            return [c.Assign(target, self.expr(e))]
+        items = c.Member(target, "at" if isinstance(t, ArrayType) else "items")
+        statements = [] if isinstance(t, ArrayType) else [c.Assign(target, self.types.default(t))]
+        for k, element in enumerate(e.elements):
+            place = c.IndexExpr(items, c.Number(str(k)))
+            statements += self.into(place, root, t.element, element)
+        if isinstance(t, ListType) and e.elements:
+            statements.append(c.Assign(c.Member(target, "len"), c.Number(str(len(e.elements)))))
+        return statements
+
+    def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:
+        """Whether a value need not be put there, because it is there already."""
+        return isinstance(e, core.Var) and self.place(self.plan.whole(e.name)) == target
+
+    def _is_read(self, target: c.CExpr, root: str, e: core.Make) -> bool:
+        """Whether a piece of a value that is put together in a place may be read from there."""
+        there: set[str] = set()
+        others = list(e.elements)
+        if isinstance(e.type, RecordType):
+            for (name, _), element in zip(e.type.fields, e.elements, strict=True):
+                if self._lies_in(element, c.Member(target, field_name(name))):
+                    assert isinstance(element, core.Var)
+                    there.add(self.plan.whole(element.name))
+                    others.remove(element)
+        reads = self.plan.reads(*others) - there
+        return any(self.plan.home(x) == self.plan.home(root) for x in reads)
+
+    def _apart(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
+        """A value in a place that nothing else has."""
+        self._given += 1
+        made = c.Name(f"given_{self._given}")
+        declared = c.Declare(self.types.work(e.type), made.text, None)
+        return [declared, *self.into(made, made.text, e.type, e)], made

@@ -1,0 +1,120 @@
+"""Walks over Core: which cells it reads and writes, and how many operations it takes.
+
+Purpose: the footprint of a step is what reduction in the explorer and the frame of a proof rest on;
+the count of operations is a rough measure by which campaigns decide what is worth a test at run
+time.
+Non-goals: alias analysis (cells are whole topics, locals and states); times; the cost of a step
+that a program may have (`language/check/step_cost.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from soter.core import core
+from soter.core.core import Call, If, Loop
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.core.core import Function, Stmt
+    from soter.language.model.system import System
+
+
+_NOT_WALKED = frozenset({"type", "span", "value"})
+"""Fields that are no code, but where an expression stands in them."""
+
+
+@cache
+def _fields(kind: type) -> tuple[tuple[str, type | tuple[type, ...]], ...] | None:
+    """The fields of a class of Core, the last one first, and what is code in each; else None."""
+    if not issubclass(kind, (core.Expr, core.Stmt)):
+        return None
+    code = (tuple, core.Expr, core.Stmt)
+    return tuple(
+        (f.name, core.Expr if f.name in _NOT_WALKED else code) for f in reversed(fields(kind))
+    )
+
+
+def walk(root: object) -> Iterator[object]:
+    """Every Core expression and statement below `root`, in order."""
+    stack = [root]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, tuple):
+            stack.extend(reversed(node))
+            continue
+        kind: Any = type(node)
+        parts = _fields(kind)
+        if parts is None:
+            continue
+        yield node
+        for name, code in parts:
+            part = getattr(node, name)
+            if isinstance(part, code):
+                stack.append(part)
+
+
+def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
+    """Cells, modes and stamps that some statements may read."""
+    result = core.Footprint()
+    for node in walk(statements):
+        if isinstance(node, core.Get):
+            result.reads.add(node.cell)
+        elif isinstance(node, core.Fact):
+            if node.fact == "mode":
+                result.modes.add(node.index)
+            elif node.fact == "age":
+                result.stamps.add(node.index)
+    return result
+
+
+def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
+    """Names of temporaries that are assigned after their creation."""
+    names = set()
+    for n in walk(statements):
+        if isinstance(n, (core.Set, core.Push)):
+            names.add(n.name)
+        elif isinstance(n, core.Choose) and n.ages is not None:
+            names.add(n.ages)
+    return names
+
+
+def written_topics(system: System, topic: int) -> list[core.Cell]:
+    """The cells that a publication changes: the topic and the queues behind it."""
+    indices = (topic, *system.topics[topic].queues)
+    return [core.Cell("topic", i, system.topics[i].name) for i in indices]
+
+
+def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
+    """The outputs that every way through a step publishes."""
+    outputs: set[int] = set()
+    for s in code:
+        if isinstance(s, core.Publish):
+            outputs.add(s.output)
+        elif isinstance(s, core.If):
+            outputs |= always_published(s.then) & always_published(s.otherwise)
+    return outputs
+
+
+def operations_of(functions: tuple[Function, ...]) -> dict[str, int]:
+    """Of each function by its name; those that are called come first."""
+    known: dict[str, int] = {}
+    for f in functions:
+        known[f.name] = operations(f.body, known)
+    return known
+
+
+def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
+    """How many expressions a body evaluates at most, roughly; `known`: of functions by name."""
+    count = 0
+    for s in body:
+        if isinstance(s, Loop):
+            count += max(0, s.high - s.low) * operations(s.body, known)
+        elif isinstance(s, If):
+            count += operations(s.then, known) + operations(s.otherwise, known)
+        else:
+            count += sum(known[x.function] if isinstance(x, Call) else 1 for x in walk(s))
+    return count

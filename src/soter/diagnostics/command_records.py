@@ -1,0 +1,271 @@
+"""Records of commands: options as fields that all readers ask, and results as JSON objects.
+
+Purpose: an option has its range, unit, words and flag in one place: a record is made of keywords,
+or every mistake is U001; and the method that takes them gets its signature and docstring. One list
+of fields makes a JSON document and its schema.
+Non-goals: which options there are (each room's record), command lines
+(`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
+lists.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from importlib import import_module
+from operator import index
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard, TypeVar, cast
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    Record = TypeVar("Record")
+    Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+Made = Mapping[str, Callable[[Any], object]]
+Shape: TypeAlias = "JsonObject | dict[str, object]"
+
+
+def one_of(*values: object) -> dict[str, object]:
+    """The schema of what is one of some values, where a type does not say so."""
+    return {"enum": list(values)}
+
+
+class JsonObject:
+    """A record as an object."""
+
+    def __init__(
+        self,
+        record: type | str,
+        fields: str,
+        made: Made | None = None,
+        named: str = "",
+        beside: Mapping[str, object] | None = None,
+        shapes: Mapping[str, Shape] | None = None,
+        **more: Shape,
+    ) -> None:
+        """`record`: its class, or `room.file.Class` where that is heavy.
+
+        `fields`: each `name`, or `name=path` where the record has it at another place (None on the
+        way is null; behind a list or tuple it is that of every entry); with `?` at the end what is
+        empty is null, with `*` pairs are an object. `made`: those that a function of the record
+        makes. `shapes`, `more`: the objects that values are, also in tuples and mappings, or
+        schemas. `named`: its own block in the page. `beside`: what the command adds, with types, or
+        may add (`name?`).
+        """
+        self.record, self.made, self.named = record, made or {}, named
+        pairs = [text.partition("=") for text in fields.split()]
+        self.paths = {name.rstrip("?*"): path or name for name, _, path in pairs}
+        self.beside, self.shapes = beside or {}, {**(shapes or {}), **more}
+
+    def of(self, record: object) -> dict[str, object]:
+        """The object."""
+        values = {n: self.made.get(n, _at(path))(record) for n, path in self.paths.items()}
+        return {name: _plain(value, self.shapes.get(name)) for name, value in values.items()}
+
+
+def _at(path: str) -> Callable[[Any], object]:
+    def value(record: Any) -> object:  # noqa: ANN401 - any record
+        for name in path.rstrip("?*").split("."):
+            record = _part(record, name)
+        if path.endswith("*"):
+            return dict(record)
+        return (record or None) if path.endswith("?") else record
+
+    return value
+
+
+def _part(record: object, name: str) -> object:
+    if _lists(record):
+        return [_part(one, name) for one in record]
+    return None if record is None else getattr(record, name)
+
+
+def _lists(value: object) -> TypeGuard[Sequence[object]]:
+    """Whether it is a list of others; a named tuple is a record."""
+    return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
+
+
+def _plain(value: object, shape: Shape | None) -> object:
+    if isinstance(value, Mapping):
+        return {str(name): _plain(part, shape) for name, part in value.items()}
+    if _lists(value):
+        return [_plain(part, shape) for part in value]
+    if isinstance(shape, JsonObject) and value is not None:
+        return shape.of(value)
+    if isinstance(value, Path):
+        return str(value)
+    if value is None or isinstance(value, (str, int, float)):
+        return value
+    raise TypeError(f"no JSON has a {type(value).__name__}")
+
+
+POWERS = {2**63: "2^63", 2**64 - 1: "2^64 - 1"}
+SHOWN = 40
+"""Characters of a wrong value that a message quotes."""
+UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+_SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What values an option takes. `text`: how a command line reads one; `allowed`: the range.
+
+    `in_python`: what its words say where no command line is, with the unit.
+    """
+
+    text: str = ""
+    allowed: str = ""
+    fits: Callable[[Any], bool] = lambda _: True
+    read: Callable[[Any], Any] = lambda given: given
+    in_python: str = "{}"
+
+
+ANYTHING = Kind()
+"""Taken as it is: whoever uses it checks it."""
+SEVERAL, SWITCH = Kind("several"), Kind("switch")
+
+
+def choice(*names: str) -> Kind:
+    """One of some names."""
+    said = f"{', '.join(names[:-1])} or {names[-1]}"
+    return Kind("", said, lambda given: given in names)
+
+
+def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
+    """A whole number."""
+
+    def fits(given: Any) -> bool:  # noqa: ANN401 - whatever a caller gives
+        return hasattr(given, "__index__") and not isinstance(given, bool) and low <= given <= high
+
+    return Kind(
+        text, f"a whole number from {low} to {POWERS.get(high, high)}", fits, index, in_python
+    )
+
+
+def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
+    """A length of time in seconds; `low`: in words, where 0 is one with what it means."""
+
+    def fits(given: object) -> bool:
+        if given is None or isinstance(given, bool) or not isinstance(given, (int, float)):
+            return given is None and optional
+        return 0 <= given <= high and (given > 0 or low.startswith("from 0"))
+
+    return Kind("seconds", f"seconds, {low} {high:,}", fits, in_python="seconds {}")
+
+
+def size(low: int) -> Kind:
+    """Bytes, or a text such as `512M`."""
+    said = "write it as 512M or 2G; 1M at least"
+    return Kind("size", said, lambda given: low <= (bytes_of(given) or 0) < 2**63, bytes_of)
+
+
+def bytes_of(given: int | str) -> int | None:
+    """Bytes, from a number or a text such as `512M`; None where it is none."""
+    if isinstance(given, int):
+        return None if isinstance(given, bool) else given
+    match = _SIZE.fullmatch(given.strip()) if isinstance(given, str) else None
+    return None if match is None else int(float(match[1]) * UNITS[match[2].upper()])
+
+
+@dataclass(frozen=True)
+class Option:
+    """What is known of a field of a record.
+
+    `flags`: as a command line has them, with what stands for a value; none where it has none.
+    `given`: the default as a caller writes it; `words` may quote it (`{default}`), and how a text
+    is written (`{text}`). `told`: its field in the JSON document of a result. `keyword`: whether
+    callers in Python have it, too.
+    """
+
+    flags: str
+    given: Any
+    words: str
+    kind: Kind
+    told: str
+    keyword: bool
+
+    def help(self, text: str = "") -> str:
+        """The words for a command line; `text`: how a text is written, where one is read."""
+        return self.words.format(default=self.given, text=text)
+
+    @property
+    def meaning(self) -> str:
+        """The words for who gives the value itself: with its unit."""
+        return self.kind.in_python.format(self.help())
+
+
+def option(
+    flags: str,
+    given: Any,  # noqa: ANN401 - a field of whatever type
+    words: str,
+    kind: Kind = ANYTHING,
+    told: str = "",
+    *,
+    keyword: bool = True,
+) -> Any:  # noqa: ANN401 - the same
+    """A field of a record of options."""
+    known = Option(flags, given, words, kind, told, keyword)
+    default = given if given is None else kind.read(given)
+    return field(default=default, metadata={"option": known})
+
+
+def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
+    """The options of a record by name, in order, or the keywords of them."""
+    known = {f.name: f.metadata["option"] for f in fields(record) if f.metadata}
+    return {name: o for name, o in known.items() if o.keyword or not keyword}
+
+
+def made(record: type[Record], given: Mapping[str, object]) -> Record:
+    """The record of keywords; `SoterError` U001 with all mistakes at once, TypeError as a call."""
+    options, problems = options_of(record, keyword=True), []
+    for name, value in given.items():
+        if name not in options:
+            raise TypeError(f"got an unexpected keyword argument '{name}'")
+        kind = options[name].kind
+        if not kind.fits(value):
+            message = f"`{name}` cannot be `{str(value)[:SHOWN]}`"
+            problems.append(Diagnostic("U001", message, helps=(kind.allowed,)))
+    if problems:
+        raise SoterError(tuple(problems))
+    return record(**{name: options[name].kind.read(value) for name, value in given.items()})
+
+
+class takes:  # noqa: N801 - a decorator
+    """A method with `**options` of a record, `room.file.Class`, shows them: defaults, words.
+
+    The record is imported when somebody asks for the method.
+    """
+
+    def __init__(self, record: str) -> None:
+        self.record = record
+
+    def __call__(self, method: Method) -> Method:
+        """The method, described when it is looked up."""
+        self.method = method
+        return cast("Method", self)
+
+    def __get__(self, one: object, owner: type | None = None) -> Any:  # noqa: ANN401 - a method
+        """The method."""
+        if self.record:
+            module, _, name = self.record.rpartition(".")
+            _describe(self.method, options_of(getattr(import_module(module), name), keyword=True))
+            self.record = ""
+        return self.method.__get__(one, owner)
+
+
+def _describe(method: Any, known: Mapping[str, Option]) -> None:  # noqa: ANN401 - as above
+    signature = inspect.signature(method)
+    own = [p for p in signature.parameters.values() if p.kind != p.VAR_KEYWORD]
+    own += [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=o.given)
+        for name, o in known.items()
+        if name not in signature.parameters
+    ]
+    method.__signature__ = signature.replace(parameters=own)
+    lines = [f"`{name}`: {o.meaning}." for name, o in known.items()]
+    method.__doc__ = "\n".join((inspect.cleandoc(method.__doc__ or ""), "", *lines))

@@ -1,0 +1,341 @@
+"""A flat system as a graph of boxes and arrows, and the rows of numbers that its boxes hold.
+
+Purpose: `DiagramGraph` has components and topics with their periods, modules as frames around DM,
+AC and SC, and topics that the same write and the same read in one box, as nobody tells twenty
+parallel arrows apart. A type becomes rows, each with the key under which a page finds its text.
+Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/outputs/`). What
+only properties read (the truth of a plant) is no arrow: nothing flows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.language.model.durations import show_ns
+from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type
+
+
+ROWS_MAX = 6
+"""So many rows of a topic or plant are shown; that there are more is said by the last."""
+ROWS_TOGETHER_MAX = 3
+"""So many numbers of one unit stand in a row."""
+LETTERS = 8
+"""Of a number, as pages write it."""
+
+
+@dataclass(frozen=True)
+class ValueRow:
+    """`label`, then the values at `paths` (indices of fields and elements), then the `unit`.
+
+    `names`: of the signals, as reports call them. `words`: what 0, 1, ... stand for, where the
+    values are no numbers. Without paths it is a text, that of `label` or what a page says.
+    """
+
+    key: str
+    label: str
+    paths: tuple[tuple[int, ...], ...] = ()
+    names: tuple[str, ...] = ()
+    unit: str = ""
+    words: tuple[str, ...] = ()
+
+    @property
+    def letters(self) -> int:
+        """How long its text can get."""
+        one = max((len(w) for w in self.words), default=LETTERS)
+        many = len(self.paths) or min(len(self.words), 1)
+        parts = [len(self.label), (one + 2) * many, len(self.unit)]
+        return sum(parts)
+
+
+def rows_of(name: str, t: Type) -> tuple[ValueRow, ...]:
+    """The rows of a topic or a plant of this full name and type; lists have none."""
+    rows = list(_rows(name, "", t, ()))
+    if len(rows) > ROWS_MAX:
+        left = len(rows) - ROWS_MAX + 1
+        rows = [*rows[: ROWS_MAX - 1], ValueRow(f"{name} …", f"… and {left} more")]
+    return tuple(rows)
+
+
+def _rows(name: str, label: str, t: Type, path: tuple[int, ...]) -> Iterator[ValueRow]:
+    if isinstance(t, (FloatType, IntType)):
+        yield ValueRow(name, label, (path,), (name,), t.unit)
+    elif isinstance(t, BoolType):
+        yield ValueRow(name, label, (path,), (name,), words=("false", "true"))
+    elif isinstance(t, EnumType):
+        yield ValueRow(name, label, (path,), (name,), words=t.members)
+    elif isinstance(t, RecordType):
+        numbers = [f for _, f in t.fields if isinstance(f, (FloatType, IntType))]
+        if path and 1 < len(numbers) == len(t.fields) <= ROWS_TOGETHER_MAX and _one_unit(numbers):
+            paths = tuple((*path, i) for i in range(len(numbers)))
+            names = tuple(f"{name}.{n}" for n, _ in t.fields)
+            yield ValueRow(name, label, paths, names, numbers[0].unit)
+            return
+        for i, (n, f) in enumerate(t.fields):
+            yield from _rows(f"{name}.{n}", f"{label}.{n}" if label else n, f, (*path, i))
+    elif isinstance(t, ArrayType):
+        for i in range(t.size):
+            yield from _rows(f"{name}[{i}]", f"{label}[{i}]", t.element, (*path, i))
+
+
+def _one_unit(numbers: list[FloatType | IntType]) -> bool:
+    return len({t.unit for t in numbers}) == 1
+
+
+@dataclass(frozen=True)
+class DiagramBox:
+    """A box with text: `lines` are titles, `caption` stands below them in small letters.
+
+    `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
+    names of what is shown here, one but for topics that share a box. `values`: of each title the
+    rows below it that a page fills in while a run is replayed; empty where nothing is replayed.
+    """
+
+    key: str
+    kind: str
+    lines: tuple[str, ...]
+    caption: str = ""
+    names: tuple[str, ...] = ()
+    values: tuple[tuple[ValueRow, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class ModuleFrame:
+    """A module: a frame with a title around its controllers and its DM."""
+
+    key: str
+    title: str
+    inside: tuple[Part, ...]
+
+
+Part = DiagramBox | ModuleFrame
+
+
+@dataclass(frozen=True)
+class Edge:
+    """From one key to another."""
+
+    source: str
+    target: str
+
+
+@dataclass(frozen=True)
+class DiagramGraph:
+    """Everything that is drawn. `first`: keys of what stands at the top where it can."""
+
+    title: str
+    parts: tuple[Part, ...]
+    arrows: tuple[Edge, ...]
+    first: frozenset[str] = frozenset()
+
+
+def cells(part: Part) -> tuple[DiagramBox, ...]:
+    """The boxes of a part, from left to right."""
+    if isinstance(part, DiagramBox):
+        return (part,)
+    return tuple(cell for inner in part.inside for cell in cells(inner))
+
+
+ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
+TOGETHER_MAX = 9
+"""So many names stand in one box of topics."""
+
+
+def graph_of(system: System, *, live: bool = False) -> DiagramGraph:
+    """The graph of a system: every component once, every topic of the program once.
+
+    `live`: with room for what topics, plants and decision modules hold at a moment.
+    """
+    frames = _frames(system)
+    framed = {cell.key for frame in frames for cell in cells(frame)}
+    alone = [_component(c) for c in system.components if _key(c) not in framed]
+    writers, readers = _writers(system), _readers(system)
+    topics, boxes = _topics(system, writers, readers)
+    if live:
+        rows = live_rows(system)
+        frames = [_with_rows(frame, rows) for frame in frames]
+        alone, topics = [_roomy(c, rows) for c in alone], [_roomy(c, rows) for c in topics]
+    arrows: dict[Edge, None] = {}
+    for topic, box in boxes.items():
+        for key in writers[topic]:
+            arrows[Edge(key, box)] = None
+        for key in _met(frames, readers[topic]):
+            arrows[Edge(box, key)] = None
+    plants = frozenset(_key(c) for c in system.components if c.plant is not None)
+    return DiagramGraph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
+
+
+# ---------------------------------------------------------------- values
+
+
+def live_rows(system: System) -> dict[str, tuple[ValueRow, ...]]:
+    """The rows that a box has room for, by `t:TOPIC` or `c:COMPONENT`, by full names."""
+    shown = (system.topics[i] for i in _shown(system))
+    rows_by_key = {f"t:{topic.name}": rows_of(topic.name, topic.type) for topic in shown}
+    for c in system.components:
+        if c.plant is not None:
+            rows_by_key[_key(c)] = tuple(
+                replace(row, key=f"truth:{row.key}") for row in rows_of(c.name, c.plant.truth)
+            )
+    for m in system.modules:
+        rows_by_key[_key(system.components[m.dm])] = (
+            ValueRow(saw_key(m.name), "", words=("ttf safer",)),
+        )
+    return rows_by_key
+
+
+def saw_key(module: str) -> str:
+    """The key of the row that says what a decision module saw."""
+    return f"saw:{module}"
+
+
+def _roomy(cell: DiagramBox, rows: Mapping[str, tuple[ValueRow, ...]]) -> DiagramBox:
+    first = "t" if cell.kind in ("topic", "input") else "c"
+    return replace(cell, values=tuple(rows.get(f"{first}:{name}", ()) for name in cell.names))
+
+
+def _with_rows(frame: ModuleFrame, rows: Mapping[str, tuple[ValueRow, ...]]) -> ModuleFrame:
+    inside = tuple(
+        _with_rows(p, rows) if isinstance(p, ModuleFrame) else _roomy(p, rows) for p in frame.inside
+    )
+    return replace(frame, inside=inside)
+
+
+# ---------------------------------------------------------------- components
+
+
+def _key(c: Component) -> str:
+    return f"c:{c.name}"
+
+
+def _component(c: Component) -> DiagramBox:
+    """A box: the name, and below it what it is and how often it runs."""
+    name = c.name.rpartition(".")[2] if c.role in ROLES else c.name
+    told = [ROLES[c.role]] if c.role in ROLES else []
+    what = c.plant or c.node
+    if c.role in {"plant", "node"} and what is not None and _short(what.name) != _short(name):
+        told.append(_short(what.name))
+    told.append(show_ns(c.period_ns))
+    if c.extern:
+        told.append("extern")
+    if c.takes_ns is not None:
+        told.append(f"takes {show_ns(c.takes_ns[1])}")
+    title = "DM" if c.role == "dm" else name
+    shown = told[1:] if c.role == "dm" else told
+    return DiagramBox(_key(c), c.role, (title,), " · ".join(shown), (c.name,))
+
+
+def _short(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+def _frames(system: System) -> list[ModuleFrame]:
+    """The modules that stand in no other's place of AC, with those that do inside."""
+    above = {m.over for m in system.modules if m.over is not None}
+    return [_frame(system, m) for m in system.modules if m.index not in above]
+
+
+def _frame(system: System, m: Module) -> ModuleFrame:
+    ac: Part = _component(system.components[m.ac])
+    if m.over is not None:
+        ac = _frame(system, system.modules[m.over])
+    dm, sc = (_component(system.components[i]) for i in (m.dm, m.sc))
+    held = "" if m.forced is None else f" (always {m.forced.upper()})"
+    return ModuleFrame(f"m:{m.name}", f"{m.name}{held}", (ac, dm, sc))
+
+
+def _met(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
+    """Where arrows to these readers end: at a frame where all inside it read."""
+    left, ends = set(readers), []
+    for frame in _all_frames(frames):
+        inside = {cell.key for cell in cells(frame)}
+        if inside <= left:
+            ends.append(frame.key)
+            left -= inside
+    return [*ends, *sorted(left)]
+
+
+def _all_frames(frames: Iterable[Part]) -> Iterable[ModuleFrame]:
+    """Frames, the outer ones first."""
+    for part in frames:
+        if isinstance(part, ModuleFrame):
+            yield part
+            yield from _all_frames(part.inside)
+
+
+# ---------------------------------------------------------------- topics
+
+
+def _shown(system: System) -> list[int]:
+    """The topics of the program, without queues and what only holds values."""
+    return [t.index for t in system.topics if t.queue_of is None and not t.held]
+
+
+def _writers(system: System) -> dict[int, frozenset[str]]:
+    """Topic -> keys of what writes it; the outputs of a module come from its frame."""
+    writers_by_topic: dict[int, set[str]] = {i: set() for i in _shown(system)}
+    above = {m.over for m in system.modules if m.over is not None}
+    gated = {i: f"m:{m.name}" for m in system.modules if m.index not in above for i in m.outputs}
+    for c in system.components:
+        written = []
+        if c.plant is not None:
+            written = [c.scope.topics[t] for t, _ in c.plant.drives]
+        elif c.node is not None:
+            written = [c.scope.topics[t] for t in c.node.publishes]
+        for i in written:
+            if i in writers_by_topic and not (c.module is not None and i in gated):
+                writers_by_topic[i].add(_key(c))
+    for i, key in gated.items():
+        writers_by_topic[i].add(key)
+    return {i: frozenset(keys) for i, keys in writers_by_topic.items()}
+
+
+def _readers(system: System) -> dict[int, frozenset[str]]:
+    """Topic -> keys of the components that read it."""
+    readers_by_topic: dict[int, set[str]] = {}
+    for c in system.components:
+        read: list[int] = []
+        if c.plant is not None:
+            read = [c.scope.topics[t] for t in c.plant.reads]
+        elif c.node is not None:
+            read = [c.scope.topics[s.topic] for s in c.node.subscribes]
+        elif c.module is not None:
+            read = list(system.modules[c.module].reads)
+        for i in read:
+            source = system.topics[i].queue_of
+            readers_by_topic.setdefault(i if source is None else source, set()).add(_key(c))
+    return {i: frozenset(readers_by_topic.get(i, ())) for i in _shown(system)}
+
+
+def _topics(
+    system: System, writers: dict[int, frozenset[str]], readers: dict[int, frozenset[str]]
+) -> tuple[list[DiagramBox], dict[int, str]]:
+    """The boxes of topics, and the key of the box of each; what nobody touches is left out."""
+    groups: dict[object, list[int]] = {}
+    for i in _shown(system):
+        if writers[i] or readers[i]:
+            alike = (writers[i], readers[i], _outside(system, i))
+            groups.setdefault(alike, []).append(i)
+    topic_cells: list[DiagramBox] = []
+    boxes: dict[int, str] = {}
+    for group in groups.values():
+        for start in range(0, len(group), TOGETHER_MAX):
+            part = group[start : start + TOGETHER_MAX]
+            names = tuple(system.topics[i].name for i in part)
+            kind = "input" if _outside(system, part[0]) else "topic"
+            topic_cells.append(DiagramBox(f"t:{names[0]}", kind, names, "", names))
+            boxes |= dict.fromkeys(part, f"t:{names[0]}")
+    return topic_cells, boxes
+
+
+def _outside(system: System, topic: int) -> bool:
+    """Whether the environment alone sets a topic."""
+    drawn = {d.topic for d in system.inputs} | {e.topic for e in system.externals}
+    driven = system.topics[topic].driver
+    return driven == "input" or (topic in drawn and driven in {"", "input"})

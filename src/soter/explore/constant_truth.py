@@ -1,0 +1,399 @@
+"""Whether a condition has one truth value whatever is read.
+
+Purpose: `holds_always` asks intervals first, cut at the constants that the condition compares with,
+and small sets value by value; then a solver, where z3 is installed, with floats as IEEE has them,
+for conditions that compare what is read with each other.
+Non-goals: what may be read and what is said of it (`explore/vacuous_tests.py`). The solver leaves
+loops, arrays with indices that are read, and functions of more than one `return` undecided.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from functools import lru_cache
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+from soter.language.evaluate.predicates import returned
+from soter.language.evaluate.range_evaluation import (
+    COMPARISONS,
+    RangeEvaluator,
+    ReadPlace,
+    TooHardError,
+)
+from soter.language.evaluate.ranges import Range
+from soter.language.model import typed
+from soter.language.model.tree_walk import calls_in, nodes
+from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
+from soter.workers.solvers import answer_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from soter.language.model.system import Scope
+
+    Read = Callable[[ReadPlace], Range]
+
+
+PATIENCE_MS = 1_000
+
+
+@lru_cache(maxsize=1)
+def _solver() -> Any:  # noqa: ANN401 - z3 has no types
+    """The module, or None."""
+    try:
+        import z3  # noqa: PLC0415 - an extra
+    except ImportError:
+        return None
+    return z3
+
+
+def solved(
+    condition: typed.TypedExpr,
+    wanted: bool,
+    scope: Scope,
+    asked: Mapping[ReadPlace, Range],
+    period_ns: int,
+) -> bool:
+    """Whether no values of these ranges make it anything else than `wanted`, or a fault."""
+    z3 = _solver()
+    if z3 is None:
+        return False
+    try:
+        terms = _Terms(z3, scope, asked, period_ns)
+        held = terms.of(condition)
+    except TooHardError:
+        return False
+    solver = z3.Solver()
+    solver.set("timeout", PATIENCE_MS)
+    solver.add(*terms.ranges)
+    solver.add(z3.Or(held != z3.BoolVal(wanted), *terms.faults))
+    return bool(answer_of(solver) == z3.unsat)
+
+
+class _Terms:
+    """Expressions as terms; what may fault is collected, whether or not it is evaluated."""
+
+    def __init__(
+        self,
+        z3: Any,  # noqa: ANN401 - it has no types
+        scope: Scope,
+        asked: Mapping[ReadPlace, Range],
+        period_ns: int,
+    ) -> None:
+        self.z3 = z3
+        self.scope = scope
+        self.asked = asked
+        self.period_s = period_ns / 1e9
+        self.sort = z3.Float64()
+        self.round = z3.RNE()
+        self.ranges: list[Any] = []
+        self.faults: list[Any] = []
+        self._known: dict[ReadPlace, Any] = {}
+
+    def of(self, e: typed.TypedExpr) -> Any:  # noqa: ANN401 - a term
+        """The term of an expression; `TooHardError`."""
+        if isinstance(e, typed.Literal):
+            return self._constant(e.type, e.value)
+        if isinstance(e, typed.ParamRead):
+            return self._constant(e.type, self.scope.params[e.param])
+        if isinstance(e, typed.PeriodRead):
+            return self._constant(e.type, self.period_s)
+        place = self._place(e)
+        if place is not None:
+            return self._read(place)
+        if isinstance(e, typed.TypedUnary):
+            return self._unary(e)
+        if isinstance(e, typed.TypedBinary):
+            return self._binary(e)
+        if isinstance(e, typed.Conditional):
+            return self.z3.If(self.of(e.condition), self.of(e.then), self.of(e.otherwise))
+        if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
+            return self._builtin(e)
+        if isinstance(e, typed.TypedCall):
+            inner = returned(e)
+            if inner is not None:
+                return self.of(inner)
+        raise TooHardError
+
+    def _place(self, e: typed.TypedExpr) -> ReadPlace | None:
+        if isinstance(e, typed.TopicRead):
+            return ReadPlace("topic", self.scope.topics[e.topic], e.type)
+        if isinstance(e, typed.TruthRead):
+            return ReadPlace("truth", self.scope.plants[e.instance], e.type)
+        if isinstance(e, typed.ModeRead):
+            return ReadPlace("mode", self.scope.modules[e.module], e.type)
+        if isinstance(e, typed.TimeRead):
+            return ReadPlace("time", 0, e.type)
+        if isinstance(e, typed.AgeRead):
+            return ReadPlace("age", self.scope.topics[e.topic], e.type)
+        if isinstance(e, typed.TypedField):
+            whole = self._place(e.target)
+            if whole is not None:
+                return ReadPlace(whole.kind, whole.index, e.type, (*whole.path, e.index))
+        return None
+
+    def _read(self, place: ReadPlace) -> Any:  # noqa: ANN401 - a term
+        if place not in self._known:
+            bounds = self.asked.get(place)
+            if bounds is None or bounds.low > bounds.high:
+                raise TooHardError
+            z3, name = self.z3, f"{place.kind}{place.index}{place.path}"
+            if isinstance(place.type, FloatType):
+                term = z3.FP(name, self.sort)
+                inside = z3.And(
+                    z3.fpGEQ(term, z3.FPVal(bounds.low, self.sort)),
+                    z3.fpLEQ(term, z3.FPVal(bounds.high, self.sort)),
+                )
+                self.ranges.append(z3.Or(z3.fpIsNaN(term), inside) if bounds.nan else inside)
+            elif self._is_truth(place):
+                term = z3.Bool(name)
+                if bounds.single:
+                    self.ranges.append(term == bool(bounds.low))
+            else:
+                term = z3.Int(name)
+                self.ranges += [term >= int(bounds.low), term <= int(bounds.high)]
+            self._known[place] = term
+        return self._known[place]
+
+    def _is_truth(self, place: ReadPlace) -> bool:
+        return type(place.type).__name__ == "BoolType"
+
+    def _constant(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
+        if isinstance(value, bool):
+            return self.z3.BoolVal(value)
+        if isinstance(of, FloatType):
+            return self.z3.FPVal(float(value), self.sort)
+        if isinstance(value, int):
+            return self.z3.IntVal(value)
+        raise TooHardError
+
+    def _whole(self, term: Any) -> Any:  # noqa: ANN401 - a term
+        self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
+        return term
+
+    def _unary(self, e: typed.TypedUnary) -> Any:  # noqa: ANN401 - a term
+        a = self.of(e.operand)
+        if e.op == "!":
+            return self.z3.Not(a)
+        if isinstance(e.type, FloatType):
+            return self.z3.fpNeg(a)
+        if isinstance(e.type, IntType):
+            return self._whole(-a)
+        raise TooHardError
+
+    def _binary(self, e: typed.TypedBinary) -> Any:  # noqa: ANN401 - a term
+        z3 = self.z3
+        a, b = self.of(e.left), self.of(e.right)
+        if e.op in {"&&", "||"}:
+            return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
+        if e.op in COMPARISONS:
+            return self._compared(e, a, b)
+        if isinstance(e.type, FloatType) and e.op in {"+", "-", "*"}:
+            of = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
+            return of(self.round, a, b)
+        if isinstance(e.type, IntType) and e.op in {"+", "-", "*"}:
+            return self._whole(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
+        raise TooHardError
+
+    def _compared(self, e: typed.TypedBinary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
+        z3 = self.z3
+        if isinstance(e.left.type, FloatType):
+            of = {
+                "<": z3.fpLT,
+                "<=": z3.fpLEQ,
+                ">": z3.fpGT,
+                ">=": z3.fpGEQ,
+                "==": z3.fpEQ,
+                "!=": z3.fpNEQ,
+            }[e.op]
+            return of(a, b)
+        if e.op == "==":
+            return a == b
+        if e.op == "!=":
+            return a != b
+        return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b}[e.op]
+
+    def _builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
+        z3 = self.z3
+        floats = isinstance(e.arguments[0].type, FloatType)
+        a = self.of(e.arguments[0])
+        if e.name == "abs":
+            return z3.fpAbs(a) if floats else self._whole(z3.If(a < 0, -a, a))
+        b = self.of(e.arguments[1])
+        if e.name == "min":
+            return z3.If(z3.fpLT(b, a) if floats else b < a, b, a)
+        return z3.If(z3.fpGT(b, a) if floats else b > a, b, a)
+
+
+EACH_MAX = 64
+"""A set of at most so many ints is looked at value by value."""
+BOXES_MAX = 2_048
+POINTS_MAX = 512
+DRAWN = 64
+"""Points that are tried first."""
+FEW = 3
+"""Numbers of an open part that are tried as examples."""
+
+
+def holds_always(
+    condition: typed.TypedExpr,
+    wanted: bool,
+    scope: Scope,
+    read: Read,
+    period_ns: int = 0,
+    given: Mapping[typed.Variable, typed.TypedExpr] | None = None,
+) -> bool:
+    """Whether it is `wanted`, and does not fault, for all values; False where that is not known.
+
+    `given`: locals that it reads, and what may be in them.
+    """
+    try:
+        return _Condition(condition, wanted, scope, read, period_ns, given or {}).decided()
+    except TooHardError:
+        return False
+
+
+class _Condition:
+    def __init__(
+        self,
+        condition: typed.TypedExpr,
+        wanted: bool,
+        scope: Scope,
+        read: Read,
+        period_ns: int,
+        given: Mapping[typed.Variable, typed.TypedExpr],
+    ) -> None:
+        self.condition = condition
+        self.wanted = wanted
+        self.scope = scope
+        self.read = read
+        self.period_ns = period_ns
+        self.given = list(given.values())
+        self.locals = {v: ReadPlace("local", i, v.type) for i, v in enumerate(given)}
+        self.asked: dict[ReadPlace, Range] = {}
+
+    def decided(self) -> bool:
+        """All values at once, then box by box, then by the solver."""
+        judgement = self._judged({})
+        if judgement is not None:
+            return judgement
+        cuts = [_parts(r, self._constants()) for r in self.asked.values()]
+        places = list(self.asked)
+        if self._fails_at_some(places, _drawn(cuts)):
+            return False
+        unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
+        if math.prod(map(len, cuts)) <= BOXES_MAX:
+            unknown = []
+            for box in itertools.product(*cuts):
+                judgement = self._judged(dict(zip(places, box, strict=True)))
+                if judgement is False:
+                    return False
+                if judgement is None:
+                    unknown.append(box)
+        if not unknown:
+            return True
+        if self._fails_at_some(places, itertools.islice(_examples(unknown), POINTS_MAX)):
+            return False
+        return solved(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
+
+    def _fails_at_some(self, places: list[ReadPlace], points: Iterable[tuple[Range, ...]]) -> bool:
+        return any(self._judged(dict(zip(places, point, strict=True))) is False for point in points)
+
+    def _judged(self, box: dict[ReadPlace, Range]) -> bool | None:
+        """True: as wanted in all of the box; False: not at all, or it faults; None: not known."""
+
+        def read(place: ReadPlace) -> Range:
+            known = box.get(place)
+            if known is None:
+                known = self.asked.setdefault(place, self._range(place, read))
+            return known
+
+        evaluator = RangeEvaluator(self.scope, self.period_ns, read)
+        evaluator.variables |= self.locals
+        truth = evaluator.number(self.condition)
+        if evaluator.faults.possible and box and all(r.single for r in box.values()):
+            return False
+        if not truth.single:
+            return None
+        if truth.has(self.wanted):
+            return None if evaluator.faults.possible else True
+        return False
+
+    def _range(self, place: ReadPlace, read: Callable[[ReadPlace], Range]) -> Range:
+        """Of what is read, or of a local."""
+        if place.kind != "local":
+            return self.read(place)
+        evaluator = RangeEvaluator(self.scope, self.period_ns, read)
+        evaluator.variables |= self.locals
+        return evaluator.part(self.given[place.index], place)
+
+    def _constants(self) -> list[float]:
+        """Numbers that it, or a function that it calls, is written with."""
+        roots: list[object] = [self.condition]
+        seen: set[typed.FunSymbol] = set()
+        for root in roots:
+            for call in calls_in(root):
+                if call.fun not in seen:
+                    seen.add(call.fun)
+                    roots += call.fun.body or ()
+        constants: set[float] = {0}
+        for node in nodes(roots):
+            value = None
+            if isinstance(node, typed.Literal):
+                value = node.value
+            elif isinstance(node, typed.ParamRead):
+                value = self.scope.params.get(node.param)
+            if isinstance(value, (int, float)) and not isinstance(value, bool):
+                constants |= {value, -value}
+        return sorted(constants)
+
+
+def _parts(r: Range, constants: list[float]) -> list[Range]:
+    """A range cut at constants: each of them, and what lies between; NaN by itself."""
+    parts: list[Range] = []
+    if r.nan:
+        parts.append(Range(math.inf, -math.inf, nan=True))
+        r = Range(r.low, r.high)
+    whole = isinstance(r.low, int) and isinstance(r.high, int)
+    if whole and r.high - r.low < EACH_MAX:
+        return parts + [Range(i, i) for i in range(int(r.low), int(r.high) + 1)]
+    at = r.low
+    for number in constants:
+        if whole and number != int(number):
+            continue
+        c = int(number) if whole else float(number)
+        if not at <= c <= r.high:
+            continue
+        below = c - 1 if whole else math.nextafter(c, -math.inf)
+        if at <= below:
+            parts.append(Range(at, below))
+        parts.append(Range(c, c))
+        if c == r.high:
+            return parts
+        at = c + 1 if whole else math.nextafter(c, math.inf)
+    return [*parts, Range(at, r.high)]
+
+
+def _examples(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
+    """Some points of each box."""
+    for box in boxes:
+        yield from itertools.islice(itertools.product(*map(_some, box)), FEW ** len(box) * FEW)
+
+
+def _drawn(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
+    """Points by chance, the same every time: of most conditions one of them is enough."""
+    dice = Random(0)  # noqa: S311 - no secret
+    for _ in range(DRAWN):
+        yield tuple([dice.choice(_some(dice.choice(parts))) for parts in cuts])
+
+
+def _some(r: Range) -> list[Range]:
+    if r.nan or r.low > r.high:
+        return [r]
+    whole = isinstance(r.low, int) and isinstance(r.high, int)
+    low, high = max(r.low, -1e300), min(r.high, 1e300)
+    middle = (int(low) + int(high)) // 2 if whole else low / 2 + high / 2
+    values = dict.fromkeys((r.low, r.high, middle if r.low <= middle <= r.high else r.low))
+    return [Range(v, v) for v in values]

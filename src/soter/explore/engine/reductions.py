@@ -1,0 +1,274 @@
+"""What spares a search work: parts explored alone, and the choice between two reductions.
+
+Purpose: parts of a system that share nothing but time and some properties are searched alone, and
+such a property is judged on all combinations of what was noted at one time (docs/testing.md,
+"Joined parts"). Of two reductions, `all` is the one that came further after as many steps: a search
+may store ends of instants only and combine what groups of actors do, or store what lies between
+with ample sets. No clock is asked, so that a search is the same wherever it runs.
+Non-goals: which parts there are (`model/independent_parts.py`); verdicts, which are the same either
+way.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.explore.engine.engine_exchange import Observations
+from soter.explore.engine.explorer_library import EngineSettings
+from soter.explore.model.independent_parts import IndependentPart
+from soter.explore.search_options import PARTS, STATUSES, STORAGES, STRATEGIES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from soter.explore.engine.engine_exchange import EngineProgress
+    from soter.explore.engine.explorer_library import Engine, RawStep, Searched
+    from soter.explore.model.independent_parts import SharedProperty
+
+    Words = npt.NDArray[np.uint64]
+
+
+BIRTH = 4
+"""A step's kind: the start."""
+SHARE = 8
+"""This part of the memory is for what is noted; combining it takes about three times as much."""
+LEAST = 1 << 20
+"""Bytes for what is noted of a part, at least."""
+MOST = 8
+"""Parts that one property may read, and its combinations still be tried."""
+
+
+class ComposedSearch:
+    """One search of the loose parts of an engine's system."""
+
+    def __init__(
+        self,
+        engine: Engine,
+        settings: EngineSettings,
+        look: Callable[[EngineProgress], None] | None,
+    ) -> None:
+        assert engine.loose is not None
+        self._engine = engine
+        self._settings = settings
+        self._look = look
+        self._loose = engine.loose
+        self._share = settings.memory // (SHARE * len(engine.loose.parts))
+
+    @staticmethod
+    def fits(engine: Engine, settings: EngineSettings) -> bool:
+        """Whether it can be done: a plain model, breadth first, all reductions, nothing known."""
+        s, loose = settings, engine.loose
+        if loose is None or not engine.model.plain or s.known or s.max_states:
+            return False
+        if engine.model.ordered:  # what is put together would be in the order of the parts
+            return False
+        if s.memory < LEAST * SHARE * len(loose.parts):
+            return False
+        how = (s.strategy, s.storage) == ("bfs", "exact") and s.reduction in PARTS
+        return how and all(len(j.parts) <= MOST for j in loose.joints)
+
+    def run(self, patience_s: float) -> list[Searched] | None:
+        """The searches of the parts, what ends it last; None: too much, do it otherwise."""
+        engine, until = self._engine, time.perf_counter() + patience_s
+        searches: list[Searched] = []
+        kept: list[Any] = []
+        try:
+            for part in self._loose.parts:
+                left = max(until - time.perf_counter(), 0.0)
+                searches.append(
+                    self._explore(part, Observations(self._mask(part), self._share), left)
+                )
+                kept.append(engine.take_stored())
+                if (
+                    searches[-1].status == "memory"
+                ):  # of what is noted, perhaps: it has a share of it
+                    return None
+                if searches[-1].status != "exhausted":
+                    return self._completed(searches, part)
+            for joint in self._loose.joints:
+                left = max(until - time.perf_counter(), 0.0)
+                status, goals, stopped = self._combined(joint, kept, left)
+                if status == "memory":
+                    return None
+                if status == "stopped":
+                    return [
+                        *searches,
+                        replace(searches[-1], status=status, stopped=stopped, states=0),
+                    ]
+                if status == "violated":
+                    return [*searches, self._execution(joint, goals, until)]
+        finally:
+            for one in kept:
+                engine.lib.soter_explore_free(one)
+        return searches
+
+    def _explore(self, part: IndependentPart, noted: Observations, patience_s: float) -> Searched:
+        once = replace(self._settings, part=part, noted=noted)
+        return self._engine.explore(once, self._look, patience_s)
+
+    def _completed(self, searches: list[Searched], part: IndependentPart) -> list[Searched]:
+        """A violation by one part alone becomes an execution of the system."""
+        last = searches[-1]
+        if last.status == "violated":
+            searches[-1] = self._whole(part, last, last.steps)
+        return searches
+
+    def _whole(self, part: IndependentPart, last: Searched, steps: Sequence[RawStep]) -> Searched:
+        whole = self._engine.complete(replace(self._settings, part=part), steps) if steps else None
+        if whole is None:
+            return replace(last, steps=(), apart=bool(steps))
+        return replace(last, steps=whole.steps, broken=whole.broken)
+
+    def _mask(self, part: IndependentPart) -> Words:
+        mask = np.zeros(self._engine.words, dtype=np.uint64)
+        to = self._engine.ffi.cast("uint64_t *", mask.ctypes.data)
+        self._engine.lib.soter_explore_noted(self._engine.model, part.actors, to)
+        return mask
+
+    # ------------------------------------------------------------ what joins them
+
+    def _combined(
+        self, joint: SharedProperty, kept: list[Any], patience_s: float
+    ) -> tuple[str, Words, str]:
+        """Status, the goals of the parts, (parts, words), and what stopped it."""
+        engine = self._engine
+        goals = np.zeros((len(joint.parts), engine.words), dtype=np.uint64)
+        sides = engine.ffi.new("soter_side[]", len(joint.parts))
+        for side, number in zip(sides, joint.parts, strict=True):
+            side.actors, side.kept = self._loose.parts[number].actors, kept[number]
+        to = engine.ffi.cast("uint64_t *", goals.ctypes.data)
+        progress = engine.ffi.new("soter_explore_progress *")
+        options, coverage = engine.options(self._settings), engine.coverage()
+        ended: list[int] = []
+
+        def combine() -> None:
+            ended.append(
+                engine.lib.soter_explore_joined(
+                    engine.model,
+                    options,
+                    sides,
+                    len(sides),
+                    joint.property,
+                    progress,
+                    coverage,
+                    to,
+                )
+            )
+
+        stopped = engine.apart(combine, progress, self._look, patience_s)
+        return STATUSES[ended[0]], goals, stopped
+
+    def _execution(self, joint: SharedProperty, goals: Words, until: float) -> Searched:
+        """An execution of the system to what violates the property, as far as there is one."""
+        broken, steps = (0, joint.property), []
+        actors = 0
+        last: Searched | None = None
+        for number, goal in zip(joint.parts, goals, strict=True):
+            part = self._loose.parts[number]
+            actors |= part.actors
+            left = max(until - time.perf_counter(), 0.0)
+            noted = Observations(self._mask(part), self._share, goal, joint.property)
+            last = self._explore(IndependentPart(part.actors, 0, part.timeds), noted, left)
+            if last.broken != broken or not last.steps:
+                return replace(last, status="violated", broken=broken, steps=(), states=0)
+            steps.append(last.steps)
+        assert last is not None
+        last = replace(last, broken=broken, states=0)
+        part = IndependentPart(actors, 1 << joint.property, 0)
+        return self._whole(part, last, _interleaved(steps))
+
+
+def _interleaved(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
+    """One execution of several parts' that share nothing: one start, then by time."""
+    initial = steps[0][0]
+    assert all(s[0].kind == BIRTH for s in steps)
+    rest = [step for own in steps for step in own[1:]]
+    return (initial, *sorted(rest, key=lambda step: step.time_ns))
+
+
+RUN = 2_000
+"""Steps of each of the two beginnings: about as many as a thousand configurations take."""
+PLACES = 6
+"""Orders of equal instances from which on they change places: to put two into order takes longer
+than to search both."""
+SHORT_OF_MEMORY = ("memory", "no_memory")
+CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
+
+
+def may_choose(s: EngineSettings) -> bool:
+    """Whether a search leaves it open which of the two it is.
+
+    Not where somebody asked for one, or for what depends on what is stored: a bound on
+    configurations, all of them kept, what is noted of ends.
+    """
+    asked = s.reduction != "all" or s.strategy != STRATEGIES[0] or s.storage != STORAGES[0]
+    stored = s.max_states or s.keep or s.go_on or s.known or s.noted is not None
+    return not (asked or stored or s.plainly)
+
+
+def explored(
+    engine: Engine,
+    s: EngineSettings,
+    look: Callable[[EngineProgress], None] | None = None,
+    left_s: float = math.inf,
+) -> Searched:
+    """`Engine.explore` by the quicker of the two, where that is left open; `seconds`: of all of it.
+
+    What lies between takes more memory: where there is too little, only ends are stored after all.
+    """
+    began = time.perf_counter()
+
+    def left() -> float:
+        return max(left_s - (time.perf_counter() - began), 0.0)
+
+    def ran(how: EngineSettings) -> Searched:
+        return engine.explore(how, look, left())
+
+    chosen = _chosen(engine, s, left_s) if may_choose(s) else s
+    result = ran(chosen) if isinstance(chosen, EngineSettings) else chosen
+    if result.status in SHORT_OF_MEMORY and chosen != s:
+        ends = ran(s)
+        if ends.status not in CUT_SHORT or ends.covered_ns >= result.covered_ns:
+            result = ends  # what it found counts, however far the other one came
+    return replace(result, seconds=time.perf_counter() - began)
+
+
+def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+    """What to do; where steps are remembered, to make one is quicker than to know who sleeps."""
+    if _has_instants(engine):
+        return _quicker(engine, s, left_s)
+    return replace(s, between=True) if engine.model.brief else s
+
+
+def _has_instants(engine: Engine) -> bool:
+    """Whether all windows are points: only ends of instants may be observed."""
+    late = any(a.window_ns or a.overrun_ns for a in engine.actors)
+    return not engine.plan.timely and not late
+
+
+def _quicker(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+    """The settings of the search that goes on; or what it found, where that took few steps."""
+    ends = engine.explore(replace(s, max_ran=RUN, threads=1), None, left_s)
+    if ends.status != "states" or ends.stopped:
+        return ends
+    apart = between(engine, s)
+    middle = engine.explore(replace(apart, max_ran=RUN, threads=1), None, left_s)
+    if middle.status != "states" or middle.stopped:
+        return middle
+    further = ends.covered_ns - middle.covered_ns
+    combines = ends.combined * 2 > ends.transitions
+    return s if further > 0 or (further == 0 and combines) else apart
+
+
+def between(engine: Engine, s: EngineSettings) -> EngineSettings:
+    """The search that stores what lies between ends of instants."""
+    orders = math.prod(math.factorial(len(f.blocks)) for f in engine.families(s))
+    reduction = s.reduction if orders >= PLACES else "parts"
+    return replace(s, between=True, reduction=reduction)

@@ -1,1 +1,0 @@
-"""Traces in the reference interpreter, without any C."""

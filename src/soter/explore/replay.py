@@ -1,0 +1,424 @@
+"""A trace run again, step by step, by the reference interpreter.
+
+Purpose: a violation counts only if the interpreter, given the steps and choices of a trace and
+nothing else, finds every step allowed by docs/testing.md and the property violated in the end.
+What every step did is kept as plain records (`ReplayedStep`).
+Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from soter.explore.allowed_steps import ExecutionCalendar, NotAllowedError, actors_of, plan_of
+from soter.explore.judge import Judge, TraceDraws, WrongChoiceError, fault_text
+from soter.explore.trace import (
+    BEGIN,
+    CONTRACT,
+    EFFECT,
+    FAULT,
+    LOST,
+    PROPERTY,
+    START,
+    TIMED,
+    ChoiceWords,
+    Step,
+    ViolationId,
+)
+from soter.language.model.types import ListType
+from soter.language.model.values import to_json
+from soter.semantics.configuration import DecisionVerdict, StepOutcome
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.properties import fault_of
+from soter.semantics.rules import environment_input
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.explore.allowed_steps import ScheduledActor
+    from soter.explore.trace import Choice, Trace
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
+    from soter.semantics.configuration import Configuration
+
+
+MODES = ("SC", "AC")
+
+
+@dataclass(frozen=True)
+class DroppedMessage:
+    """A full queue lost a value: the oldest or the new one, as its policy says."""
+
+    queue: str
+    policy: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayedStep:
+    """One step and the configuration that it led to. Values are JSON; times are ns.
+
+    `published`: what reached the topics, by name; where a step may publish several messages, the
+    list of them. `gated`: it computed values that its outputs
+    were not enabled for. `decided`: what a DM saw and said. `violated`: everything that is
+    violated after it, the property of the trace or others.
+    """
+
+    number: int
+    actor: str
+    role: str
+    kind: str
+    release_ns: int
+    time_ns: int
+    choices: tuple[Choice, ...]
+    published: Mapping[str, object]
+    gated: bool
+    decided: Mapping[str, object] | None
+    switch: tuple[str, str, str] | None
+    """Module, mode before, mode after: where it changed."""
+    fault: str | None
+    observable: bool
+    violated: tuple[ViolationId, ...]
+    topics: Mapping[str, object]
+    modes: Mapping[str, str]
+    truth: Mapping[str, object]
+    """The states of the plants, by full name."""
+    reasons: tuple[str, ...] = ()
+    """For each of `violated`, what failed, a clause; empty where it says itself."""
+    dropped: tuple[DroppedMessage, ...] = ()
+    """What full queues lost as this step published."""
+    matters: bool | None = None
+    """Whether the violation depends on it, as the trace says; None: it does not."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What the interpreter found. `problem`: why the trace is no execution; None where it is one.
+
+    `reproduced`: it is one, and its last step leads to the violation that the trace names.
+    """
+
+    trace: Trace
+    system: System
+    actors: tuple[ScheduledActor, ...]
+    start: Mapping[str, object]
+    """Topics before the first step."""
+    steps: tuple[ReplayedStep, ...]
+    problem: str | None
+
+    @property
+    def violated_at(self) -> int | None:
+        """Number of the first step that violates the trace's property; None where none does."""
+        return next((s.number for s in self.steps if self.names(s.violated)), None)
+
+    @property
+    def reproduced(self) -> bool:
+        """Whether the trace is an execution that ends in the violation it names."""
+        return self.problem is None and bool(self.steps) and self.names(self.steps[-1].violated)
+
+    def names(self, violations: Iterable[ViolationId]) -> bool:
+        """Whether the trace's own property is among them."""
+        wanted = (self.trace.broken.what, self.trace.broken.index)
+        return wanted in [(b.what, b.index) for b in violations]
+
+    @property
+    def outcome(self) -> str:
+        """One sentence."""
+        if self.problem is not None:
+            return self.problem
+        if self.reproduced:
+            return f"{self.trace.broken.text} is violated at step {self.steps[-1].number}"
+        at = self.violated_at
+        if at is not None:
+            return f"it is violated at step {at} already, and no more in the end"
+        return f"every step is allowed, and {self.trace.broken.text} is not violated"
+
+
+def replay(trace: Trace, system: System) -> Replayed:
+    """Run a trace; `system` is that of its test, flattened with its parameters, skew, horizon."""
+    actors = actors_of(system)
+    if violation_id_of(system, trace.broken.what, trace.broken.index) != trace.broken:
+        problem = f"the test has no such property: {trace.broken.text}"
+        return Replayed(trace, system, actors, {}, (), problem)
+    try:
+        run = _TraceRun(trace, system)
+    except WrongChoiceError as error:
+        return Replayed(trace, system, actors, {}, (), f"the start: {error}")
+    return Replayed(trace, system, actors, run.start, *_followed(run, trace))
+
+
+def _followed(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], str | None]:
+    """The steps as far as they are allowed, and why the next one is not."""
+    problem: str | None = None
+    for number, step in enumerate(trace.steps, run.first_number):
+        try:
+            run.step(number, step)
+        except (NotAllowedError, WrongChoiceError) as error:
+            problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
+            break
+        if run.ended and number < run.first_number + len(trace.steps) - 1:
+            problem = f"step {number}: no execution goes on after a violation"
+            break
+    return tuple(run.steps), problem
+
+
+@dataclass
+class _Event:
+    """What a step did, as it is told."""
+
+    published: dict[str, object] = field(default_factory=dict)
+    gated: bool = False
+    decided: dict[str, object] | None = None
+    switch: tuple[str, str, str] | None = None
+    fault: str | None = None
+    broken: list[ViolationId] = field(default_factory=list)
+    reasons: dict[ViolationId, str] = field(default_factory=dict)
+    dropped: list[DroppedMessage] = field(default_factory=list)
+
+
+class _TraceRun:
+    """One execution, step by step."""
+
+    def __init__(self, trace: Trace, system: System) -> None:
+        self.system = system
+        self.schedule = ExecutionCalendar(system)
+        self.draws = TraceDraws(system, trace.seed)
+        self.interpreter = Interpreter(system, trace.seed, draws=self.draws)
+        self.machine = self.interpreter.machine
+        self.judge = Judge(self.machine)
+        self.words = ChoiceWords(system)
+        first = trace.steps[0] if trace.steps else None
+        born = first is not None and first.kind == START
+        self.first_number = 0 if born else 1
+        """The start of the configuration is step 0, whether the trace says so or not."""
+        self.draws.begin(first.choices if first is not None and born else ())
+        self.c: Configuration = self.interpreter.initial()
+        self._before = self.c
+        """Where the last step was made."""
+        self.ended = False
+        """Something is violated: no execution goes on from there."""
+        self.steps: list[ReplayedStep] = []
+        self.start = self._topics()
+        self._waiting: dict[int, dict[int, Value]] = {}
+        """What overrunning steps will publish, by component."""
+
+    def step(self, number: int, step: Step) -> None:
+        """One step; `NotAllowedError` or `WrongChoiceError` where it is none of this execution."""
+        i = self.schedule.take(step)
+        if i is None:
+            self._tell(number, step, "", self.draws.end(), _Event())
+            return
+        actor = self.schedule.actors[i]
+        self._before = self.c
+        self.c = replace(self.c, ct=step.time_ns)
+        self.draws.begin(step.choices)
+        event = self._act(actor, step)
+        self._tell(number, step, actor.role, self.draws.end(), event)
+
+    # ------------------------------------------------------------ what a step does
+
+    def _act(self, actor: ScheduledActor, step: Step) -> _Event:
+        if step.kind == LOST:
+            return _Event()
+        if actor.component is None:
+            return self._input(actor)
+        if step.kind == EFFECT:
+            return self._effect(actor.component)
+        return self._fire(actor.component, held_back=step.kind == BEGIN)
+
+    def _input(self, actor: ScheduledActor) -> _Event:
+        assert actor.drive is not None
+        drive = self.system.inputs[actor.drive]
+        value = self.interpreter.drawn_input(drive, self.c.ct)
+        if drive.values:
+            self.draws.tell(to_json(self.system.topics[drive.topic].type, value))
+        dropped = self._dropped(self.c, {drive.topic: value})
+        self.c = environment_input(self.machine, self.c, drive.topic, value)
+        return _Event(published=self._named({drive.topic: value}), dropped=dropped)
+
+    def _fire(self, n: int, *, held_back: bool) -> _Event:
+        before = self.c
+        after, event = self.interpreter.fire(replace(before, FN=(n,)), n)
+        self.c = after
+        if isinstance(event, DecisionVerdict):
+            self.judge.note(event, after)
+            return self._decided(event)
+        told = _Event(broken=self._broken(n, event))
+        self.ended = bool(told.broken)
+        if event.fault is not None:
+            told.fault = fault_text(event.fault)
+            told.reasons = self._fault_reasons(n, told)
+        told.reasons |= self._contract_reasons(n, told, before)
+        told.gated = not before.OE[n]
+        if held_back:
+            self._hold_back(before, n, event)
+        else:
+            self.judge.note(event, after)
+            told.published = self._named(event.published, event.bursts)
+            told.dropped = self._dropped(before, event.published, event.bursts)
+        return told
+
+    def _dropped(
+        self,
+        c: Configuration,
+        published: Mapping[int, Value],
+        bursts: Mapping[int, tuple[Value, ...]] | None = None,
+    ) -> list[DroppedMessage]:
+        """What queues lose as values reach the topics of `c`; no node reads what it publishes."""
+        topics, losses = self.system.topics, []
+        for t in published:
+            come = len((bursts or {}).get(t, (None,)))
+            for q in [topics[i] for i in topics[t].queues]:
+                assert isinstance(q.type, ListType), q.name
+                lost = len(c.Topics[q.index]) + come - q.type.capacity
+                losses += [DroppedMessage(q.name.removesuffix(".queue"), q.policy)] * min(
+                    max(lost, 0), come
+                )
+        return losses
+
+    def _fault_reasons(self, n: int, told: _Event) -> dict[ViolationId, str]:
+        name = self.system.components[n].name
+        return {b: f"`{name}` faults ({told.fault})" for b in told.broken if b.what == FAULT}
+
+    def _contract_reasons(
+        self, n: int, told: _Event, before: Configuration
+    ) -> dict[ViolationId, str]:
+        """Of contracts that could not be judged: what went wrong."""
+        component, reasons = self.system.components[n], {}
+        for b in told.broken:
+            if b.what == CONTRACT:
+                assumed = self.system.properties[b.index].kind == "assumes"
+                c = before if assumed else self.c
+                fault = fault_of(self.machine, c, b.index, component)
+                if fault is not None:
+                    reasons[b] = f"judging it faults ({fault_text(fault)})"
+        return reasons
+
+    def _decided(self, verdict: DecisionVerdict) -> _Event:
+        name = self.system.modules[verdict.module].name
+        facts = {
+            "module": name,
+            "ttf": verdict.ttf,
+            "safer": verdict.safer,
+            "stale": verdict.stale,
+            "gate_fault": verdict.gate_fault,
+            "mode": MODES[verdict.after],
+        }
+        changed = verdict.before != verdict.after
+        switch = (name, MODES[verdict.before], MODES[verdict.after]) if changed else None
+        return _Event(decided=facts, switch=switch)
+
+    def _broken(self, n: int, event: StepOutcome) -> list[ViolationId]:
+        """The contracts that the step broke, and that a trusted component faulted."""
+        named = [violation_id_of(self.system, CONTRACT, i) for i in event.broken]
+        if event.latched:
+            named.append(violation_id_of(self.system, FAULT, n))
+        return [b for b in named if b is not None]
+
+    def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
+        """Take back what an overrunning step published: it takes effect later."""
+        self._waiting[n] = dict(event.published)
+        own = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
+        topics, stamps = list(before.Topics), list(before.stamps)
+        for i in own:  # emptied by the step, whatever it published itself
+            topics[i], stamps[i] = self.system.topics[i].default, self.c.stamps[i]
+        self.c = replace(self.c, Topics=tuple(topics), stamps=tuple(stamps))
+
+    def _is_own_queue(self, topic: int, n: int) -> bool:
+        candidate = self.system.topics[topic]
+        name = self.system.components[n].name
+        return candidate.queue_of is not None and candidate.name.startswith(f"{name}.")
+
+    def _effect(self, n: int) -> _Event:
+        waiting = self._waiting.pop(n)
+        if not self.c.OE[n]:
+            return _Event(gated=bool(waiting))
+        dropped = self._dropped(self.c, waiting)
+        for topic, value in waiting.items():
+            self.c = environment_input(self.machine, self.c, topic, value)
+        if waiting:
+            self.judge.note_published(n, self.c)
+        return _Event(published=self._named(waiting), dropped=dropped)
+
+    # ------------------------------------------------------------ telling
+
+    def _tell(
+        self, number: int, step: Step, role: str, choices: tuple[Choice, ...], event: _Event
+    ) -> None:
+        observable = step.kind != START and self.schedule.is_observable
+        broken = event.broken
+        if not self.ended and step.kind != START:
+            over = self.schedule.is_over
+            violations = self.judge.at(self.c, observable=observable, over=over)
+            event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in violations}
+            broken = [*broken, *violations]
+            self.ended = bool(broken)
+        self.steps.append(
+            ReplayedStep(
+                number=number,
+                actor=step.actor,
+                role=role,
+                kind=step.kind,
+                release_ns=step.release_ns,
+                time_ns=step.time_ns,
+                choices=tuple([self.words.complete(c) for c in choices]),
+                published=event.published,
+                gated=event.gated,
+                decided=event.decided,
+                switch=event.switch,
+                fault=event.fault,
+                observable=observable,
+                violated=tuple(broken),
+                topics=self._topics(),
+                modes={m.name: MODES[self.c.L[m.dm]] for m in self.system.modules},
+                truth=self._truth(),
+                reasons=tuple([event.reasons.get(b, "") for b in broken]),
+                dropped=tuple(event.dropped),
+                matters=step.matters,
+            )
+        )
+
+    def _named(
+        self,
+        values: Mapping[int, Value],
+        bursts: Mapping[int, tuple[Value, ...]] | None = None,
+    ) -> dict[str, object]:
+        topics, several = self.system.topics, bursts or {}
+        return {
+            topics[i].name: [to_json(topics[i].type, m) for m in several[i]]
+            if i in several
+            else to_json(topics[i].type, v)
+            for i, v in values.items()
+        }
+
+    def _topics(self) -> dict[str, object]:
+        return {t.name: to_json(t.type, self.c.Topics[t.index]) for t in self.system.topics}
+
+    def _truth(self) -> dict[str, object]:
+        return {
+            x.name: {
+                s.name: to_json(s.type, v)
+                for s, v in zip(x.plant.states, self.c.L[x.index], strict=True)
+            }
+            for x in self.system.components
+            if x.plant is not None
+        }
+
+
+def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:
+    """What can be violated under this kind and number; None where nothing can."""
+    plan = plan_of(system)
+    if what == FAULT and index < len(system.components):
+        c = system.components[index]
+        if c.stands_for is not None:
+            told = f"what the contract of {c.stands_for.of} permits can be judged"
+            return ViolationId(FAULT, index, told)
+        return ViolationId(FAULT, index, f"no step of {c.name} faults")
+    if what == TIMED and index < len(plan.timed):
+        return ViolationId(TIMED, index, plan.timed[index].text)
+    if what not in (PROPERTY, CONTRACT) or index >= len(system.properties):
+        return None
+    p = system.properties[index]
+    if (p.component is None) != (what == PROPERTY):
+        return None
+    return ViolationId(what, index, f"{p.kind} {p.text}")

@@ -1,0 +1,442 @@
+"""A trace: one execution of a test as the steps and choices that make it, and its file.
+
+Purpose: plain data for the steps of docs/testing.md, written as JSON (docs/json.md) and read back
+with every field looked at: a file may be damaged, or made by somebody who means harm. What a pick
+of `choose` stands for is told in the words of the program, where these determine it without being
+run.
+Non-goals: whether the steps are allowed and what they lead to (`replay.py`); guesses about a pick
+that may be one of several choices.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
+from soter.language.load.bounded_read import read_bytes
+from soter.language.load.data_files import parse_json
+from soter.language.model import typed
+from soter.language.model.tree_walk import nodes, plant_code
+from soter.language.model.types import BoolType
+from soter.language.model.values import to_json
+from soter.report.atomic_write import own_place
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.language.model.system import Component, System
+
+
+SCHEMA = 1
+KIND = "soter trace"
+
+STEP, LOST, BEGIN, EFFECT, START = "step", "lost", "begin", "effect", "start"
+STEP_KINDS = (STEP, LOST, BEGIN, EFFECT, START)
+"""In the order of the numbers in `soter_explore.h`: a step; a lost release; an overrunning step
+that begins; its publications take effect; the start."""
+
+PROPERTY, CONTRACT, FAULT, TIMED = "property", "contract", "fault", "timed"
+VIOLATION_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)
+"""In the order of the numbers in `soter_explore.h`: what `index` of a violation counts."""
+
+TIME_MAX = 2**62
+COUNT_MAX = 2**32
+BYTES_MAX = 64 * 2**20
+"""A file that is larger is not read: a trace of a million steps takes about that."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One question that a step left open: alternative `pick` of `of`; `value` is for people."""
+
+    stream: str
+    pick: int
+    of: int
+    value: object = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: `actor` is a component's full name, `input.<topic>`, or "" for the start. ns."""
+
+    actor: str
+    kind: str
+    release_ns: int
+    time_ns: int
+    choices: tuple[Choice, ...] = ()
+    matters: bool | None = None
+    """Whether the violation depends on it; None: nobody said."""
+
+
+@dataclass(frozen=True)
+class ViolationId:
+    """What is violated: `what` is one of VIOLATION_KINDS, `index` counts in the flat system."""
+
+    what: str
+    index: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """An execution that violates a property, and the test that it is an execution of.
+
+    `program`: path as given; in the file it is relative to the file. `params`: what was set from
+    outside, as JSON. `seed`: of what stays drawn by chance. Times in ns.
+    """
+
+    program: str
+    sha256: str
+    system: str
+    test: str
+    params: Mapping[str, object]
+    seed: int
+    skew_ns: int
+    horizon_ns: int
+    broken: ViolationId
+    steps: tuple[Step, ...]
+    minimal: bool
+    not_shortest: str = ""
+    """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
+    assumptions: tuple[str, ...] = ()
+    """What the verdict rests on; for people."""
+    shrunk_from: int = 0
+    """Steps of the trace that this one was shrunk from, the start included; 0: of none."""
+    path: Path | None = field(default=None, compare=False)
+    """The file that it was read from."""
+
+
+class DamagedTraceError(Exception):
+    """A document that is no trace; the message says what is wrong with it."""
+
+
+# ---------------------------------------------------------------- writing
+
+
+def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
+    """The JSON document; with `folder` the program's path is relative to it."""
+    return {
+        "schema": SCHEMA,
+        "kind": KIND,
+        "program": _relative(trace.program, folder),
+        "sha256": trace.sha256,
+        "system": trace.system,
+        "test": trace.test,
+        "params": dict(trace.params),
+        "seed": trace.seed,
+        "skew_ns": trace.skew_ns,
+        "horizon_ns": trace.horizon_ns,
+        "property": {
+            "what": trace.broken.what,
+            "index": trace.broken.index,
+            "text": trace.broken.text,
+        },
+        "minimal": trace.minimal,
+        "not_shortest": trace.not_shortest,
+        "shrunk_from": trace.shrunk_from,
+        "assumptions": list(trace.assumptions),
+        "steps": [_step_document(s) for s in trace.steps],
+    }
+
+
+def _step_document(s: Step) -> dict[str, object]:
+    choices = [
+        {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
+    ]
+    document: dict[str, object] = {
+        "actor": s.actor,
+        "kind": s.kind,
+        "release_ns": s.release_ns,
+        "time_ns": s.time_ns,
+        "choices": choices,
+    }
+    return document if s.matters is None else document | {"matters": s.matters}
+
+
+def _relative(program: str, folder: Path | None) -> str:
+    if folder is None:
+        return program
+    try:
+        return Path(os.path.relpath(program, folder)).as_posix()
+    except ValueError:  # another drive
+        return program
+
+
+def write_trace(trace: Trace, path: Path) -> Path:
+    """Write it; `SoterError` D006. One line a step, so that a person can read and compare."""
+    document = to_document(trace, path.parent)
+    steps = document.pop("steps")
+    assert isinstance(steps, list)
+    head = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
+    lines = ",\n  ".join(json.dumps(s, allow_nan=False, ensure_ascii=False) for s in steps)
+    text = f'{head[:-2]},\n "steps": [\n  {lines}\n ]\n}}\n'
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        own_place(path.parent, path.name).write_text(text, encoding="utf-8")
+    except OSError as error:
+        message = f"cannot write `{path}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+    return path
+
+
+# ---------------------------------------------------------------- reading
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; `SoterError` D010 where it holds none."""
+    try:
+        document = parse_json(read_bytes(path, BYTES_MAX))
+    except OSError as error:
+        raise no_trace(path, reason(error)) from error
+    except RecursionError:
+        raise no_trace(path, "it is nested too deeply") from None
+    except ValueError as error:
+        raise no_trace(path, f"it is no JSON ({_first_line(error)})") from error
+    if not isinstance(document, dict):
+        raise no_trace(path, "it is no JSON object")
+    return document
+
+
+def read_trace(path: Path) -> Trace:
+    """The trace in a file; `SoterError` D010 where it holds none."""
+    return trace_of(read_document(path), path)
+
+
+def trace_of(document: Mapping[str, Any], path: Path) -> Trace:
+    """The trace that a document read from `path` stands for; `SoterError` D010."""
+    try:
+        return _trace(_JsonFields(document, ""), path)
+    except DamagedTraceError as error:
+        raise no_trace(path, str(error)) from error
+
+
+def no_trace(path: Path, reason: str) -> SoterError:
+    """D010: what was given is no trace."""
+    hint = "`soter test` writes one for every violation, `.soter/<program>-<test>.trace.json`"
+    problem = Diagnostic("D010", f"`{path}` is no trace: {reason}", helps=(hint,))
+    return SoterError((problem,))
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).split("\n", 1)[0][:100]
+
+
+class _JsonFields:
+    """Fields of a JSON object, each with the type it has to have."""
+
+    def __init__(self, given: object, where: str) -> None:
+        if not isinstance(given, dict):
+            raise DamagedTraceError(f"{where or 'the document'} is no object")
+        self._given = given
+        self._where = where
+
+    def _field(self, name: str, wanted: type, noun: str) -> Any:  # noqa: ANN401 - any JSON
+        if name not in self._given:
+            raise DamagedTraceError(f"{self._name(name)} is missing")
+        value = self._given[name]
+        if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
+            raise DamagedTraceError(f"{self._name(name)} is no {noun}")
+        return value
+
+    def _name(self, name: str) -> str:
+        return f"`{self._where}.{name}`" if self._where else f"`{name}`"
+
+    def text(self, name: str) -> str:
+        value: str = self._field(name, str, "text")
+        return value
+
+    def text_or_none(self, name: str) -> str:
+        """A text that may be missing."""
+        return self.text(name) if name in self._given else ""
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A list of texts that may be missing."""
+        values = self._field(name, list, "list") if name in self._given else []
+        if not all(isinstance(text, str) for text in values):
+            raise DamagedTraceError(f"{self._name(name)} is no list of texts")
+        return tuple(values)
+
+    def one_of(self, name: str, allowed: Iterable[str]) -> str:
+        value = self.text(name)
+        if value not in allowed:
+            raise DamagedTraceError(f"{self._name(name)} is none of {', '.join(allowed)}")
+        return value
+
+    def number(self, name: str, low: int, high: int) -> int:
+        value: int = self._field(name, int, "whole number")
+        if not low <= value <= high:
+            raise DamagedTraceError(f"{self._name(name)} is out of range")
+        return value
+
+    def number_or_none(self, name: str, low: int, high: int) -> int | None:
+        """A number that may be missing."""
+        return self.number(name, low, high) if name in self._given else None
+
+    def truth(self, name: str) -> bool:
+        value: bool = self._field(name, bool, "bool")
+        return value
+
+    def truth_or_none(self, name: str) -> bool | None:
+        """A truth value that may be missing."""
+        return self.truth(name) if name in self._given else None
+
+    def part(self, name: str) -> _JsonFields:
+        return _JsonFields(self._field(name, dict, "object"), self._path(name))
+
+    def mapping(self, name: str) -> dict[str, object]:
+        value: dict[str, object] = self._field(name, dict, "object")
+        return value
+
+    def objects(self, name: str) -> list[_JsonFields]:
+        items = self._field(name, list, "list")
+        return [_JsonFields(item, f"{self._path(name)}[{i}]") for i, item in enumerate(items)]
+
+    def anything(self, name: str) -> object:
+        return self._given.get(name)
+
+    def _path(self, name: str) -> str:
+        return f"{self._where}.{name}" if self._where else name
+
+
+def _trace(d: _JsonFields, path: Path) -> Trace:
+    if d.anything("kind") != KIND:
+        raise DamagedTraceError(f'`kind` is not "{KIND}"')
+    if d.anything("schema") != SCHEMA:
+        raise DamagedTraceError(f"`schema` is not {SCHEMA}: another version of soter made it")
+    broken = d.part("property")
+    return Trace(
+        program=d.text("program"),
+        sha256=d.text("sha256"),
+        system=d.text("system"),
+        test=d.text("test"),
+        params=d.mapping("params"),
+        seed=d.number("seed", 0, 2**64 - 1),
+        skew_ns=d.number("skew_ns", 0, TIME_MAX),
+        horizon_ns=d.number("horizon_ns", 1, TIME_MAX),
+        broken=ViolationId(
+            broken.one_of("what", VIOLATION_KINDS),
+            broken.number("index", 0, COUNT_MAX),
+            broken.text("text"),
+        ),
+        steps=tuple([_step(s) for s in d.objects("steps")]),
+        minimal=d.truth("minimal"),
+        not_shortest=d.text_or_none("not_shortest"),
+        assumptions=d.texts("assumptions"),
+        shrunk_from=d.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
+        path=path,
+    )
+
+
+def _step(d: _JsonFields) -> Step:
+    return Step(
+        actor=d.text("actor"),
+        kind=d.one_of("kind", STEP_KINDS),
+        release_ns=d.number("release_ns", -1, TIME_MAX),
+        time_ns=d.number("time_ns", -1, TIME_MAX),
+        choices=tuple([_choice(c) for c in d.objects("choices")]),
+        matters=d.truth_or_none("matters"),
+    )
+
+
+def _choice(d: _JsonFields) -> Choice:
+    of = d.number("of", 1, COUNT_MAX)
+    pick = d.number("pick", 0, COUNT_MAX)
+    if pick >= of:
+        raise DamagedTraceError(f"a pick is {pick} of {of} alternatives: they count from 0")
+    return Choice(d.text("stream"), pick, of, d.anything("value"))
+
+
+def program_path(trace: Trace) -> str:
+    """Where its program lies: relative to the file it was read from, or as it was given."""
+    if trace.path is not None:
+        beside = Path(os.path.normpath(trace.path.parent / trace.program))
+        if beside.is_file() or not Path(trace.program).is_file():
+            return str(beside)
+    return trace.program
+
+
+ENDING = ".choose"
+_CLOSED = (
+    typed.Literal,
+    typed.ParamRead,
+    typed.TypedUnary,
+    typed.TypedBinary,
+    typed.Vector,
+    typed.Aggregate,
+    typed.Narrow,
+)
+
+
+@dataclass(frozen=True)
+class _ChoiceSite:
+    """A `choose` of a component."""
+
+    expr: typed.TypedChoose
+    component: Component
+
+    def may_ask(self, count: int) -> bool:
+        """Whether it can have so many alternatives; a fair one sometimes has fewer."""
+        return count == self.expr.count or (self.expr.ages is not None and count < self.expr.count)
+
+    def value(self, pick: int, count: int) -> object:
+        """The value as JSON, None where it is not known."""
+        if count != self.expr.count:
+            return None
+        if not self.expr.options:
+            number = self.expr.low + pick
+            value = bool(number) if isinstance(self.expr.type, BoolType) else number
+            return to_json(self.expr.type, value)
+        option = self.expr.options[pick]
+        if not all(isinstance(part, _CLOSED) for part in nodes([option])):
+            return None
+        constant = Evaluator.of(self.component.scope).expression(option)(Environment())
+        return to_json(option.type, constant)
+
+
+class ChoiceWords:
+    """Of one system; `choices` of a step come back with values, `what` says who asked."""
+
+    def __init__(self, system: System) -> None:
+        self._asked = {
+            c.name + ENDING: [
+                _ChoiceSite(e, c) for e in nodes(_code(c)) if isinstance(e, typed.TypedChoose)
+            ]
+            for c in system.components
+        }
+
+    def complete(self, choice: Choice) -> Choice:
+        """The same with its value, where it had none and the program tells it."""
+        one = self._one(choice)
+        if choice.value is not None or one is None:
+            return choice
+        return replace(choice, value=one.value(choice.pick, choice.of))
+
+    def what(self, choice: Choice) -> str:
+        """The source's words, or the name of the stream."""
+        one = self._one(choice)
+        return choice.stream if one is None else _words(one)
+
+    def _one(self, choice: Choice) -> _ChoiceSite | None:
+        """Who asked; of several the first, where they ask in the same words for the same values."""
+        fitting = [a for a in self._asked.get(choice.stream, ()) if a.may_ask(choice.of)]
+        told = {(_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
+        return fitting[0] if len(told) == 1 else None
+
+
+def _words(asked: _ChoiceSite) -> str:
+    """The source's words on one line."""
+    return " ".join(asked.expr.span.text.split())
+
+
+def _code(component: Component) -> Iterable[object]:
+    """What a step of it evaluates."""
+    if component.plant is not None:
+        return plant_code(component.plant)
+    return () if component.node is None else component.node.step

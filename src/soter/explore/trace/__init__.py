@@ -1,1 +1,0 @@
-"""Traces as data, as choices and as files."""

@@ -1,1 +1,0 @@
-"""Whether what a test asks could ever be answered with no."""

@@ -1,0 +1,454 @@
+"""Constant expressions and type expressions: what is computed when the program is compiled.
+
+Purpose: the checker computes constants, sizes, bounds of loops and data files within a budget, so
+that it always ends; and it says what a type expression means, with sizes that a machine can hold.
+Non-goals: numbers that depend on parameters (`elaborator.py`), the operations
+(`language/evaluate/statements.py`), declarations of types (`declarations.py`), storage.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import replace, the_other_way
+from soter.language.check.checker_interface import Context
+from soter.language.check.expression_base import error_expr
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.evaluate.statements import BudgetExceeded, Evaluator
+from soter.language.load.bounded_read import ReadError, near_names
+from soter.language.load.data_files import DataError
+from soter.language.model import typed
+from soter.language.model.tree_walk import calls_in
+from soter.language.model.types import (
+    BOOL,
+    DURATION,
+    ERROR,
+    FLOAT,
+    INT,
+    MODE,
+    ArrayType,
+    DurationType,
+    ErrorType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    Type,
+    leaf_count,
+    leaves,
+    with_unit,
+)
+from soter.language.model.values import TABLE_MAX, VALUE_MAX
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.codes import Code
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.source import Span
+    from soter.language.check.checker_interface import Because, Shared
+    from soter.language.check.scope import FileScope
+    from soter.language.load.loader import LoadedProgram
+    from soter.language.model.types import Value
+
+
+PROGRAM_BUDGET = 100_000_000
+"""Operations that all constants of a program may take together: some twenty seconds."""
+CONSTANT_BUDGET = 50_000_000
+"""And one of them alone."""
+NUMBERS_BUDGET = 2_000_000
+"""And all numbers of one system: they are computed again for every choice of parameters."""
+MILLION = 1_000_000
+
+WHY = {
+    FaultKind.OVERFLOW: "an int leaves its range",
+    FaultKind.INDEX: "an index lies outside",
+    FaultKind.DIVIDE: "a division by zero",
+    FaultKind.CONVERT: "this float is no 64-bit int",
+    FaultKind.ASSERT: "an assertion fails",
+    FaultKind.CAPACITY: "a full list is pushed to",
+    FaultKind.EXTERN: "an extern is called",
+}
+OUTSIDE = "of files outside of the program's folder nothing is told"
+
+
+class Calculator:
+    """Evaluates closed expressions over some parameters, all within one budget of operations."""
+
+    def __init__(
+        self,
+        diagnostics: Diagnostics,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+        budgets: tuple[int, int] | None = None,
+    ) -> None:
+        """`budgets`: of operations, of one value and of all; those of a system by default."""
+        self.diagnostics = diagnostics
+        self._most, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
+        self._all = self.left
+        self._evaluator = Evaluator(params or {}, None, self.left)
+
+    def value_of(
+        self, name: str, expr: typed.TypedExpr, what: str, known: dict[str, tuple[Value, int]]
+    ) -> Value | None:
+        """The value of a declared constant: as `value`, or as it is `known`, at the same price."""
+        value, spent = known.get(name, (None, 0))
+        if name in known and spent <= min(self.left, self._most):
+            self.left -= spent
+            return value
+        left = self.left
+        value = self.value(expr, what)
+        if value is not None:
+            known[name] = value, left - self.left
+        return value
+
+    def value(self, expr: typed.TypedExpr, what: str) -> Value | None:
+        """The value, or None after a report (T020) that begins with `what`."""
+        if isinstance(expr, typed.Literal):
+            return expr.value
+        if self.left <= 0:
+            return None  # reported when the budget ran out
+        allowed = min(self.left, self._most)
+        self._evaluator.allow(allowed)
+        self._evaluator.tell = lambda n: self.diagnostics.tell(
+            f"{what}: {n / MILLION:.0f} million operations"
+        )
+        try:
+            return self._evaluator.value(expr)
+        except StepFault as fault:
+            self._fault(fault, expr, what)
+        except BudgetExceeded:
+            self.diagnostics.error(
+                "T020",
+                f"{what} takes too long to compute",
+                expr.span,
+                notes=(f"one constant may take {self._most} operations, all {self._all}",),
+                helps=('compute a large table once and read it: `data "file.json"`',),
+            )
+        finally:
+            self.left -= min(self._evaluator.spent, allowed)
+        return None
+
+    def _fault(self, fault: StepFault, expr: typed.TypedExpr, what: str) -> None:
+        why = WHY.get(fault.kind, fault.kind.name.lower())
+        why += f": {fault.detail}" if fault.detail else ""
+        at = fault.span or expr.span
+        outside = at.source is not expr.span.source or not (
+            expr.span.start <= at.start and at.end <= expr.span.end
+        )
+        self.diagnostics.error(
+            "T020",
+            f"{what} has no value: {why}",
+            expr.span if outside else at,
+            also=((at, "it happens here"),) if outside else (),
+        )
+
+
+class ConstantChecker:
+    """Constant expressions of one program."""
+
+    def __init__(self, shared: Shared, loaded: LoadedProgram) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        budgets = (CONSTANT_BUDGET, PROGRAM_BUDGET)
+        self.calculator = Calculator(shared.diagnostics, None, budgets)
+        self._loaded = loaded
+
+    def constant(
+        self,
+        expr: tree.SyntaxExpr,
+        scope: FileScope,
+        expected: Type,
+        what: str,
+        around: Context | None = None,
+        code: Code = "T008",
+    ) -> Value | None:
+        """The value of a constant expression, or None after a report.
+
+        `around` is the place it stands in; its locals are known too late, which is `code`.
+        """
+        context = Context(scope, what, constant=code, hidden=around)
+        checked = self.shared.check_expr(expr, context, expected)
+        return self.value(checked, what)
+
+    def declared(
+        self, decl: tree.ConstDecl, scope: FileScope, expected: Type, what: str
+    ) -> Value | None:
+        """The value of a declared constant, or None after a report."""
+        assert decl.value is not None
+        context = Context(scope, what, constant="T008")
+        checked = self.shared.check_expr(decl.value, context, expected)
+        if not self._computable(checked, what):
+            return None
+        known = self._loaded.reading.constants(scope.loaded)
+        return self.calculator.value_of(decl.name.text, checked, what, known)
+
+    def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
+        """Evaluate a checked expression without locals, topics and parameters of its own."""
+        return self.calculator.value(checked, what) if self._computable(checked, what) else None
+
+    def _computable(self, checked: typed.TypedExpr, what: str) -> bool:
+        if isinstance(checked.type, ErrorType):
+            self.shared.names.losses += 1
+            return False
+        return self._callable(checked, what)
+
+    def number(
+        self,
+        expr: tree.SyntaxExpr,
+        context: Context,
+        expected: Type | None,
+        what: str,
+        because: Because | None = None,
+    ) -> typed.TypedExpr:
+        """An expression over constants and parameters, to be evaluated for each system.
+
+        It has type `expected`, or ERROR after a report.
+        """
+        checked = self.shared.check_expr(expr, context, expected, because)
+        if isinstance(checked.type, ErrorType):
+            return checked
+        sound = [self._sound(call, what) for call in calls_in(checked)]
+        return checked if all(sound) else error_expr(expr.span)
+
+    def _callable(self, checked: typed.TypedExpr, what: str) -> bool:
+        """Whether every function it calls can be run now."""
+        for call in calls_in(checked):
+            if not self._sound(call, what):
+                return False
+            param = self.shared.calls.param_below(call.fun)
+            if param is not None:
+                symbol, span = param
+                self.diagnostics.error(
+                    "T008",
+                    f"{what} cannot depend on the parameter `{symbol.name}`",
+                    call.span,
+                    "through this call",
+                    also=((span, "read here"),),
+                    notes=("parameters are set when a system is run, constants are not",),
+                )
+                return False
+        return True
+
+    def _sound(self, call: typed.TypedCall, what: str) -> bool:
+        """Whether a function and all it calls are without errors and of Soter code."""
+        calls = self.shared.calls
+        if not calls.complete(call.fun):
+            self.shared.names.losses += 1
+            return False
+        extern = calls.extern_below(call.fun)
+        if extern is not None:
+            self.diagnostics.error(
+                "T008",
+                f"{what} cannot be computed by the extern `{extern.name}`",
+                call.span,
+                also=((extern.span, "declared here"),),
+                notes=("externs run in the running program only",),
+            )
+        return extern is None
+
+    def data(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
+        """The value of `data "file"`; D001, D004, D005 when it cannot be had."""
+        assert decl.data is not None
+        path = scope.loaded.path.parent / decl.data
+        try:
+            value, raw = self._loaded.reading.data(path, t, self.diagnostics.tell)
+        except ReadError as error:
+            if error.missing:
+                self.diagnostics.error(
+                    "D001",
+                    f"cannot find the data file `{decl.data}`",
+                    decl.data_span,
+                    notes=("paths start at the folder of the file that names them",),
+                    helps=near_names(path),
+                )
+            else:
+                self.diagnostics.error(
+                    "D005", f"cannot read the data file `{decl.data}`: {error}", decl.data_span
+                )
+            return None
+        except DataError as error:
+            self.diagnostics.error(
+                "D004",
+                f"`{decl.data}` is not a `{t}`",
+                decl.data_span,
+                str(error) if self._loaded.shows(path) else OUTSIDE,
+                also=((decl.type.span, "this type is expected"),),
+            )
+            return None
+        self._loaded.add_data(decl.data, path, raw)
+        return value
+
+
+UNIT_MAX = 16
+"""Characters of a unit."""
+BUILTIN_TYPES: dict[str, Type] = {
+    "bool": BOOL,
+    "int": INT,
+    "float": FLOAT,
+    "duration": DURATION,
+}
+
+
+class TypeChecker:
+    """Checks type expressions of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self._around: Context | None = None
+
+    def check(
+        self,
+        expr: tree.TypeExpr,
+        scope: FileScope,
+        around: Context | None = None,
+        *,
+        duration: bool = False,
+        table: bool = False,
+    ) -> Type:
+        """The type it means, ERROR after a report; `duration` where one may stand (T014).
+
+        `around` is the place it stands in, where that has locals: sizes cannot mention them.
+        `table`: it is the type of data, which is read in place, so an array or list may be large.
+        """
+        outer, self._around = self._around, around
+        t = self._dispatch(expr, scope, TABLE_MAX if table else VALUE_MAX)
+        self._around = outer
+        if isinstance(t, DurationType) and not duration:
+            self.diagnostics.error(
+                "T014",
+                "`duration` is for constants and parameters only",
+                expr.span,
+                notes=("a running program keeps times as `float` seconds",),
+                helps=(replace(expr.span, "float", "write `float`; `seconds(d)` converts"),),
+            )
+            return ERROR
+        return t
+
+    def _dispatch(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
+        if isinstance(expr, tree.BuiltinType):
+            return BUILTIN_TYPES[expr.name]
+        if isinstance(expr, tree.RangedIntType):
+            return self._ranged(expr, scope)
+        if isinstance(expr, tree.NamedType):
+            return self._named(expr, scope)
+        if isinstance(expr, tree.RecordTypeExpr):
+            return self._bounded(self._record(expr, scope), expr, VALUE_MAX)
+        if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
+            return self._bounded(self._array(expr, scope, most), expr, most)
+        if isinstance(expr, tree.UnitTypeExpr):
+            return self._with_unit(expr, scope, most)
+        self.shared.names.losses += 1  # what could not be parsed
+        return ERROR
+
+    def _with_unit(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
+        """T030 where there is no number that could have it, or where it is no short text."""
+        t = self._dispatch(expr.base, scope, most)
+        numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
+        problem = ""
+        if not isinstance(t, ErrorType) and not numbers:
+            problem = f"`{t}` has no number that a unit could belong to"
+        elif not (1 <= len(expr.unit) <= UNIT_MAX and expr.unit.isprintable()):
+            problem = f"a unit is 1 to {UNIT_MAX} characters that can be seen"
+        if problem:
+            self.diagnostics.error(
+                "T030", problem, expr.unit_span, helps=('a unit is written `float unit "m/s"`',)
+            )
+            return ERROR
+        return with_unit(t, expr.unit)
+
+    def _bounded(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
+        """T011 for a type of too many scalars: a value is copied as a whole, a table compiled."""
+        count = 0 if isinstance(t, ErrorType) else leaf_count(t)
+        if count <= most:
+            return t
+        note = f"a value has at most {VALUE_MAX} numbers, as steps copy values whole"
+        if most == TABLE_MAX:
+            note = f"a table of data has at most {TABLE_MAX} numbers"
+        self.diagnostics.error(
+            "T011",
+            "this type is too large",
+            expr.span,
+            f"{count} numbers",
+            notes=(note,),
+            helps=()
+            if most == TABLE_MAX or count > TABLE_MAX or isinstance(t, RecordType)
+            else ('a constant may have more where it is read: `const NAME: T[n] = data "file";`',),
+        )
+        return ERROR
+
+    def _constant(self, expr: tree.SyntaxExpr, scope: FileScope, what: str) -> int | None:
+        value = self.shared.constant(expr, scope, INT, what, self._around)
+        return value if isinstance(value, int) else None
+
+    def _ranged(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
+        what = "the bound of a type"
+        low = self._constant(expr.interval.low, scope, what)
+        high = self._constant(expr.interval.high, scope, what)
+        if low is None or high is None:
+            return ERROR
+        if low > high:
+            self.diagnostics.error(
+                "V001",
+                f"[{low}, {high}] is empty",
+                expr.interval.span,
+                "the lower bound is above the upper one",
+                helps=(the_other_way(expr.interval.low.span, expr.interval.high.span),),
+            )
+            return ERROR
+        return IntType(low, high)
+
+    def _named(self, expr: tree.NamedType, scope: FileScope) -> Type:
+        name = expr.ref.name.text
+        if expr.ref.qualifier is None and name == "Mode" and name not in scope.entries:
+            return MODE
+        entry = self.shared.names.find_ref(scope, expr.ref, "type")
+        if entry is None:
+            return ERROR
+        if entry.kind != "type":
+            self.diagnostics.error(
+                "N003",
+                f"`{expr.ref.text}` is a {entry.kind}, not a type",
+                expr.span,
+                also=((entry.decl.name.span, "declared here"),),
+                helps=entry.instead("type", expr.span),
+            )
+            return ERROR
+        t = self.shared.resolve(entry, expr.span)
+        return t if isinstance(t, Type) else ERROR
+
+    def _record(self, expr: tree.RecordTypeExpr, scope: FileScope) -> Type:
+        fields: dict[str, Type] = {}
+        spans: dict[str, Span] = {}
+        failed = False
+        for name, field_type in expr.fields:
+            t = self.check(field_type, scope, self._around)
+            failed = failed or isinstance(t, ErrorType)
+            if name.text in fields:
+                self.shared.names.twice(name.text, name.span, spans[name.text], "field")
+                failed = True
+                continue
+            fields[name.text] = t
+            spans[name.text] = name.span
+        return ERROR if failed else RecordType(tuple(fields.items()))
+
+    def _array(
+        self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope, most: int
+    ) -> Type:
+        element = self.check(expr.element, scope, self._around)
+        is_array = isinstance(expr, tree.ArrayTypeExpr)
+        what = "the size of an array" if is_array else "the capacity of a list"
+        size_expr = expr.size if isinstance(expr, tree.ArrayTypeExpr) else expr.capacity
+        size = self._constant(size_expr, scope, what)
+        if size is None or isinstance(element, ErrorType):
+            return ERROR
+        if not 1 <= size <= most:
+            self.diagnostics.error(
+                "T011",
+                f"{what} cannot be {size}",
+                size_expr.span,
+                f"1 to {most} are possible",
+            )
+            return ERROR
+        return ArrayType(element, size) if is_array else ListType(element, size)

@@ -1,0 +1,447 @@
+"""What a name was meant to be that means nothing here: elsewhere in the program, or elsewhere.
+
+Purpose: before a name is called unknown or of the wrong kind, every declaration is looked through,
+such as states of plants, locals of nodes and instances of systems; and so are the words of other
+languages. The checker is told what the name is, where it stands, and what to write instead, mostly
+as an edit.
+Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
+(`language/syntax/foreign_idioms.py`), declarations of imports (`scope.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields, is_dataclass
+from typing import TYPE_CHECKING, TypeGuard
+
+from soter.diagnostics.diagnostic import Edit, Fix, insert, replace
+from soter.diagnostics.source import Span
+from soter.language.syntax import foreign_words, tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from soter.diagnostics.diagnostic import Help
+
+
+MEMBERS_SHOWN = 3
+_SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
+LIBRARIES = foreign_words.LIBRARIES | {"random"}
+OF_AN_OBJECT = ("self", "this")
+
+
+def a_type(name: str, span: Span) -> tuple[Help, ...]:
+    """For a type of C, Python, Rust or ROS; nothing where it is none."""
+    meant = foreign_words.type_meant(name)
+    second = _SECOND_WORD.match(span.source.text, span.end)
+    if meant is not None:
+        whole = span if second is None else Span(span.source, span.start, second.end())
+        return (replace(whole, "float" if second and second[1] == "double" else meant),)
+    advice = foreign_words.type_advice(name)
+    return (advice,) if advice is not None else ()
+
+
+def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
+    """For `True`, `AC`, `M_PI`, `None`, a member without its enum."""
+    meant = foreign_words.value_meant(name)
+    if meant is not None:
+        return (replace(span, meant),)
+    if foreign_words.is_nothing(name):
+        return (
+            "there is no null: every value is one of its type, 0 or `false` where none is said",
+        )
+    owners = [
+        f"{decl.name.text}.{name}"
+        for decl in declared
+        if isinstance(decl, tree.TypeDecl)
+        and isinstance(decl.type, tree.EnumTypeExpr)
+        and any(m.text == name for m in decl.type.members)
+    ]
+    return tuple(replace(span, owner) for owner in owners[:MEMBERS_SHOWN])
+
+
+def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
+    """For `len(xs)`, `not (a)`, `now()`, `fabs(x)`."""
+    arguments = expr.arguments
+    if name == "not" and len(arguments) == 1:
+        return (replace(Span(span.source, span.start, arguments[0].span.start), "!("),)
+    if name == "len" and len(arguments) == 1:
+        return (replace(expr.span, f"{arguments[0].span.text}.len"),)
+    if name in ("now", "get_time", "clock", "millis", "rostime") and not arguments:
+        return (replace(expr.span, "time", "write `time`: seconds since the start"),)
+    if name in ("range", "xrange"):
+        return ("a loop counts over a range: `for i in 0..10 { ... }`",)
+    if name == "print" or name.startswith("printf"):
+        return ("publish the value, or read it in the log: every topic is logged",)
+    advice = foreign_words.function_advice(name)
+    if advice is not None:
+        return (advice,)
+    meant = foreign_words.function_meant(name)
+    return (replace(span, meant),) if meant is not None else ()
+
+
+def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
+    """For `range(3)` and `range(1, 3)` behind `for i in`."""
+    if not isinstance(call, tree.CallExpr) or not isinstance(call.callee, tree.NameExpr):
+        return ()
+    if call.callee.name.text not in ("range", "xrange") or not 1 <= len(call.arguments) <= 2:
+        return ()
+    low = call.arguments[0].span.text if len(call.arguments) == 2 else "0"
+    high = call.arguments[-1]
+    if isinstance(high, tree.CallExpr) and high.callee.span.text == "len" and high.arguments:
+        return (replace(call.span, f"{low}..{high.arguments[0].span.text}.len"),)
+    return (replace(call.span, f"{low}..{high.span.text}"),)
+
+
+def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
+    """For `math.sin`, `np.clip`, `std_msgs.Bool`; None where it looks like a file of one's own."""
+    whole = qualifier.span.to(name.span)
+    if wanted == "type" and qualifier.text.endswith("_msgs"):
+        meant = foreign_words.type_meant(name.text)
+        if meant is not None:
+            return (replace(whole, meant),)
+        advice = foreign_words.type_advice(name.text)
+        return (advice or "declare its fields: `type Name = { x: float, y: float };`",)
+    if qualifier.text not in foreign_words.LIBRARIES:
+        return None
+    if wanted == "type":
+        return a_type(name.text, whole) or ("declare it: `type Name = { x: float };`",)
+    meant = (
+        foreign_words.value_meant(name.text) or foreign_words.function_meant(name.text) or name.text
+    )
+    return (replace(whole, meant),)
+
+
+def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
+    """For `self.last` and `math.pi`: the name alone, or what it is worth."""
+    if name.text in foreign_words.LIBRARIES:
+        return of_a_library(name, field, "name") or ()
+    if name.text not in OF_AN_OBJECT:
+        return ()
+    span = Span(name.span.source, name.span.start, field.span.start)
+    return (Fix(f"write `{field.text}`", (Edit(span, ""),)),)
+
+
+def a_declaration(name: tree.Name) -> tuple[Help, ...]:
+    """For an assignment to a name that is not there: it declares it."""
+    return (insert(name.span, "let ", f"declare it: `let {name.text} = ...;`"),)
+
+
+_DECLARATION = re.compile(r"^(?:extern|node|plant|rta|system|test|type|fun|topic)\b", re.MULTILINE)
+
+
+def listed_too(word: str, name: str, owner: Span) -> Fix:
+    """`name` behind the others of `word` in the body of the node or plant called `owner`.
+
+    `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
+    """
+    text = owner.source.text
+    item = _item(word, owner)
+    title = f"add `{name}` to `{word}`"
+    if item is not None:
+        return Fix(title, (Edit(Span(owner.source, item.end(), item.end()), f", {name}"),))
+    opener = text.find("{", owner.end) + 1
+    return Fix(title, (Edit(Span(owner.source, opener, opener), f"\n  {word} {name};"),))
+
+
+def _item(word: str, owner: Span) -> re.Match[str] | None:
+    """The item that `word` begins in the body of the declaration called `owner`."""
+    text = owner.source.text
+    next_ = _DECLARATION.search(text, owner.end)
+    end = next_.start() if next_ else len(text)
+    return re.compile(rf"\b{word}\b[^;{{}}]*(?=;)").search(text, owner.end, end)
+
+
+def in_publishes(name: str, owner: Span) -> Span | None:
+    """Where the node called `owner` lists `name` among what it publishes; None where unseen."""
+    item = _item("publishes", owner)
+    word = item and re.compile(rf"\b{re.escape(name)}\b").search(
+        owner.source.text, item.start() + len("publishes"), item.end()
+    )
+    return Span(owner.source, word.start(), word.end()) if word else None
+
+
+def published_too(
+    declared: Iterable[tree.Decl], topic: str, owner: tree.Name | Span
+) -> tuple[Help, ...]:
+    """`topic` behind what the node called `owner` publishes, unless another one drives it.
+
+    The controllers of a module publish what it does, each of them.
+    """
+    span = owner if isinstance(owner, Span) else owner.span
+    own, declarations = span.text, list(declared)
+    module_of: dict[str, str] = {}
+    for d in declarations:
+        if isinstance(d, tree.RtaDecl):
+            refs = [r.text for r in (d.ac, d.sc) if isinstance(r, tree.Ref)]
+            module_of |= dict.fromkeys(refs, d.name.text)
+    others = [
+        d.name.text
+        for d in declarations
+        if isinstance(d, tree.NodeDecl)
+        and d.name.text != own
+        and any(p.topic.text == topic for p in d.publishes)
+    ]
+    if own in module_of or not others:
+        return (listed_too("publishes", topic, span),)
+    module = module_of.get(others[0])
+    who = f"module `{module}`" if module else f"node `{others[0]}`"
+    return (
+        f"leave it out: {who} drives `{topic}`, and a topic has one driver",
+        f"in the place of {who}, `{own}` has it in `publishes`, too",
+    )
+
+
+SHOWN = 3
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What a name is in another scope: in words, where it is declared, and a help."""
+
+    what: str
+    span: Span
+    help: str
+    weak: bool = False
+    """Names of functions' parameters and of locals are often the same by chance."""
+
+
+def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
+    """What `name` is inside of declarations of a file, in their order; lazily."""
+    declared = tuple(decls)
+    for decl in declared:
+        if isinstance(decl, tree.PlantDecl):
+            yield from _in_a_plant(decl, name)
+        elif isinstance(decl, tree.NodeDecl):
+            yield from _in_a_node(decl, name)
+        elif isinstance(decl, tree.FunDecl):
+            for parameter, _ in decl.parameters:
+                if parameter.text == name:
+                    what = f"a parameter of function `{decl.name.text}`"
+                    yield Meaning(what, parameter.span, "only its function sees it", weak=True)
+        elif isinstance(decl, (tree.SystemDecl, tree.TestDecl)):
+            yield from _in_a_loop(decl, name)
+        if isinstance(decl, tree.SystemDecl):
+            for item in decl.instances:
+                if _is_called(item, name) and item.what.text != name:
+                    what = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
+                    yield Meaning(what, item.name.span, _instead_of_instance(declared, item))
+
+
+def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
+    """The loop variable of a `for` of a system or test, or of one inside of that."""
+    todo: list[object] = [getattr(decl, f.name) for f in fields(decl)]
+    while todo:
+        item = todo.pop()
+        if isinstance(item, tuple):
+            todo += item
+        elif isinstance(item, tree.Repeated):
+            todo += item.items
+            if item.name.text == name:
+                what = f"the loop variable of a `for` of `{decl.name.text}`"
+                how = "it is known inside of the braces of its `for` only: move this line there"
+                yield Meaning(what, item.name.span, how)
+                return
+
+
+def _in_a_plant(plant: tree.PlantDecl, name: str) -> Iterator[Meaning]:
+    owner = f"of plant `{plant.name.text}`"
+    for state in plant.states:
+        if state.name.text == name:
+            driven = driven_by(plant, name)
+            seen = [t.text for t, value in plant.drives if _mentions(value, name)]
+            how = "only its plant sees it"
+            if driven:
+                how = f"what is measured of it is `{driven}`"
+            elif seen:
+                how = f"only its plant sees it; what it drives of it is {listed(seen)}"
+            yield Meaning(f"a state {owner}", state.name.span, how)
+    for disturbance in plant.disturbances:
+        if disturbance.name.text == name:
+            how = "only its plant sees it; a proof counts with all values of its set"
+            yield Meaning(f"a disturbance {owner}", disturbance.name.span, how)
+    for let in plant.lets:
+        if let.name.text == name:
+            how = "only its plant sees it; what all may use is a `const`, or a `fun`"
+            yield Meaning(f"a `let` {owner}", let.name.span, how)
+
+
+def _in_a_node(node: tree.NodeDecl, name: str) -> Iterator[Meaning]:
+    how = "only its node sees it: publish it on a topic"
+    own = [*node.locals, *_declared_in(node.step), *_declared_in(node.takeover)]
+    for local in own:
+        if local.name.text == name:
+            what = f"a local of node `{node.name.text}`"
+            yield Meaning(what, local.name.span, how, weak=True)
+
+
+def _declared_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
+    """All `let` and `var` of a block, those of the blocks in it, too."""
+    if isinstance(part, (tree.LetStmt, tree.VarStmt)):
+        yield part
+    elif isinstance(part, tuple):
+        for inner in part:
+            yield from _declared_in(inner)
+    elif is_dataclass(part) and isinstance(part, (tree.Block, tree.SyntaxStmt)):
+        for field in fields(part):
+            yield from _declared_in(getattr(part, field.name))
+
+
+def _instead_of_instance(decls: Iterable[tree.Decl], item: tree.Instance) -> str:
+    what = next((d for d in decls if d.name.text == item.what.text), None)
+    if isinstance(what, tree.PlantDecl):
+        topics = listed([topic.text for topic, _ in what.drives])
+        return f"only properties of its system see `{item.name.text}.truth`; others read {topics}"
+    return "only its system sees it"
+
+
+def driven_by(plant: tree.PlantDecl, state: str) -> str:
+    """The topic, or the field of one, that a plant drives with a state as it is; "" if none."""
+    for topic, value in plant.drives:
+        if isinstance(value, tree.NameExpr) and value.name.text == state:
+            return topic.text
+        for field, part in value.fields if isinstance(value, tree.RecordExpr) else ():
+            if isinstance(part, tree.NameExpr) and part.name.text == state:
+                return f"{topic.text}.{field.text}"
+    return ""
+
+
+def truth_as_topic(
+    decls: Iterable[tree.Decl], names: list[tree.Name]
+) -> tuple[str, tree.Decl] | None:
+    """What the plant drives for `c.truth...`, `c.x`, `Cart.truth...`, and the plant.
+
+    `c` is an instance of the plant in some system of these declarations.
+    """
+    declared = {d.name.text: d for d in decls}
+    first = names[0].text
+    plant = declared.get(first)
+    for system in declared.values():
+        if plant is None and isinstance(system, tree.SystemDecl):
+            of = (i.what.text for i in system.instances if _is_called(i, first))
+            plant = declared.get(next(of, ""))
+    if not isinstance(plant, tree.PlantDecl) or not plant.drives:
+        return None
+    parts = [n.span.text if isinstance(n, tree.ElementName) else n.text for n in names[1:]]
+    if parts and parts[0] == "truth":
+        parts.pop(0)
+    if parts:
+        state, bracket, index = parts[0].partition("[")
+        driven = driven_by(plant, state.rstrip())
+        return (".".join([driven + bracket + index, *parts[1:]]), plant) if driven else None
+    topic, value = plant.drives[0]
+    states = {s.name.text for s in plant.states}
+    whole = (
+        isinstance(value, tree.RecordExpr)
+        and {n.text for n, part in value.fields if isinstance(part, tree.NameExpr)} == states
+    )
+    return (topic.text, plant) if whole else None
+
+
+def _mentions(value: object, name: str) -> bool:
+    """Whether a name stands somewhere in an expression."""
+    if isinstance(value, tree.NameExpr):
+        return value.name.text == name
+    if isinstance(value, tuple):
+        return any(_mentions(v, name) for v in value)
+    inner = fields(value) if isinstance(value, tree.SyntaxExpr) and is_dataclass(value) else ()
+    return any(_mentions(getattr(value, f.name), name) for f in inner)
+
+
+def _is_called(item: object, name: str) -> TypeGuard[tree.Instance]:
+    return isinstance(item, tree.Instance) and item.name.text == name
+
+
+def instead(
+    decls: Iterable[tree.Decl], decl: tree.Decl, wanted: str, span: Span
+) -> tuple[Help, ...]:
+    """What is of the kind `wanted` and belongs to `decl`, which is of another one.
+
+    A node where a topic is meant: what it publishes; a topic where a type is meant: its type.
+    """
+    declared = tuple(decls)
+    name = decl.name.text
+    if wanted == "topic":
+        return _its_topics(declared, decl)
+    if wanted == "type" and isinstance(decl, tree.TopicDecl):
+        return (replace(span, decl.type.span.text, f"its type is `{decl.type.span.text}`"),)
+    if wanted == "node":
+        known = [d for d in declared if isinstance(d, tree.NodeDecl)]
+        if isinstance(decl, tree.TopicDecl):
+            by = [d.name.text for d in known if name in _published(d)]
+            return (f"it is published by {listed(by)}",) if by else ()
+        if isinstance(decl, tree.RtaDecl):
+            return (f"its nodes are {listed(_nodes_of(decl))}",) if _nodes_of(decl) else ()
+        return (f"nodes are {listed([d.name.text for d in known])}",) if known else ()
+    if wanted == "plant":
+        plants = [d.name.text for d in declared if isinstance(d, tree.PlantDecl)]
+        return (f"plants are {listed(plants)}",) if plants else ()
+    if wanted == "module" and isinstance(decl, tree.NodeDecl):
+        of = [d.name.text for d in declared if isinstance(d, tree.RtaDecl) and _has(d, name)]
+        return (f"it is a node of {listed(of)}",) if of else ()
+    if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
+        return _its_topics(declared, decl)
+    return ()
+
+
+def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+    """The topics of a node, plant, module or type, as one sentence."""
+    if isinstance(decl, tree.NodeDecl):
+        topics, verb = _published(decl), "publishes"
+    elif isinstance(decl, tree.PlantDecl):
+        topics, verb = [t.text for t, _ in decl.drives], "drives"
+    elif isinstance(decl, tree.RtaDecl):
+        inside = _nodes_of(decl)
+        nodes = [d for d in decls if isinstance(d, tree.NodeDecl) and d.name.text in inside]
+        topics, verb = [t for d in nodes for t in _published(d)], "publishes"
+    elif isinstance(decl, tree.TypeDecl):
+        of = [d for d in decls if isinstance(d, tree.TopicDecl)]
+        topics = [d.name.text for d in of if d.type.span.text == decl.name.text]
+        return (f"topics of this type are {listed(topics)}",) if topics else ()
+    else:
+        return ()
+    topics = list(dict.fromkeys(topics))
+    return (f"it {verb} {listed(topics)}: name the topic",) if topics else ()
+
+
+def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
+    """What stands for `topic.field`, at `part`, where a topic is named: `publish pose.x = e`, say.
+
+    The whole record where it is given a value, the name alone everywhere else.
+    """
+    given = part.source.text[part.end :].lstrip().startswith("=")
+    if not given or not isinstance(topic, tree.TopicDecl):
+        return (replace(part, topic.name.text),)
+    record = next((d for d in decls if d.name.text == topic.type.span.text), None)
+    if not isinstance(record, tree.TypeDecl) or not isinstance(record.type, tree.RecordTypeExpr):
+        return (f"give all of `{topic.name.text}` at once",)
+    fields_ = ", ".join(f"{name.text}: ..." for name, _ in record.type.fields)
+    return (f"give all of its fields at once: `{topic.name.text} = {{ {fields_} }}`",)
+
+
+def is_driven(decls: Iterable[tree.Decl], topic: str) -> bool:
+    """Whether a node publishes a topic of this name, or a plant drives it."""
+    return any(
+        (isinstance(d, tree.NodeDecl) and topic in _published(d))
+        or (isinstance(d, tree.PlantDecl) and topic in [t.text for t, _ in d.drives])
+        for d in decls
+    )
+
+
+def _published(node: tree.NodeDecl) -> list[str]:
+    return [p.topic.text for p in node.publishes]
+
+
+def _nodes_of(module: tree.RtaDecl) -> list[str]:
+    parts = (module.ac, module.sc)
+    return list(dict.fromkeys(p.text for p in parts if isinstance(p, tree.Ref)))
+
+
+def _has(module: tree.RtaDecl, name: str) -> bool:
+    return name in _nodes_of(module)
+
+
+def listed(names: list[str]) -> str:
+    """`a`, `b`: the first few of them."""
+    shown = ", ".join(f"`{n}`" for n in names[:SHOWN])
+    return shown + (" and others" if len(names) > SHOWN else "")

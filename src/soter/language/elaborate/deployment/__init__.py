@@ -1,1 +1,0 @@
-"""Systems that run in the world: what they inherit, and the thread that keeps their times."""

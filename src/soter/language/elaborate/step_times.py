@@ -1,0 +1,210 @@
+"""Times of steps: `takes`, `wcet` and `jitter`, and safe controllers that wait for late modules.
+
+Purpose: who may take how long (M023), and the topic in which what a step publishes is held until it
+takes effect: its stamp is the time at which that will be, NEVER while nothing is held. The numbers
+of `wcet`, `jitter` and `inline`, and who runs in the thread of the trusted part. The faults that
+say that an SC waits for its DM where the deployed order is kept.
+Non-goals: what a run does with it (`semantics/rules.py`, `codegen/nodes.py`); what follows from
+execution times (`soter.timing`); systems whose order is drawn, where nobody waits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import the_other_way
+from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
+from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.system import Fault, Topic
+from soter.language.model.types import BOOL, INT, RecordType, default_value
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.elaborate.instantiate import SubSystem
+    from soter.language.elaborate.system_numbers import Numbers
+    from soter.language.model import typed
+    from soter.language.model.system import Bound, Component, Module
+    from soter.language.model.typed import NodeSymbol
+    from soter.language.model.types import Type
+
+
+def may_take(
+    node: NodeSymbol,
+    role: str,
+    times: tuple[int, int],
+    diagnostics: Diagnostics,
+) -> None:
+    """V001 where the times are the wrong way round; M023 where `node` may not take so long.
+
+    `role` is "ac" or "sc" inside a module.
+    """
+    assert node.takes is not None
+    low, high = times
+    span = node.takes[0].span.to(node.takes[1].span)
+    if low > high:
+        diagnostics.error(
+            "V001",
+            f"[{write_ns(low)}, {write_ns(high)}] is empty",
+            span,
+            "the lower bound is above the upper one",
+            helps=(the_other_way(node.takes[0].span, node.takes[1].span),),
+        )
+        return
+    for message, note, help_ in _reasons(node, role):
+        diagnostics.error(
+            "M023",
+            message,
+            span,
+            also=((node.span, "declared here"),),
+            notes=(note,),
+            helps=(help_,),
+        )
+
+
+def _reasons(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
+    """Why a node may not take so long: message, note, help."""
+    if role == "sc":
+        yield (
+            f"`{node.name}` is a safe controller: its steps may not take time",
+            "what SC publishes has to count when the decision module calls for it",
+            "say in the `verify` block what the machine needs for it: `response sc ...;`",
+        )
+    for topic in node.bursts:
+        yield (
+            f"a step of `{node.name}` takes time: not several messages on `{topic.name}`",
+            "what a step publishes is held until it takes effect, one value a topic",
+            f"publish `{topic.name}` without `[<=...]`, or a list as one value",
+        )
+    if not node.publishes:
+        yield (
+            f"`{node.name}` publishes nothing that could take effect later",
+            "`takes` says when what a step publishes counts",
+            "leave it out",
+        )
+
+
+def check_double_response(
+    modules: Iterable[Module], components: Iterable[Component], diagnostics: Diagnostics
+) -> None:
+    """N002 where a `verify` block says a `response` of a node that says itself what it takes."""
+    lasting = [c for c in components if c.takes_ns is not None]
+    for m in modules:
+        home = m.name.rpartition(".")[0]
+        said = m.symbol.verify.response_of
+        for c in lasting:
+            assert c.node is not None
+            assert c.node.takes is not None
+            name = c.name.removeprefix(f"{home}.") if home else c.name
+            if name not in said:
+                continue
+            diagnostics.error(
+                "N002",
+                f"how long a step of `{name}` takes is said twice",
+                said[name].span,
+                "its `response`",
+                also=((c.node.takes[0].span.to(c.node.takes[1].span), "what it says itself"),),
+                notes=("a proof counts with the longest that the node says",),
+                helps=("leave out the `response`",),
+            )
+
+
+def held_topic(index: int, c: Component, topics: Sequence[Topic]) -> Topic:
+    """The topic number `index`, in which a component holds what its steps publish."""
+    assert c.node is not None
+    published = [topics[c.scope.topics[t]] for t in c.node.publishes]
+    fields: list[tuple[str, Type]] = []
+    bounds: list[Bound | None] = []
+    for k, topic in enumerate(published):
+        fields += [(f"has_{k}", BOOL), (f"at_{k}", INT), (f"out_{k}", topic.type)]
+        bounds += [None, None, *topic.bounds]
+    t = RecordType(tuple(fields))
+    return Topic(
+        index=index,
+        name=f"{c.name}.held",
+        symbol=published[0].symbol,
+        type=t,
+        bounds=tuple(bounds),
+        set_declared=False,
+        default=default_value(t),
+        max_age_ns=None,
+        driver=c.name,
+        held=True,
+    )
+
+
+def budget(numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol) -> tuple[int | None, int]:
+    """`wcet` and `jitter` in ns; None, 0 where they are not said or after a report."""
+    jitter = _time(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
+    return _time(numbers, of.wcet, f"the wcet of `{of.name}`", least=1), jitter or 0
+
+
+def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: int) -> int | None:
+    """A time of at least `least` ns; C001, C002 otherwise."""
+    value = None if expr is None else numbers.number(expr, what)
+    if value is None or expr is None:
+        return None
+    assert isinstance(value, int)
+    if value < least:
+        needed = "cannot be negative" if least == 0 else "must be longer than zero"
+        message = f"{what} {needed}"
+        numbers.diagnostics.error("C001", message, expr.span, f"this is {show_ns(value)}")
+        return None
+    if value > MAX_PERIOD_NS:
+        numbers.diagnostics.error(
+            "C002",
+            f"{what} cannot be {show_ns(value)}",
+            expr.span,
+            f"up to {show_ns(MAX_PERIOD_NS)} is possible",
+        )
+        return None
+    return value
+
+
+def inlined(
+    parts: Iterable[SubSystem], components: Sequence[Component], diagnostics: Diagnostics
+) -> None:
+    """Marks what systems call `inline`; M013 where that is no node of theirs."""
+    by_name = {c.name: c for c in components if c.node is not None}
+    for part in parts:
+        for path, span in part.system.inlines:
+            component = by_name.get(part.prefix + path)
+            if component is not None:
+                component.inline = True
+                continue
+            near = [n.removeprefix(part.prefix) for n in by_name if n.startswith(part.prefix)]
+            diagnostics.error(
+                "M013",
+                f"`{path}` is not a node of system `{part.system.name}`",
+                span,
+                notes=("`inline` names the nodes that run in the thread of the trusted part",),
+                helps=diagnostics.did_you_mean(path, near, span),
+            )
+
+
+WAIT = "wait"
+
+
+def waiting(
+    modules: Sequence[Module], faults: Sequence[Fault], *, shuffled: bool
+) -> tuple[Fault, ...]:
+    """These faults, and what follows from them for SCs."""
+    said = [f for f in faults if f.kind != WAIT]
+    return (*said, *(() if shuffled else _waits(modules, said)))
+
+
+def _waits(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault]:
+    late = {f.component: f.inside for f in faults if f.kind == "late"}
+    for m in modules:
+        if m.dm in late:
+            yield Fault(
+                kind=WAIT,
+                component=m.sc,
+                stream="",
+                probability=1.0,
+                slot_ns=0,
+                on=m.dm,
+                inside="SC waits for its decision module",
+                text=f"{m.name}: SC waits for its decision module",
+            )

@@ -1,0 +1,391 @@
+"""The numbers of a system: values of parameters, constant expressions, and how large it is.
+
+Purpose: who sets a parameter of which instance; periods, counts and intervals, each with what is
+possible. Instances and numbers are counted before they are made: a few lines can ask for 2^50
+instances, and get M007 instead.
+Non-goals: what the numbers are for (`elaborator.py`), the exact size of the state
+(`core/layout.py`).
+
+The rule: within an instance a parameter has the value that was set for this instance, or else the
+one that it has around it. Of several who set it for an instance, who speaks last wins: the command
+line, then the test, then systems from the outside in. Around everything stand the command line, the
+test, the system that runs and the default, in this order.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import the_other_way
+from soter.language.check.constants_and_types import Calculator
+from soter.language.check.declarations import show
+from soter.language.check.parts.node import UNKNOWN
+from soter.language.model import typed
+from soter.language.model.durations import show_ns
+from soter.language.model.types import leaf_count
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.source import Span
+    from soter.language.model.types import Type, Value
+
+
+Values = dict[typed.ParamSymbol, Any]
+
+
+class Parameters:
+    """The parameters of one system that runs.
+
+    `everywhere`: values where no instance has its own; `named`: those and the own ones of
+    instances, by full name (`GAIN`, `r[0].GAIN`), as they are told and can be given again.
+    """
+
+    def __init__(
+        self,
+        program: typed.TypedProgram,
+        sets: Iterable[typed.SetSymbol],
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+    ) -> None:
+        self.program = program
+        self.overrides = overrides
+        self.diagnostics = diagnostics
+        self._set: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
+        self._known: dict[object, Values] = {}
+        self.add("", sets)
+        self.everywhere: Values = {
+            p: self._value("", p, p.default.value)
+            for p in program.params.values()
+            if isinstance(p.default, typed.Literal)
+        }
+        self.named: dict[str, Value] = {p.name: v for p, v in self.everywhere.items()}
+
+    def add(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
+        """What a system below `prefix` sets; outer ones first, as what is there stays."""
+        for item in sets:
+            if item.path or not prefix:
+                self._set.setdefault((prefix + item.path, item.param), item)
+
+    def inside(self, path: str, around: Values) -> Values:
+        """The values in the instance with this full path; `around` itself where it has no own."""
+        own = {p: v for p in around if (v := self._value(path, p, None)) is not None}
+        if not own:
+            return around
+        self.named |= {f"{path}.{p.name}": v for p, v in own.items()}
+        key = id(around), repr([(id(p), v) for p, v in own.items()])
+        return self._known.setdefault(key, {**around, **own})
+
+    def of_instances(self) -> list[typed.SetSymbol]:
+        """What texts set for instances that there are, each with the full path."""
+        return [
+            replace(item, path=path)
+            for (path, param), item in self._set.items()
+            if path and f"{path}.{param.name}" in self.named
+        ]
+
+    def sets(self, param: typed.ParamSymbol, path: str) -> bool:
+        """Whether a value is set for everything, or for an instance around `path`."""
+        around = ["", *(path[:i] for i, c in enumerate(path) if c == "."), path]
+        return any((at, param) in self._set for at in around)
+
+    def _value(self, path: str, param: typed.ParamSymbol, default: Value | None) -> Value | None:
+        name = f"{path}.{param.name}" if path else param.name
+        if name in self.overrides:
+            value = self.overrides[name]
+            self._check(name, param, value, (param.span, "was set to"))
+            return value
+        item = self._set.get((path, param))
+        if item is None:
+            return default
+        self._check(name, param, item.value, (item.span, "is set to"))
+        return item.value
+
+    def _check(
+        self, name: str, param: typed.ParamSymbol, value: Value, set_at: tuple[Span, str]
+    ) -> None:
+        """V007 for a value outside the range of its parameter."""
+        if not isinstance(param.low, typed.Literal) or not isinstance(param.high, typed.Literal):
+            return
+        low, high = param.low.value, param.high.value
+        if not low <= value <= high:
+            span, how = set_at
+            shown = [show(x, param.type) for x in (value, low, high)]
+            self.diagnostics.error(
+                "V007",
+                f"parameter `{name}` {how} {shown[0]}, outside [{shown[1]}, {shown[2]}]",
+                span,
+                also=((param.span, "declared here"),) if span is not param.span else (),
+            )
+
+
+def has_param(
+    program: typed.TypedProgram, systems: Iterable[typed.SystemSymbol], name: str
+) -> bool:
+    """Whether a full name means a parameter of the program, or of an instance in such a system."""
+    param = program.param(name)
+    if param is None or name == param.name:
+        return param is not None
+    path = name[: -len(param.name) - 1].split(".")
+    return any(_has(system, path) for system in systems)
+
+
+def _has(system: typed.SystemSymbol, path: list[str]) -> bool:
+    what: object = system
+    for part in path:
+        instance = what.by_name.get(part) if isinstance(what, typed.SystemSymbol) else None
+        if instance is None:
+            return False
+        what = instance.what
+    return True
+
+
+MIN_PERIOD_NS = 1_000
+MAX_PERIOD_NS = 3_600_000_000_000
+MAX_TIME_NS = 2**62
+
+
+class Numbers:
+    """Computes the numbers of one system under its parameters."""
+
+    def __init__(
+        self,
+        program: typed.TypedProgram,
+        symbol: typed.SystemSymbol,
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+    ) -> None:
+        self.program = program
+        self.symbol = symbol
+        self.diagnostics = diagnostics
+        self.parameters = Parameters(program, symbol.sets, overrides, diagnostics)
+        self.params = self.parameters.everywhere
+        self.calculator = Calculator(diagnostics, self.params)
+        self._calculators = {id(self.params): (self.params, self.calculator)}
+
+    @contextmanager
+    def under(self, params: Values) -> Iterator[None]:
+        """Compute with these values of the parameters meanwhile; one budget for all."""
+        before, outer = self.params, self.calculator
+        if params is not before:
+            known = self._calculators.get(id(params))
+            if known is None:
+                known = params, Calculator(self.diagnostics, params)
+                self._calculators[id(params)] = known
+            self.params, self.calculator = known
+            self.calculator.left = outer.left
+        try:
+            yield
+        finally:
+            outer.left = self.calculator.left
+            self.params, self.calculator = before, outer
+
+    # ------------------------------------------------------------ numbers
+
+    def number(self, expr: typed.TypedExpr, what: str) -> Value | None:
+        """The value of a constant expression under this system's parameters."""
+        return self.calculator.value(expr, what)
+
+    def duration(self, expr: typed.TypedExpr, what: str) -> int | None:
+        """A time in ns, None after a report: C001 when it is impossible, C002 when absurd."""
+        if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
+            return None
+        value = self.number(expr, what)
+        if value is None:
+            return None
+        assert isinstance(value, int)
+        if value <= 0:
+            self.diagnostics.error(
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if not MIN_PERIOD_NS <= value <= MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"{what} cannot be {show_ns(value)}",
+                expr.span,
+                f"{show_ns(MIN_PERIOD_NS)} to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return None
+        return value
+
+    def long_duration(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """The length of a run in ns, None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value <= 0:
+            self.diagnostics.error(
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_TIME_NS:
+            self.diagnostics.error(
+                "C002", f"{what} is too long", expr.span, "at most 146 years are possible"
+            )
+            return None
+        return int(value)
+
+    def delay(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """A delay in ns, zero allowed; None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value < 0:
+            self.diagnostics.error(
+                "C001", f"{what} cannot be negative", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"{what} cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return None
+        return int(value)
+
+    def count(self, expr: typed.TypedExpr | None, what: str, low: int, high: int) -> int | None:
+        """A whole number in [low, high]; None where there is none or after a report (C002)."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if not low <= value <= high:
+            self.diagnostics.error(
+                "C002", f"{what} cannot be {value}", expr.span, f"{low} to {high} are possible"
+            )
+            return None
+        return int(value)
+
+    def interval(
+        self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, what: str
+    ) -> tuple[float, float] | None:
+        """Bounds, None after a report: V006 when they are not finite, V001 when out of order."""
+        a, b = self.number(low, what), self.number(high, what)
+        if a is None or b is None:
+            return None
+        shown = f"[{a!r}, {b!r}]"
+        if not (math.isfinite(a) and math.isfinite(b)):
+            self.diagnostics.error("V006", f"{what} must be bounded", span, f"this is {shown}")
+            return None
+        if not math.isfinite(b - a):
+            self.diagnostics.error(
+                "V006", f"{what} is wider than any float", span, f"this is {shown}"
+            )
+            return None
+        if a > b:
+            self.diagnostics.error(
+                "V001",
+                f"{shown} is empty",
+                span,
+                "the lower bound is above the upper one",
+                helps=(the_other_way(low.span, high.span),),
+            )
+            return None
+        return a, b
+
+    def skew(self, expr: typed.TypedExpr | None) -> int:
+        """The skew of a test in ns: zero is allowed, and what stands for a wrong one."""
+        value = self.number(expr, "`skew`") if expr is not None else None
+        if expr is None or value is None:
+            return 0
+        if not 0 <= value <= MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"`skew` cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return 0
+        return int(value)
+
+
+MAX_COMPONENTS = 10_000
+MAX_NUMBERS = 1_000_000
+MAX_DEPTH = 100
+
+
+class TooLargeError(Exception):
+    """The system is too large to be flattened; reported."""
+
+
+class SizeCounter:
+    """Counts what a system is made of."""
+
+    def __init__(
+        self,
+        system: typed.SystemSymbol,
+        known: dict[typed.SystemSymbol, tuple[int, int]],
+        diagnostics: Diagnostics,
+    ) -> None:
+        self.system = system
+        self.known = known
+        self.diagnostics = diagnostics
+        self._numbers = 0
+        self._sizes: dict[int, tuple[Type, int]] = {}
+
+    def instances(self) -> bool:
+        """Whether the system has a possible number of instances; M007 otherwise."""
+        count, depth = self._count()
+        inner = [self.known[s] for s in _parts(self.system)]
+        if any(c > MAX_COMPONENTS or d > MAX_DEPTH for c, d in inner):
+            return False  # reported there
+        if count > MAX_COMPONENTS:
+            text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
+            self._report(
+                f"has {text} parts",
+                f"at most {MAX_COMPONENTS} are possible, systems inside it included",
+            )
+        elif depth > MAX_DEPTH and not self.diagnostics.has_errors:
+            self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
+        return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
+
+    def _count(self) -> tuple[int, int]:
+        """Components and levels of the system; of its parts first, however deep they nest."""
+        path = [self.system]
+        while path:
+            system = path[-1]
+            missing = next((s for s in _parts(system) if s not in self.known), None)
+            if missing is not None:
+                path.append(missing)
+                continue
+            path.pop()
+            parts = [self.known[s] for s in _parts(system)]
+            own = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
+            count = sum(1 + c for c, _ in parts) + sum(_weight(w) for w in own)
+            self.known[system] = count, 1 + max((d for _, d in parts), default=0)
+        return self.known[self.system]
+
+    def fits(self, t: Type) -> bool:
+        """Whether there is room for a topic, a local or a state of type `t`; M007 if not."""
+        known = self._sizes.get(id(t))
+        if known is None:
+            known = self._sizes[id(t)] = (t, leaf_count(t))
+        self._numbers += known[1]
+        if self._numbers > MAX_NUMBERS:
+            self._report(f"has a state of more than {MAX_NUMBERS} numbers", "in this system")
+        return self._numbers <= MAX_NUMBERS
+
+    def _report(self, what: str, label: str) -> None:
+        if not self.system.name:
+            return  # no system of the program's
+        self.diagnostics.error(
+            "M007",
+            f"system `{self.system.name}` {what}",
+            self.system.span,
+            label,
+            notes=("everything that runs has a place in memory of its own from the start",),
+        )
+
+
+def _parts(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
+    return [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
+
+
+def _weight(what: object) -> int:
+    return 3 if isinstance(what, typed.ModuleSymbol) else 1

@@ -1,0 +1,323 @@
+"""A module and its plants as proofs see them: by views, moved by others, from where they start.
+
+Purpose: a view speaks of the topics that its plants drive, and keeps what `safe`, `ttf` and `safer`
+say about those alone (docs/proof.md, Views): every part of `safe` and of `safer` must be kept by
+some view (R023), and a part of `ttf` that none keeps is dropped, which makes a proof harder, not
+wrong. `moved_by_others` makes a disturbance of every topic that a plant reads and the module does
+not publish. `start_behind` says where an abstraction starts.
+Non-goals: proofs; who keeps topics in their sets (`verify/scope.py`); initial states that are
+drawn. The re-checker has its own views (`certificate/reading/view_predicates.py`), on purpose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.elaborate.derived_systems import with_components, with_module
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.predicates import conjuncts, disjuncts
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model import typed
+from soter.language.model.system import Bound, Disturbance
+from soter.language.model.tree_walk import nodes, rewritten, topic_reads
+from soter.language.model.types import (
+    BOOL,
+    FLOAT,
+    ArrayType,
+    FloatType,
+    RecordType,
+    has_list,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping
+
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.types import Type, Value
+
+
+Topics = frozenset[typed.TopicSymbol]
+
+
+def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]:
+    """The module with its system, once for each of its views; itself where it has none.
+
+    Raises `SoterError` R023 where the views together are not the module.
+    """
+    symbol = module.symbol
+    if not symbol.verify.views:
+        return [(flat, module)]
+    _judge(symbol)
+    return [_seen(flat, module, view) for view in symbol.verify.views]
+
+
+def refuse_views(module: Module) -> None:
+    """`SoterError` R023 for a module with views, where one set of plants is looked at."""
+    if not module.symbol.verify.views:
+        return
+    diagnostics = Diagnostics()
+    names = ", ".join(f"`{v.name}`" for v in module.symbol.verify.views)
+    diagnostics.error(
+        "R023",
+        f"module `{module.name}` is proved in views, and has no plants of its own",
+        module.symbol.verify.span or module.symbol.span,
+        notes=(f"its views are {names}; monitors and advice look at one set of plants",),
+        helps=("`soter verify` takes them one by one",),
+    )
+    raise SoterError(diagnostics.items)
+
+
+def speaks_of(block: typed.TypedVerifyBlock) -> Topics:
+    """The topics that the plants of a view drive."""
+    return frozenset(topic for link in block.abstracts for topic, _ in link.plant.drives)
+
+
+def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System, Module]:
+    symbol, topics = module.symbol, speaks_of(view.block)
+    assert symbol.ttf is not None
+    assert symbol.safer is not None
+    enters = symbol.verify.enters
+    if enters is not None:
+        enters = _joined("&&", _kept(conjuncts(enters), topics), enters)
+    part = replace(
+        symbol,
+        verify=replace(view.block, enters=enters),
+        safe=_joined("&&", _kept(conjuncts(symbol.safe), topics), symbol.safe),
+        ttf=_joined("||", _kept(disjuncts(symbol.ttf), topics), symbol.ttf),
+        safer=_joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer),
+    )
+    module_view = replace(module, symbol=part, view=view.name, whole=symbol)
+    return with_module(flat, module_view), module_view
+
+
+def _kept(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedExpr]:
+    return [e for e in parts if topics.issuperset(topic_reads(e))]
+
+
+def _joined(op: str, parts: list[typed.TypedExpr], whole: typed.TypedExpr) -> typed.TypedExpr:
+    """Nothing to join: true for `&&`, false for `||`."""
+    if not parts:
+        return typed.Literal(BOOL, whole.span, op == "&&")
+    return reduce(lambda a, b: typed.TypedBinary(BOOL, whole.span, op, a, b), parts)
+
+
+def _judge(symbol: typed.ModuleSymbol) -> None:
+    """R023: what `verify` says beside views, and what no view keeps."""
+    diagnostics, verify = Diagnostics(), symbol.verify
+    if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
+        diagnostics.error(
+            "R023",
+            f"`verify` of module `{symbol.name}` has views, and a proof of its own",
+            verify.span or symbol.span,
+            helps=("put every `grid`, `polytope` and `abstracts` into a view",),
+        )
+    for view in verify.views:
+        if not view.block.abstracts:
+            diagnostics.error(
+                "R023",
+                f"view `{view.name}` has no plant",
+                view.span,
+                helps=("say which one: `abstracts d by m: Model = ...;`",),
+            )
+    for name, predicate in (("ttf", symbol.ttf), ("safer", symbol.safer)):
+        if predicate is None:
+            diagnostics.error(
+                "R023",
+                f"module `{symbol.name}` has views and no `{name}`",
+                symbol.span,
+                notes=("no predicates are computed for several views",),
+                helps=(f"write `{name}`",),
+            )
+    every = [speaks_of(view.block) for view in verify.views]
+    for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
+        for part in conjuncts(predicate) if predicate is not None else ():
+            if not any(_kept([part], topics) for topics in every):
+                read = ", ".join(f"`{t.name}`" for t in dict.fromkeys(topic_reads(part)))
+                diagnostics.error(
+                    "R023",
+                    f"no view speaks of this part of `{name}`",
+                    part.span,
+                    f"it reads {read}",
+                    notes=("a view speaks of the topics that its plants drive, of all at once",),
+                    helps=("write it as parts joined by `&&`, each about topics of one view",),
+                )
+    diagnostics.raise_errors()
+
+
+@dataclass(frozen=True)
+class Influence:
+    """A leaf of a topic of others that moves a plant: `topic` and `leaf` are indices."""
+
+    component: int
+    topic: int
+    leaf: int
+    variable: typed.Variable
+    low: float
+    high: float
+
+    def name(self, system: System) -> str:
+        """As proofs call it: `plant.topic.leaf`."""
+        return f"{system.components[self.component].name}.{self.variable.name}"
+
+
+def foreign(c: Component, outputs: tuple[int, ...]) -> list[typed.TopicSymbol]:
+    """Topics that the equations of a plant read and that are no outputs of the module."""
+    assert c.plant is not None
+    read = topic_reads(*_equations(c.plant))
+    return [t for t in c.plant.reads if t in read and c.scope.topics[t] not in outputs]
+
+
+def can_be_any(system: System, topic: int) -> bool:
+    """Whether every leaf of a topic is a float in a declared set: else it is no disturbance."""
+    there = system.topics[topic]
+    leaf_bounds = zip(leaves(there.type), there.bounds, strict=True)
+    floats = all(isinstance(t, FloatType) and isinstance(b, Bound) for (_, t), b in leaf_bounds)
+    return floats and not has_list(there.type)
+
+
+def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
+    """With plants moved by any values of the declared sets where they read what others publish.
+
+    Gives what moves them; a topic that is more than floats in a declared set stays as it is.
+    """
+    moved: list[Component] = []
+    all_influences: list[Influence] = []
+    for c in system.components:
+        if c.plant is not None and not c.plant.extern:
+            plant, influences = _moved_by_any(system, c, tuple(module.outputs))
+            moved.append(plant)
+            all_influences += influences
+    return with_components(system, moved), tuple(all_influences)
+
+
+def _moved_by_any(
+    system: System, c: Component, outputs: tuple[int, ...]
+) -> tuple[Component, tuple[Influence, ...]]:
+    """A plant, moved by any values where it reads what others publish; and what moves it."""
+    topics = [t for t in foreign(c, outputs) if can_be_any(system, c.scope.topics[t])]
+    if not topics:
+        return c, ()
+    assert c.plant is not None
+    plant, variables = _opened(c.plant, tuple(topics))
+    drawn, influences = [], []
+    for topic in topics:
+        index = c.scope.topics[topic]
+        bounds = zip(variables[topic], system.topics[index].bounds, strict=True)
+        for leaf, (variable, b) in enumerate(bounds):
+            assert b is not None
+            streams = (f"{c.name}.{variable.name}",)
+            drawn.append(Disturbance(variable, b.low, b.high, 0, streams))
+            influences.append(Influence(c.index, index, leaf, variable, b.low, b.high))
+    moved = replace(c, plant=plant, disturbances=(*c.disturbances, *drawn))
+    return moved, tuple(influences)
+
+
+Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
+
+
+@lru_cache(maxsize=256)
+def _opened(
+    plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
+) -> tuple[typed.PlantSymbol, Variables]:
+    """The same symbol for the same plant and topics: symbols are compared by identity."""
+    made: Variables = {}
+    for topic in topics:
+        names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
+        made[topic] = tuple(typed.Variable(n, FLOAT, "disturbance", topic.span) for n in names)
+    whole = {t: _value(t.type, iter(made[t]), t) for t in topics}
+
+    def value(e: typed.TypedExpr) -> typed.TypedExpr:
+        return _of_topics(e, whole)
+
+    opened = replace(
+        plant,
+        reads=tuple(t for t in plant.reads if t not in whole),
+        read_spans=(),
+        lets=tuple((v, rewritten(e, value)) for v, e in plant.lets),
+        der={v: rewritten(e, value) for v, e in plant.der.items()},
+        next={v: rewritten(e, value) for v, e in plant.next.items()},
+        drives=tuple((t, rewritten(e, value)) for t, e in plant.drives),
+        disturbances=(*plant.disturbances, *_declared(made)),
+    )
+    return opened, made
+
+
+def _declared(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
+    for topic, variables in made.items():
+        for v in variables:
+            zero = typed.Literal(FLOAT, topic.span, 0.0)
+            yield typed.DisturbanceSymbol(v, zero, zero, None)  # its range stands in the component
+
+
+def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
+    if isinstance(t, (RecordType, ArrayType)):
+        return typed.Aggregate(t, topic.span, tuple(_value(p, left, topic) for p in _below(t)))
+    return typed.VarRead(t, topic.span, next(left))
+
+
+def _below(t: RecordType | ArrayType) -> list[Type]:
+    return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+
+
+def _equations(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
+    return [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
+
+
+def _of_topics(
+    e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
+) -> typed.TypedExpr:
+    """A reading of a topic, or of a field of one: the value that stands for it."""
+    if isinstance(e, typed.TopicRead):
+        return by.get(e.topic, e)
+    if (
+        isinstance(e, typed.TypedField)
+        and isinstance(e.target, typed.Aggregate)
+        and _plain(e.target)
+    ):
+        return e.target.elements[e.index]
+    return e
+
+
+def _plain(e: typed.TypedExpr) -> bool:
+    """Whether it is made of variables alone: what is left out of it cannot fault."""
+    if isinstance(e, typed.Aggregate):
+        return all(_plain(x) for x in e.elements)
+    return isinstance(e, typed.VarRead)
+
+
+def start_behind(
+    flat: System, module: Module, link: typed.AbstractionLink
+) -> tuple[Value, ...] | None:
+    """The states of the plant of the proof, one by one, at the start of the flying system.
+
+    Topics have their defaults then. None where there is no map, where a state of what flies is
+    drawn, and where the map reads what is not there yet: ages, times, modes.
+    """
+    name = ".".join((*module.name.split(".")[:-1], link.instance))
+    plants = [c for c in flat.components if c.name == name and c.plant is not None]
+    if link.value is None or not plants or plants[0].extern:
+        return None
+    (c,) = plants
+    late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
+    if any(r is not None for r in c.initial_range) or any(
+        isinstance(n, late) for n in nodes([link.value])
+    ):
+        return None
+    topics: dict[typed.TopicSymbol, int] = {}
+    for other in flat.components:
+        topics.update(other.scope.topics)
+    topics.update(module.scope.topics)
+    evaluator = Evaluator(module.scope.params, topics=topics, plants={link.instance: c.index})
+    defaults = [t.default for t in flat.topics]
+    env = Environment(topics=defaults, truth=lambda _: c.initial)
+    try:
+        value = evaluator.expression(link.value)(env)
+    except StepFault:
+        return None
+    assert isinstance(value, tuple)
+    return value

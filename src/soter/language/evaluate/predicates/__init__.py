@@ -1,1 +1,0 @@
-"""`ttf` and `safer`: what a NaN means that they compare, and which operands may be one."""

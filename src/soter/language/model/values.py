@@ -1,0 +1,472 @@
+"""Values in Python: tables, and conversions across the border to people's Python and JSON.
+
+Purpose: `Table` keeps a constant that was read from a file packed, 8 bytes a number. One conversion
+serves extern nodes, functions and plants of both engines, and one serves `data` files and logs.
+`singles` says how far beyond an end of a set a float32 is still that end (docs/decisions.md, 257).
+Non-goals: whether a value lies in a topic's set (the gate decides), reading files
+(`language/load/`), images of states (`core/layout.py`).
+
+NumPy is imported only when an array crosses the border: `soter check` never needs it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, cast, overload
+
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    Type,
+    Value,
+    is_vector_part,
+    leaf_count,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from soter.language.model.system import Bound
+
+
+VALUE_MAX = 100_000
+"""Numbers in a value that steps, states and messages may hold: they copy it whole."""
+TABLE_MAX = 4_000_000
+"""Numbers in a table."""
+
+
+def is_table(t: Type) -> bool:
+    """Whether values of the type are too large to be copied."""
+    return isinstance(t, (ArrayType, ListType)) and leaf_count(t) > VALUE_MAX
+
+
+class Table(Sequence[Value]):
+    """The elements of an array or list, never changed; equal where all bits are equal.
+
+    `packed`: the leaves of all elements, little-endian: floats as binary64, all else as 64-bit
+    ints or one byte a bool, of a list its length and its whole capacity.
+    """
+
+    __slots__ = ("_read", "_row", "_sha256", "_size", "element", "packed")
+
+    def __init__(self, element: Type, packed: bytes) -> None:
+        self.element = element
+        self.packed = packed
+        self._row = struct.Struct("<" + _format(element))
+        self._read = _reader(element)
+        self._size = len(packed) // self._row.size
+        self._sha256 = ""
+
+    @classmethod
+    def of(cls, element: Type, values: Iterable[Value]) -> Table:
+        """The table of these values."""
+        row, flat = struct.Struct("<" + _format(element)), _flattener(element)
+        return cls(element, b"".join([row.pack(*flat(v)) for v in values]))
+
+    @property
+    def of_floats(self) -> bool:
+        """Whether every leaf is a float: then `packed` is an array of doubles."""
+        return is_vector_part(self.element)
+
+    def first_not_finite(self) -> int | None:
+        """The first element with a NaN or an infinity; None where there is none."""
+        rows = enumerate(self._row.iter_unpack(self.packed))
+        return next((at for at, leaves in rows if not all(map(math.isfinite, leaves))), None)
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, index: int) -> Value: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Value, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Value | tuple[Value, ...]:
+        if isinstance(index, slice):
+            return tuple([self[i] for i in range(*index.indices(self._size))])
+        at = index + self._size if index < 0 else index
+        if not 0 <= at < self._size:
+            raise IndexError(index)
+        return self._read(iter(self._row.unpack_from(self.packed, at * self._row.size)))
+
+    def __iter__(self) -> Iterator[Value]:
+        read = self._read
+        return (read(iter(leaves)) for leaves in self._row.iter_unpack(self.packed))
+
+    @property
+    def sha256(self) -> str:
+        """What it is kept and told apart by."""
+        if not self._sha256:
+            self._sha256 = hashlib.sha256(self.packed).hexdigest()
+        return self._sha256
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Table):
+            return NotImplemented
+        return self.element == other.element and self.packed == other.packed
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    def __repr__(self) -> str:
+        return f"<table of {self._size} {self.element} {self.sha256}>"
+
+
+def _format(t: Type) -> str:
+    """How `struct` packs the leaves of a value."""
+    if isinstance(t, RecordType):
+        return "".join(_format(f) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        inner = _format(t.element)
+        return f"{t.size}{inner}" if len(inner) == 1 else inner * t.size
+    if isinstance(t, ListType):
+        return "q" + _format(t.element) * t.capacity
+    return "d" if isinstance(t, FloatType) else "?" if isinstance(t, BoolType) else "q"
+
+
+def _reader(t: Type) -> Callable[[Iterator[Value]], Value]:
+    """From the leaves of a value, in order, to the value."""
+    if isinstance(t, RecordType):
+        readers = [_reader(f) for _, f in t.fields]
+        return lambda leaves: tuple([read(leaves) for read in readers])
+    if isinstance(t, ArrayType):
+        size, element = t.size, _reader(t.element)
+        if leaf_count(t.element) == 1 and not isinstance(t.element, (RecordType, ArrayType)):
+            return lambda leaves: tuple(islice(leaves, size))
+        return lambda leaves: tuple([element(leaves) for _ in range(size)])
+    if isinstance(t, ListType):
+        capacity, element = t.capacity, _reader(t.element)
+
+        def read_list(leaves: Iterator[Value]) -> Value:
+            length = next(leaves)
+            return tuple([element(leaves) for _ in range(capacity)])[:length]
+
+        return read_list
+    return next
+
+
+def _flattener(t: Type) -> Callable[[Value], list[Value]]:
+    """From a value to its leaves, in order."""
+    if isinstance(t, RecordType):
+        parts = [_flattener(f) for _, f in t.fields]
+        return lambda v: [x for part, each in zip(parts, v, strict=True) for x in part(each)]
+    if isinstance(t, ArrayType):
+        element = _flattener(t.element)
+        if isinstance(t.element, FloatType):
+            return list
+        return lambda v: [x for each in v for x in element(each)]
+    if isinstance(t, ListType):
+        inner, width, capacity = _flattener(t.element), len(_leaves(t.element)), t.capacity
+        padding = _leaves(t.element)
+
+        def flat_list(v: Value) -> list[Value]:
+            elements = [x for each in v for x in inner(each)]
+            assert len(elements) <= width * capacity
+            return [len(v), *elements, *(padding * (capacity - len(v)))]
+
+        return flat_list
+    return lambda v: [v]
+
+
+def _leaves(t: Type) -> list[Value]:
+    """As many zeros as a value has leaves here."""
+    if isinstance(t, RecordType):
+        return [x for _, f in t.fields for x in _leaves(f)]
+    if isinstance(t, ArrayType):
+        return _leaves(t.element) * t.size
+    if isinstance(t, ListType):
+        return [0, *(_leaves(t.element) * t.capacity)]
+    return [0.0 if isinstance(t, FloatType) else False if isinstance(t, BoolType) else 0]
+
+
+DURATION_BITS = IntType()
+"""A duration is stored as any 64-bit int."""
+
+
+class ValueShapeError(Exception):
+    """A Python or JSON object that is no value of the type: `path` says where, `reason` why."""
+
+    def __init__(self, path: str, reason: str) -> None:
+        super().__init__(f"{path}: {reason}" if path else reason)
+        self.path = path
+        self.reason = reason
+
+
+class ValueStructureError(ValueShapeError):
+    """Names or counts that the type does not have, whatever the numbers are."""
+
+
+# ---------------------------------------------------------------- Soter -> Python
+
+
+def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
+    """The value as a Python programmer wants it; any type of Soter.
+
+    Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
+    of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
+    durations ns.
+    """
+    if isinstance(t, RecordType):
+        fields = zip(t.fields, value, strict=True)
+        return record(**{n: to_python(f, v, record) for (n, f), v in fields})
+    if isinstance(t, EnumType):
+        return t.members[value]
+    if isinstance(t, (ArrayType, ListType)):
+        if _is_block(t.element):
+            import numpy as np  # noqa: PLC0415  see the module's docstring
+
+            if isinstance(value, Table):
+                doubles = np.frombuffer(value.packed, dtype="<f8").astype(np.float64)
+                return doubles.reshape(len(value), *_shape(t.element))
+            return np.array(value, dtype=np.float64).reshape(len(value), *_shape(t.element))
+        return [to_python(t.element, v, record) for v in value]
+    return value
+
+
+def _is_block(t: Type) -> bool:
+    """Whether values of the type stack into one array: floats, and arrays of them."""
+    return isinstance(t, FloatType) or (isinstance(t, ArrayType) and _is_block(t.element))
+
+
+def _shape(t: Type) -> tuple[int, ...]:
+    return (t.size, *_shape(t.element)) if isinstance(t, ArrayType) else ()
+
+
+# ---------------------------------------------------------------- Python -> Soter
+
+
+def from_python(t: Type, given: object, path: str = "") -> Value:
+    """The Soter value that `given` stands for; raises `ValueShapeError`.
+
+    Floats: anything with `__float__`, but no array with dimensions. Ints: anything with
+    `__index__`, in the type's range. Bools: bools. Enums: the name of a member. Records: a
+    mapping with exactly the fields, an object with them as attributes, or a sequence or array of
+    one element a field. Arrays and lists: a sequence or array of that length (up to it).
+    A float may be NaN or infinite: the gate refuses it, not the shape.
+    """
+    if hasattr(given, "tolist") and hasattr(given, "ndim"):
+        given = cast("Any", given).tolist()
+    if isinstance(t, FloatType):
+        return _float(given, path)
+    if isinstance(t, BoolType):
+        if isinstance(given, bool):
+            return given
+        raise _wrong(path, "a bool", given)
+    if isinstance(t, (IntType, DurationType)):
+        return _int(t if isinstance(t, IntType) else DURATION_BITS, given, path)
+    if isinstance(t, EnumType):
+        if isinstance(given, str) and given in t.members:
+            return t.members.index(given)
+        raise _wrong(path, f"one of {', '.join(map(repr, t.members))}", given)
+    if isinstance(t, RecordType):
+        return _record(t, given, path)
+    assert isinstance(t, (ArrayType, ListType)), t
+    if not _is_sequence(given):
+        raise _wrong(path, f"a sequence for `{t}`", given, parts=True)
+    items = list(cast("Any", given))
+    check_length(t, len(items), path)
+    return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
+
+
+def _float(given: object, path: str) -> float:
+    if not hasattr(given, "__float__") and not hasattr(given, "__index__"):
+        raise _wrong(path, "a number", given)
+    try:
+        return float(cast("SupportsFloat", given))
+    except Exception as error:
+        raise ValueShapeError(path, f"expected a number, but {error}") from error
+
+
+def _int(t: IntType, given: object, path: str) -> int:
+    if isinstance(given, bool) or not hasattr(given, "__index__"):
+        raise _wrong(path, "an int", given)
+    try:
+        number = int(cast("SupportsIndex", given).__index__())
+    except Exception as error:
+        raise ValueShapeError(path, f"expected an int, but {error}") from error
+    if not t.low <= number <= t.high:
+        raise ValueShapeError(path, f"{number} is outside [{t.low}, {t.high}]")
+    return number
+
+
+def _record(t: RecordType, given: object, path: str) -> Value:
+    names = [n for n, _ in t.fields]
+    if isinstance(given, Mapping):
+        _check_keys(names, given, path)
+        parts = [given[n] for n in names]
+    elif _is_sequence(given):
+        parts = list(cast("Any", given))
+        if len(parts) != len(names):
+            reason = f"expected {len(names)} elements for `{t}`, found {len(parts)}"
+            raise ValueStructureError(path, reason)
+    else:
+        missing = [n for n in names if not hasattr(given, n)]
+        if missing:
+            raise _wrong(path, f"`{t}`", given, parts=True)
+        parts = [getattr(given, n) for n in names]
+    pairs = zip(t.fields, parts, strict=True)
+    return tuple([from_python(f, v, _below(path, n)) for (n, f), v in pairs])
+
+
+def _is_sequence(given: object) -> bool:
+    """Lists, tuples, tensors: anything with a length and positions, but text and named tuples."""
+    if isinstance(given, (str, bytes, bytearray, Mapping)) or hasattr(given, "_fields"):
+        return False
+    return hasattr(given, "__len__") and hasattr(given, "__getitem__")
+
+
+# ---------------------------------------------------------------- extern steps
+
+
+def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespace:
+    """What an extern step gets: one attribute for each (short name, type, value)."""
+    return SimpleNamespace(**{name: to_python(t, value) for name, t, value in named})
+
+
+def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> list[Value | None]:
+    """What an extern step gave, in the order of `named`; None for what it left out.
+
+    A mapping from short names to values; where only one is asked for also that value itself.
+    None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
+    `ValueStructureError` where names or counts are wrong.
+    """
+    if given is None:
+        return [None] * len(named)
+    if len(named) == 1:
+        (name, t) = named[0]
+        if not isinstance(given, Mapping) or (given and list(given) != [name]):
+            return [from_python(t, given, name)]
+    if not isinstance(given, Mapping):
+        raise _wrong("", "a mapping from names to values", given, parts=True)
+    names = [name for name, _ in named]
+    unknown = [str(key) for key in given if key not in names]
+    if unknown:
+        raise ValueStructureError("", f"there is no `{unknown[0]}` to give a value to")
+    answers = [(name, t, given.get(name)) for name, t in named]
+    return [None if value is None else from_python(t, value, name) for name, t, value in answers]
+
+
+# ---------------------------------------------------------------- JSON
+
+
+def to_json(t: Type, value: Value) -> Any:  # noqa: ANN401  any JSON document
+    """The value as a JSON document; records by field name, enums by member name.
+
+    JSON has no NaN and no infinities: they are the strings "NaN", "Infinity" and "-Infinity".
+    """
+    if isinstance(t, RecordType):
+        return {n: to_json(f, v) for (n, f), v in zip(t.fields, value, strict=True)}
+    if isinstance(t, (ArrayType, ListType)):
+        return [to_json(t.element, v) for v in value]
+    if isinstance(t, EnumType):
+        return t.members[value]
+    if isinstance(t, FloatType) and not math.isfinite(value):
+        return "NaN" if value != value else "Infinity" if value > 0 else "-Infinity"  # noqa: PLR0124
+    return value
+
+
+def from_json(t: Type, given: object, path: str = "") -> Value:
+    """The value that a JSON document stands for; raises `ValueShapeError`.
+
+    Stricter than Python: a bool is no number, a record is an object with exactly the fields,
+    and a number for a float is finite or one of the strings `to_json` writes.
+    """
+    if isinstance(t, FloatType):
+        return _float_from_json(given, path)
+    if isinstance(t, RecordType):
+        if not isinstance(given, dict):
+            raise _wrong(path, f"an object for `{t}`", given)
+        _check_keys([n for n, _ in t.fields], given, path)
+        return tuple([from_json(f, given[n], _below(path, n)) for n, f in t.fields])
+    if isinstance(t, (ArrayType, ListType)):
+        if not isinstance(given, list):
+            raise _wrong(path, f"an array for `{t}`", given)
+        check_length(t, len(given), path)
+        if isinstance(t.element, FloatType) and {float} == set(map(type, given)):
+            return tuple(given)  # as below, and quick
+        return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
+    return from_python(t, given, path)
+
+
+def _float_from_json(given: object, path: str) -> float:
+    if isinstance(given, str) and given in ("NaN", "Infinity", "-Infinity"):
+        return float(given)
+    if isinstance(given, bool) or not isinstance(given, (int, float)):
+        raise _wrong(path, "a number", given)
+    return _float(given, path)
+
+
+# ---------------------------------------------------------------- reasons
+
+
+def _below(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _wrong(path: str, expected: str, given: object, *, parts: bool = False) -> ValueShapeError:
+    """`parts`: whether a value of several parts was expected."""
+    structure = parts or isinstance(given, Mapping) or _is_sequence(given)
+    error = ValueStructureError if structure else ValueShapeError
+    return error(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
+
+
+def _meant(given: object) -> str:
+    """What to write instead; "" where nothing is close."""
+    if isinstance(given, (list, tuple)) and len(given) == 1:
+        return ": give its one element, `float(y[0])`"
+    if isinstance(given, Mapping) and given and all(isinstance(k, str) for k in given):
+        keys = ", ".join(f"`{k}`" for k in list(given)[:3])
+        return f" with {keys}: an answer's keys are the names of its topics and fields"
+    return ""
+
+
+def _described(given: object) -> str:
+    if given is None or isinstance(given, (bool, int, float, str)):
+        text = repr(given)
+        return text if len(text) <= 40 else f"a long {type(given).__name__}"
+    if isinstance(given, (list, tuple)):
+        return f"a sequence of {len(given)}"
+    return f"a `{type(given).__name__}`"
+
+
+def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> None:
+    missing = [n for n in names if n not in given]
+    if missing:
+        raise ValueStructureError(path, f"field `{missing[0]}` is missing")
+    extra = [str(k) for k in given if k not in names]
+    if extra:
+        raise ValueStructureError(path, f"there is no field `{extra[0]}`")
+
+
+def check_length(t: Type, length: int, path: str) -> None:
+    """`ValueStructureError` where an array or list cannot have so many elements."""
+    if isinstance(t, ArrayType) and length != t.size:
+        raise ValueStructureError(path, f"expected {t.size} elements for `{t}`, found {length}")
+    if isinstance(t, ListType) and length > t.capacity:
+        raise ValueStructureError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")
+
+
+def singles(bound: Bound) -> tuple[float, float]:
+    """For each end the float32 that is nearest to it, where that lies outside; else the end."""
+    return min(bound.low, _single(bound.low)), max(bound.high, _single(bound.high))
+
+
+def _single(number: float) -> float:
+    """The nearest float32; of what is too large for one, the number itself."""
+    try:
+        nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
+    except OverflowError:
+        return number
+    return nearest

@@ -1,0 +1,312 @@
+"""What expressions are made of: literals, operators, and how deep they may nest.
+
+Purpose: a token becomes a number or a duration, exactly, or is too large; operators have a
+precedence, and people get hints about the slips that they bring from other languages. A bound on
+nesting keeps this parser, and any recursive pass after it, within the stack on hostile input.
+Non-goals: reading expressions (`expressions.py`), nested blocks of statements (`statements.py`),
+how digits become tokens (`tokens.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Edit, Fix, made, replace
+from soter.diagnostics.source import Span
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.token_cursor import Panic
+from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS
+
+if TYPE_CHECKING:
+    from typing import NoReturn
+
+    from soter.diagnostics.diagnostic import Help
+    from soter.language.syntax.parsing.token_cursor import Cursor
+
+
+#: Levels an expression or a type may nest: brackets and operators count one each.
+LEVELS_MAX = 200
+
+
+def too_deep(cursor: Cursor, what: str) -> NoReturn:
+    """Report what nests deeper than `LEVELS_MAX`; raises Panic."""
+    raise cursor.failure(
+        "S020",
+        f"this {what} is nested too deeply",
+        notes=(f"at most {LEVELS_MAX} levels: brackets and operators count one each",),
+        helps=("name parts of it with `let`",),
+    )
+
+
+def report_nesting(cursor: Cursor, span: Span, what: str) -> None:
+    """Report an expression whose tree turned out higher than `LEVELS_MAX`."""
+    cursor.quiet = -1
+    cursor.report(
+        "S020",
+        f"{what} is nested too deeply",
+        Span(span.source, span.start, min(span.end, span.start + 40)),
+        "this expression",
+        notes=(f"at most {LEVELS_MAX} levels: a chain of n operators has n of them",),
+        helps=("name parts of it with `let`, or use a loop",),
+    )
+    cursor.quiet = -1
+
+
+def height(expr: tree.SyntaxExpr) -> int:
+    """Levels of an expression tree, without recursion; stops counting past `LEVELS_MAX`."""
+    level = 0
+    row: list[tree.SyntaxExpr] = [expr]
+    while row and level <= LEVELS_MAX:
+        level += 1
+        row = [child for parent in row for child in children(parent)]
+    return level
+
+
+def children(expr: tree.SyntaxExpr) -> list[tree.SyntaxExpr]:
+    """The expressions directly inside `expr`, in source order."""
+    subexpressions: list[tree.SyntaxExpr] = []
+    for field in fields(expr):
+        value = getattr(expr, field.name)
+        if isinstance(value, tree.SyntaxExpr):
+            subexpressions.append(value)
+        elif isinstance(value, tree.IntervalExpr):
+            subexpressions += [value.low, value.high]
+        elif isinstance(value, tuple):
+            for part in value:
+                if isinstance(part, tree.SyntaxExpr):
+                    subexpressions.append(part)
+                elif isinstance(part, tuple):
+                    subexpressions.extend(p for p in part if isinstance(p, tree.SyntaxExpr))
+    return subexpressions
+
+
+def unclosed(cursor: Cursor, opener: int, what: str) -> None:
+    """Report that the block opened at token `opener` has no end before the cursor."""
+    begins = "it" if what == "this block" else f"the body of {what}"
+    also = [(cursor.token_span(opener), f"{begins} begins here")]
+    suspect = _suspect(cursor, opener)
+    if suspect is not None:
+        opening, closing = suspect
+        also.append((cursor.token_span(opening), "this `{` may be the one without an end"))
+        also.append((cursor.token_span(closing), "this `}` is indented less"))
+    message = f"expected `}}` to close {what}, found {cursor.found()}"
+    cursor.report("S012", message, also=tuple(also))
+
+
+def _suspect(cursor: Cursor, opener: int) -> tuple[int, int] | None:
+    """The first pair of braces inside `opener` whose indentation does not match."""
+    stack: list[int] = []
+    for index in range(opener, min(cursor.i, opener + 20_000)):
+        kind = cursor.kinds[index]
+        if kind == "{":
+            stack.append(index)
+        elif kind == "}" and stack:
+            opening = stack.pop()
+            indent = cursor.line_indent(index)
+            if cursor.first_on_line(index) and indent < cursor.line_indent(opening):
+                return (opening, index) if opening != opener else None
+    return None
+
+
+NUMBERS = frozenset([FLOAT, INT, DURATION])
+
+_INT_DIGITS_MAX = 40
+_DURATION_NS_MAX = 2**63 - 1
+
+
+def number(cursor: Cursor, span: Span, kind: str) -> tree.SyntaxExpr:
+    """The token before the cursor, of a kind among NUMBERS, as a literal."""
+    text = cursor.texts[cursor.i - 1]
+    if kind == FLOAT:
+        value = float(text)
+        if math.isinf(value):
+            return _too_large(cursor, span, "a float")
+        return tree.FloatLit(span, value, text)
+    if kind == INT:
+        if len(text) > _INT_DIGITS_MAX:
+            return _too_large(cursor, span, "an int")
+        return tree.IntLit(span, int(text))
+    return _duration(cursor, span, text)
+
+
+def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
+    digits = text.rstrip("nusmih")
+    unit = UNIT_NS[text[len(digits) :]]
+    approximate = float(digits) * unit
+    if not approximate <= _DURATION_NS_MAX:
+        return _too_large(cursor, span, "a duration (about 292 years at most)")
+    if 0 < approximate < 1e-3 or (approximate == 0 and "e" in digits.lower()):
+        return tree.DurationLit(span, None, text)  # far below a nanosecond
+    exact = Fraction(digits.replace("_", "")) * unit
+    value = exact.numerator if exact.denominator == 1 else None
+    return tree.DurationLit(span, value, text)
+
+
+def _too_large(cursor: Cursor, span: Span, what: str) -> tree.SyntaxExpr:
+    cursor.i -= 1
+    cursor.report("L005", f"this number is too large for {what}", span)
+    cursor.i += 1
+    return tree.ErrorExpr(span)
+
+
+def explain_unit(cursor: Cursor, i: int) -> None:
+    """`10 ms`: extend the error just reported by a help."""
+    if cursor.kinds[i] == NAME and cursor.texts[i] in UNIT_NS and i and cursor.problems:
+        last = cursor.problems[-1]
+        here = last.primary is not None and last.primary.span.start == cursor.ends[i - 1]
+        if here and last.code == "S004" and cursor.kinds[i - 1] in (INT, FLOAT):
+            time = f"{cursor.texts[i - 1]}{cursor.texts[i]}"
+            whole = cursor.token_span(i - 1).to(cursor.token_span(i))
+            help_ = replace(whole, time, f"write `{time}`, without a space")
+            cursor.problems[-1] = made(
+                last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
+            )
+
+
+def period_of(rate: tree.IntLit | tree.FloatLit) -> str:
+    """The period of a rate in Hz, as it would be written."""
+    if not 1e-3 < rate.value < 1e9:
+        return "10ms"
+    period_ms = 1e3 / rate.value
+    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
+
+
+def in_brackets(cursor: Cursor, opener: int) -> Help:
+    """`[a, b]` for the braces opened at a token."""
+    level = 0
+    for i in range(opener, len(cursor.kinds)):
+        level += (cursor.kinds[i] == "{") - (cursor.kinds[i] == "}")
+        if level == 0 and cursor.kinds[i] == "}":
+            edits = (Edit(cursor.token_span(opener), "["), Edit(cursor.token_span(i), "]"))
+            return Fix("arrays and lists are written `[a, b]`", edits)
+    return "arrays and lists are written `[a, b]`"
+
+
+def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
+    """`{ x, v }` opened at a token: a record says its fields, an array has other brackets."""
+    names: list[str] = []
+    i = opener + 1
+    while cursor.kinds[i] == NAME and cursor.kinds[i + 1] in (",", "}"):
+        names.append(cursor.texts[i])
+        i += 2
+        if cursor.kinds[i - 1] == "}":
+            break
+    mixed = names and cursor.kinds[i - 1] == "," and cursor.kinds[i + 1] == ":"
+    if mixed and cursor.kinds[i] == NAME:
+        last = cursor.token_span(i - 2)
+        first = Span(cursor.source, cursor.starts[opener + 1], last.end)
+        return (replace(first, ", ".join(f"{name}: {name}" for name in names)),)
+    if not names or cursor.kinds[i - 1] != "}" or cursor.texts[opener - 1] == "in":
+        return (in_brackets(cursor, opener),)
+    whole = Span(cursor.source, cursor.starts[opener], cursor.ends[i - 1])
+    record = "{ " + ", ".join(f"{name}: {name}" for name in names) + " }"
+    fix = Fix(f"write `{record}`: a record names its fields", (Edit(whole, record),))
+    return fix, f"an array or a list is written `[{', '.join(names)}]`"
+
+
+COMPARISON = 3
+PRECEDENCE = {
+    "||": 1,
+    "&&": 2,
+    "<": COMPARISON,
+    "<=": COMPARISON,
+    ">": COMPARISON,
+    ">=": COMPARISON,
+    "==": COMPARISON,
+    "!=": COMPARISON,
+    "+": 4,
+    "-": 4,
+    "*": 5,
+    "/": 5,
+    "%": 5,
+}
+ANY = 0  # binds less tightly than any operator
+
+#: What stands for which operator in other languages; only between two operands.
+_SLIPS = {
+    "=": "==",
+    "===": "==",
+    "!==": "!=",
+    "<>": "!=",
+    ":=": "==",
+    "and": "&&",
+    "or": "||",
+    "AND": "&&",
+    "OR": "||",
+    "mod": "%",
+    "is": "==",
+}
+_OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
+
+
+def slip(cursor: Cursor, kind: str) -> str | None:
+    """The operator meant by a token of another language after an operand."""
+    if kind == NAME:
+        word = cursor.texts[cursor.i]
+        if word in _SLIPS and cursor.kinds[cursor.i + 1] in _OPERAND_WORDS:
+            return _SLIPS[word]
+        return None
+    return None if cursor.strict and kind == "=" else _SLIPS.get(kind)
+
+
+def report_slip(cursor: Cursor, meant: str) -> None:
+    """Report the token at the cursor, which stands for the operator `meant`."""
+    text = cursor.texts[cursor.i]
+    if text == "=":
+        cursor.report(
+            "S016",
+            "`=` assigns, it does not compare",
+            helps=(replace(cursor.token_span(cursor.i), "==", "comparison for equality is `==`"),),
+        )
+    else:
+        helps = (replace(cursor.token_span(cursor.i), meant),)
+        cursor.report("S015", f"`{text}` is not an operator of Soter", helps=helps)
+
+
+def no_expression(cursor: Cursor, kind: str) -> NoReturn:
+    """Nothing here begins an expression: say why, as the token lets us, and Panic."""
+    message = f"expected an expression, found {cursor.found()}"
+    helps: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    if kind == "+":
+        helps = ("there is no unary `+`: leave it out",)
+    elif kind == "if":
+        cursor.report(
+            "S007", message, helps=("a choice inside an expression is `condition ? a : b`",)
+        )
+        _skip_choice(cursor)
+        raise Panic
+    elif kind == STRING:
+        notes = ("strings stand only after `import`, `from`, `data` and in `assert`",)
+        helps = ("name the cases, `type Name = enum { A, B };`, and write one of them: `Name.A`",)
+    elif kind in ("float", "int", "bool"):
+        notes = (f"`{kind}` is a type",)
+    elif kind in RESERVED:
+        notes = (f"`{kind}` is reserved and cannot be a name",)
+    elif kind == "=":
+        helps = ("comparison for equality is `==`",)
+    raise cursor.failure("S007", message, notes=notes, helps=helps)
+
+
+def _skip_choice(cursor: Cursor) -> None:
+    """Past an `if ... { } else { }` that stands where an expression should."""
+    while cursor.kinds[cursor.i] in ("if", "else", "elseif"):
+        while cursor.kinds[cursor.i] not in ("{", "}", ";", EOF):
+            cursor.i += 1
+        if cursor.kinds[cursor.i] == "{":
+            cursor.skip_braces()
+
+
+def c_style_loop(cursor: Cursor) -> NoReturn:
+    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
+    cursor.report(
+        "S006",
+        "expected the name of the loop variable after `for`, found `(`",
+        helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
+    )
+    while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.at_declaration():
+        cursor.i += 1
+    raise Panic

@@ -1,0 +1,354 @@
+"""Functions, and plants: the `fun`, `extern fun`, `plant` and `extern plant` declarations.
+
+Purpose: the parser reads parameters, result type and body of a function, and the items of a plant.
+Non-goals: statements (`statements.py`), calls (`expressions.py`), well-formedness
+(`language/check/`), the arithmetic of integration (`schemes.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import replace
+from soter.language.syntax import tree
+from soter.language.syntax.parsing import instance_arrays
+from soter.language.syntax.parsing.bodies import OnceParts
+from soter.language.syntax.parsing.token_cursor import Panic
+from soter.language.syntax.parsing.types import type_expression
+from soter.language.syntax.schemes import SCHEMES
+from soter.language.syntax.tokens import EOF, NAME, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Fix
+    from soter.language.syntax.parsing.bodies import BodyParser
+
+
+def fun(parser: BodyParser) -> tree.Decl:
+    """`fun` and `extern fun`."""
+    start = parser.starts[parser.i]
+    extern = parser.accept("extern")
+    parser.i += 1
+    name = parser.declare("the name of the function")
+    parameters = _parameters(parser)
+    result = _result_type(parser, name)
+    source, source_span = parser.origin() if extern else parser.stray_origin("fun")
+    body: tree.Block | None = None
+    if parser.kinds[parser.i] == "{":
+        if extern:
+            _extern_body(parser, name, parser.not_extern(start, source_span))
+        else:
+            body = parser.block("after the result type")
+    elif extern:
+        parser.semicolon("the extern function")
+    else:
+        body = _function_body(parser)
+    return tree.FunDecl(
+        name,
+        parser.span_from(start),
+        parameters=parameters,
+        result=result,
+        body=body,
+        extern=extern,
+        source=source,
+        source_span=source_span,
+    )
+
+
+def _function_body(parser: BodyParser) -> tree.Block | None:
+    """A function without its `{`."""
+    message = f"expected `{{` and the body of the function, found {parser.found()}"
+    if parser.kinds[parser.i] == ";":
+        parser.report("S005", message, helps=("a function written elsewhere is an `extern fun`",))
+        parser.i += 1
+        return None
+    parser.report("S005", message)
+    parser.damaged = True
+    while parser.kinds[parser.i] not in ("{", ";", "}", EOF) and not parser.at_declaration():
+        parser.i += 1
+    if parser.kinds[parser.i] == "{":
+        return parser.block("after the result type")
+    parser.accept(";")
+    return None
+
+
+def _extern_body(parser: BodyParser, name: tree.Name, not_extern: Fix) -> None:
+    parser.report(
+        "S025",
+        f"the extern function `{visible(name.text)}` has a body",
+        helps=(not_extern, "or write `;` instead of the body"),
+    )
+    parser.block("after the result type")
+
+
+def _result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
+    if parser.kinds[parser.i] in ("->", "=>"):
+        parser.report(
+            "S015",
+            f"expected `:` before the result type, found {parser.found()}",
+            helps=(replace(parser.token_span(parser.i), ":", "the result type stands behind `:`"),),
+        )
+        parser.i += 1
+        return type_expression(parser, "the result type")
+    if parser.accept(":"):
+        return type_expression(parser, "the result type")
+    parser.report(
+        "S005",
+        f"expected `:` and the result type of `{visible(name.text)}`, found {parser.found()}",
+        parser.after_previous(),
+        "the result type is missing here",
+        notes=("a function computes a value: it always has a result type",),
+    )
+    return tree.ErrorTypeExpr(parser.after_previous())
+
+
+def _parameters(parser: BodyParser) -> tuple[tuple[tree.Name, tree.TypeExpr], ...]:
+    opener = parser.i
+    parser.expect("(", "after the name of the function")
+    parameters: list[tuple[tree.Name, tree.TypeExpr]] = []
+    if parser.accept(")"):
+        return ()
+    try:
+        while True:
+            parameters.append(_parameter(parser))
+            kind = parser.kinds[parser.i]
+            if kind == ")":
+                parser.i += 1
+                break
+            if kind == "," and parser.kinds[parser.i + 1] != ")":
+                parser.i += 1
+                continue
+            also = ((parser.token_span(opener), "opened here"),)
+            message = f"expected `,` or `)` after the parameter, found {parser.found()}"
+            if kind == ",":
+                parser.i += 1
+                message = "expected a parameter after `,`, found `)`"
+                parser.report("S005", message)
+                parser.i += 1
+                break
+            raise parser.failure("S005", message, also=also)
+    except Panic:
+        parser.damaged = True
+        while parser.kinds[parser.i] not in (")", "{", ";", "}", EOF):
+            parser.i += 1
+        parser.quiet = parser.i
+        parser.accept(")")
+    return tuple(parameters)
+
+
+def _parameter(parser: BodyParser) -> tuple[tree.Name, tree.TypeExpr]:
+    i = parser.i
+    if parser.kinds[i + 1] == NAME and parser.kinds[i] in ("float", "int", "bool", NAME):
+        written = f"{parser.texts[i + 1]}: {parser.texts[i]}"
+        parser.report(
+            "S005",
+            f"expected `:` after the name of the parameter, found `{parser.texts[i + 1]}`",
+            parser.token_span(i),
+            helps=(f"the name comes first: write `{visible(written)}`",),
+        )
+        parser.i += 1
+        name = parser.name("the name of a parameter")
+        return name, tree.ErrorTypeExpr(name.span)
+    name = parser.name("the name of a parameter")
+    return name, parser.typed(f"the parameter `{visible(name.text)}`")
+
+
+_ONE_DRIVES = "write one `drives` for each topic"
+
+
+@dataclass(slots=True)
+class _PlantParts(OnceParts):
+    extern: bool = False
+    reads: list[tree.Ref] = field(default_factory=list)
+    drives: list[tuple[tree.Ref, tree.SyntaxExpr | None]] = field(default_factory=list)
+    states: list[tree.PlantState] = field(default_factory=list)
+    disturbances: list[tree.DisturbanceItem] = field(default_factory=list)
+    lets: list[tree.PlantLet] = field(default_factory=list)
+    der: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
+    next: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
+    measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = field(default_factory=list)
+
+
+def plant(parser: BodyParser) -> tree.Decl:
+    """`plant` and `extern plant`."""
+    start = parser.starts[parser.i]
+    extern = parser.accept("extern")
+    parser.i += 1
+    name = parser.declare("the name of the plant")
+    period = parser.period("plant", name)
+    source, source_span = parser.origin() if extern else parser.stray_origin("plant")
+    parts = _PlantParts(extern=extern)
+    parser.body(f"plant `{visible(name.text)}`", parts, _PLANT_ITEMS)
+    return tree.PlantDecl(
+        name,
+        parser.span_from(start),
+        period=period,
+        extern=extern,
+        source=source,
+        source_span=source_span,
+        reads=tuple(parts.reads),
+        drives=tuple(parts.drives),
+        states=tuple(parts.states),
+        disturbances=tuple(parts.disturbances),
+        lets=tuple(parts.lets),
+        der=tuple(parts.der),
+        next=tuple(parts.next),
+        integrate=parts.once.get("integrate"),
+        measured=tuple(parts.measured),
+    )
+
+
+def _reads(parser: BodyParser, parts: _PlantParts) -> None:
+    parser.i += 1
+    parts.reads.extend(parser.refs("the name of a topic"))
+    parser.semicolon("the read topics")
+
+
+def _drives(parser: BodyParser, parts: _PlantParts) -> None:
+    parser.i += 1
+    while _driven(parser, parts):
+        parser.i += 1
+
+
+def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
+    """`topic = value;`; whether a comma stands for the `;`, and another topic behind it."""
+    topic = parser.ref("the name of a topic")
+    value: tree.SyntaxExpr | None = None
+    if parser.kinds[parser.i] in ("=", ":=", "=="):
+        parser.assign("after the driven topic")
+        value = parser.expr("the driven value")
+        if parser.kinds[parser.i] == "," and parser.kinds[parser.i + 1] == NAME:
+            parser.missing_semicolon("the driven value", (_ONE_DRIVES,))
+            parts.drives.append((topic, value))
+            return True
+        value = parser.ended(value, "the driven value")
+    elif parser.kinds[parser.i] == ",":
+        parser.report(
+            "S005",
+            "expected `;` after the driven topic, found `,`",
+            helps=(_ONE_DRIVES,),
+        )
+        parser.damaged = True
+        parser.skip_statement()
+    elif parts.extern:
+        parser.semicolon("the driven topic")
+    else:
+        parser.report(
+            "S024" if parser.kinds[parser.i] == ";" else "S005",
+            f"expected `=` and a value after the driven topic, found {parser.found()}",
+            helps=("only an extern plant drives a topic without saying what",),
+        )
+        value = tree.ErrorExpr(topic.span)
+        parser.skip_statement()
+    parts.drives.append((topic, value))
+    return False
+
+
+def _state(parser: BodyParser, parts: _PlantParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.name("the name of a state")
+    type_ = parser.typed("the state")
+    interval = parser.range_of("the initial range") if parser.accept("in") else None
+    initial: tree.SyntaxExpr | None = None
+    if parser.kinds[parser.i] in ("=", ":=", "=="):
+        parser.assign("before the initial value")
+        initial = parser.value("the initial value")
+    else:
+        parser.no_initial("the type of the state")
+    span = parser.span_from(start)
+    parts.states.append(tree.PlantState(name, type_, interval, initial, span))
+
+
+def _disturbance(parser: BodyParser, parts: _PlantParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.name("the name of a disturbance")
+    type_ = parser.typed("the disturbance")
+    hold: tree.SyntaxExpr | None = None
+    if parser.kinds[parser.i] != "in" and isinstance(type_, tree.RangedIntType):
+        # `int in [a, b]` reads as a type first; here the range is the disturbance's.
+        interval = type_.interval
+        type_ = tree.BuiltinType(type_.span, "int")
+    elif parser.accept("in"):
+        interval = parser.range_of("the range of the disturbance")
+    else:
+        message = f"expected `in` and a range after the disturbance, found {parser.found()}"
+        notes = ("a proof needs the bound of every disturbance",)
+        helps = (f"write `disturbance {name.text}: float in [-1.0, 1.0];`: the worst it can be",)
+        parser.report("S005", message, notes=notes, helps=helps)
+        error = tree.ErrorExpr(parser.after_previous())
+        interval = tree.IntervalExpr(error, error, error.span)
+    if parser.accept_word("hold"):
+        hold = parser.time("`hold`")
+    parser.semicolon("the disturbance")
+    span = parser.span_from(start)
+    parts.disturbances.append(tree.DisturbanceItem(name, type_, interval, hold, span))
+
+
+def _plant_let(parser: BodyParser, parts: _PlantParts) -> None:
+    statement = parser.let()
+    if isinstance(statement, tree.LetStmt):
+        parts.lets.append(
+            tree.PlantLet(statement.name, statement.type, statement.value, statement.span)
+        )
+
+
+def _der(parser: BodyParser, parts: _PlantParts) -> None:
+    parts.der.append(_equation(parser, "der"))
+
+
+def _next(parser: BodyParser, parts: _PlantParts) -> None:
+    parts.next.append(_equation(parser, "next"))
+
+
+def _equation(parser: BodyParser, word: str) -> tuple[tree.Name, tree.SyntaxExpr]:
+    parser.i += 1
+    name = parser.name(f"the name of a state after `{word}`")
+    start = parser.i
+    try:
+        parser.assign("after the state")
+    except Panic:
+        parser.skip_expression(start)
+        parser.accept(";")
+        return name, tree.ErrorExpr(parser.after_previous())
+    return name, parser.value("the equation")
+
+
+def _integrate(parser: BodyParser, parts: _PlantParts) -> None:
+    at = parser.i
+    parser.i += 1
+    method = parser.texts[parser.i]
+    if method not in SCHEMES:
+        names = " or ".join(f"`{name}`" for name in SCHEMES)
+        raise parser.failure("S005", f"expected {names} after `integrate`, found {parser.found()}")
+    parser.i += 1
+    substeps = parser.expr("the number of substeps") if parser.accept_word("substeps") else None
+    parser.semicolon("the method of integration")
+    parser.keep_once(parts, "integrate", (method, substeps), at)
+
+
+def _measured(parser: BodyParser, parts: _PlantParts) -> None:
+    parser.i += 1
+    while True:
+        path = instance_arrays.path(parser, "a topic or one of its fields")
+        parser.expect_word("within", "after the measured value")
+        parts.measured.append((path, parser.expr("the bound of the error")))
+        if not parser.accept(","):
+            break
+    parser.semicolon("the measurement bounds")
+
+
+_PLANT_ITEMS: dict[str, Callable[[BodyParser, _PlantParts], None]] = {
+    "reads": _reads,
+    "drives": _drives,
+    "state": _state,
+    "disturbance": _disturbance,
+    "let": _plant_let,
+    "der": _der,
+    "next": _next,
+    "integrate": _integrate,
+    "measured": _measured,
+}

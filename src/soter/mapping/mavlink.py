@@ -1,0 +1,454 @@
+"""MAVLink in a mapping: the messages of a dialect, and the table `[mavlink]`.
+
+Purpose: the dialects that the package `pymavlink` brings, and a file of one's own, as types like
+those of ROS, with what MAVLink says besides: units, and which number means "not known".
+`read_link`: where messages come from and go to, whose they are, how long they take, and what the
+autopilot does when they end. `dialect_xml`: pymavlink evaluates values that stand in a dialect, and
+writes C with its words; what it is given here is one document of our own: messages and fields whose
+names are names, whose numbers are numbers and whose words cannot end a comment; nothing of enums.
+Non-goals: which topic is which message (`topic_mapping_parser.py`); C (`targets/mavlink/`);
+speaking MAVLink (`runtime/mavlink/`).
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import tempfile
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
+from xml.parsers import expat
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.similar_names import closest
+from soter.language.load.bounded_read import MIB, beside, read_bytes
+from soter.mapping.mapping_errors import unknown
+from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from soter.mapping.mapping_errors import MappingProblems
+
+
+FILE_MAX, FILES_MAX, DEPTH_MAX = 4 * MIB, 50, 20
+IDS_END = 2**24
+MESSAGE = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}", re.ASCII)
+FIELD = {
+    "name": MESSAGE,
+    "type": re.compile(r"[a-z0-9_]{1,40}(\[\d{1,3}\])?", re.ASCII),
+    "units": re.compile(r"([\w%^/. -]|\*(?!/))*", re.ASCII),
+    "multiplier": re.compile(r"[\w/.+-]*", re.ASCII),
+    "invalid": re.compile(r"[\w.,:+\[\] -]*", re.ASCII),
+}
+"""What is taken of a field; everything else that a file says of it is left out."""
+NOT_IN_COMMENTS = re.compile(r"[^\w .,;:()+=<>%'\"/&|!-]+")
+"""What a comment of C or the templates of the generator could read as theirs: `*`, `$`, `?`."""
+
+
+def dialect_xml(path: Path) -> bytes:
+    """All messages of a dialect and of what it includes, the innermost first, as one document.
+
+    An included file lies in the folder of the one that names it. ValueError where a file is no
+    dialect, OSError where it cannot be read.
+    """
+    made = ET.Element("mavlink")
+    ids: set[int] = set()
+    names: set[str] = set()
+    for root in _files(path):
+        ET.SubElement(made, "version").text = _number(root.findtext("version") or "2", 255)
+        messages = ET.SubElement(made, "messages")
+        for m in root.findall("messages/message"):
+            messages.append(one := _message_element(m))
+            number, name = int(one.attrib["id"]), one.attrib["name"].upper()
+            if number in ids or name in names:
+                raise ValueError(f"two messages are called {name} or have the id {number}")
+            ids.add(number)
+            names.add(name)
+    document: bytes = ET.tostring(made, encoding="utf-8")
+    return document
+
+
+def comment_text(text: str) -> str:
+    """Words as they may stand in a comment of C."""
+    return NOT_IN_COMMENTS.sub(" ", " ".join(text.split()))
+
+
+def _files(path: Path) -> Iterator[ET.Element]:
+    """The documents, the innermost first, each once."""
+    seen: set[Path] = set()
+
+    def read(at: Path, depth: int) -> Iterator[ET.Element]:
+        seen.add(at.resolve())
+        if len(seen) > FILES_MAX or depth > DEPTH_MAX:
+            raise ValueError(f"it includes more than {FILES_MAX} files, or deeper than {DEPTH_MAX}")
+        root = _tree(read_bytes(at, FILE_MAX))
+        for include in root.findall("include"):
+            name = (include.text or "").strip()
+            inner = beside(at, name)
+            if inner is None or "/" in name or "\\" in name:
+                raise ValueError(f"it includes `{name[:60]}`, which is no file beside it")
+            if inner.resolve() not in seen:
+                yield from read(inner, depth + 1)
+        yield root
+
+    yield from read(path, 0)
+
+
+def _tree(raw: bytes) -> ET.Element:
+    """The root; a document type, and with it entities of its own, is refused."""
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    parser.StartDoctypeDeclHandler = _refuse
+    parser.StartElementHandler = builder.start
+    parser.EndElementHandler = builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(raw, True)
+    except (expat.ExpatError, LookupError) as error:  # it knows few encodings
+        raise ValueError(str(error)) from error
+    root: ET.Element = builder.close()
+    if root.tag != "mavlink":
+        raise ValueError("its root is no `mavlink`")
+    return root
+
+
+def _refuse(*_of_it: object) -> None:
+    raise ValueError("it has a document type (`<!DOCTYPE`), which no dialect needs")
+
+
+def _message_element(m: ET.Element) -> ET.Element:
+    """A message with what pymavlink reads of one."""
+    name = m.get("name", "")
+    if not MESSAGE.fullmatch(name):
+        raise ValueError(f"the message {name[:60]!r} has a name that is none in C")
+    made = ET.Element("message", {"name": name, "id": _number(m.get("id", ""), IDS_END)})
+    fields: set[str] = set()
+    for part in m:
+        if part.tag == "field":
+            made.append(field := _field(part, name))
+            if field.attrib["name"] in fields:
+                raise ValueError(f"{name} has two fields `{field.attrib['name']}`")
+            fields.add(field.attrib["name"])
+        elif part.tag == "description":
+            ET.SubElement(made, part.tag).text = comment_text("".join(part.itertext()))
+        elif part.tag in ("extensions", "wip"):
+            ET.SubElement(made, part.tag)
+    return made
+
+
+def _field(f: ET.Element, message: str) -> ET.Element:
+    for key, form in FIELD.items():
+        if not form.fullmatch(said := f.get(key, "")):
+            raise ValueError(f"a field of {message} has the {key} {said[:60]!r}")
+    made = ET.Element("field", {key: f.attrib[key] for key in FIELD if f.get(key)})
+    made.text = comment_text("".join(f.itertext()))
+    return made
+
+
+def _number(text: str, end: int) -> str:
+    """A whole number from 0 to below `end`, as decimal digits."""
+    said = text.strip()
+    if not (said.isascii() and said.isdigit() and len(said) < 10 and int(said) < end):
+        raise ValueError(f"{said[:60]!r} is no number from 0 to {end - 1}")
+    return str(int(said))
+
+
+MAVLINK = 3
+"""The family of definitions, beside ROS 1 and ROS 2."""
+PACKAGE = "mavlink"
+NAME = re.compile(r"mavlink/([A-Z][A-Z0-9_]*)", re.ASCII)
+UNITS = {"m/s/s": "m/s^2", "mG": "mg", "g": "gram"}
+"""Where MAVLink writes a unit in another way, or with letters that mean something else here."""
+QUATERNION = re.compile(r"(?:\w+_)?q(?:[1-4]|uaternion)?", re.ASCII)
+"""Fields whose numbers are those of an orientation: MAVLink gives them no unit."""
+STAMPS = {("time_boot_ms", "uint32"): 10**6, ("time_usec", "uint64"): 10**3}
+"""Fields that say when a message was measured, on the autopilot's clock, and their unit in ns."""
+_KIND = {"float": "float32", "double": "float64", "char": "string"}
+
+
+@dataclass(frozen=True)
+class MavlinkMessage(MessageType):
+    """A message of a dialect. `invalid`: by field, the number that means that it is not known.
+
+    `extensions`: the fields that frames of MAVLink 1 do not have.
+    """
+
+    id: int = 0
+    units: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    invalid: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    fields_in_order: tuple[str, ...] = ()
+    extensions: frozenset[str] = frozenset()
+
+    def unit(self, path: str) -> str | None:
+        """What a field is in, as MAVLink says."""
+        name = path.partition(".")[0]
+        return self.units.get(name, "1" if QUATERNION.fullmatch(name) else None)
+
+    @property
+    def default_stamp(self) -> StampSource | None:
+        """The field that says when it was measured."""
+        for (name, kind), ns in STAMPS.items():
+            if name in self.fields_in_order and self.leaf(name) == kind:
+                return StampSource(name, "number", Fraction(ns))
+        return None
+
+
+@dataclass(frozen=True)
+class ChecksumEntry:
+    """What a parser has to know of any message: of its length and its checksum."""
+
+    id: int
+    extra: int
+    shortest: int
+    longest: int
+    flags: int
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """The messages of a dialect and of all that it includes; `xml`: them, in one document."""
+
+    name: str
+    xml: bytes = field(repr=False)
+    messages: Mapping[str, MavlinkMessage]
+    checksums: tuple[ChecksumEntry, ...]
+
+    def named(self, name: str) -> MavlinkMessage:
+        """The type; raises UnknownMessageError."""
+        match = NAME.fullmatch(name)
+        if match is None:
+            raise UnknownMessageError("a message is written as `mavlink/LOCAL_POSITION_NED`")
+        found = self.messages.get(match[1])
+        if found is None:
+            near = closest(match[1], sorted(self.messages), 0.8)
+            hint = f"did you mean `mavlink/{near[0]}`?" if near else ""
+            raise UnknownMessageError(hint or f"the dialect {self.name} has no such message")
+        return found
+
+
+def is_mavlink(name: object) -> bool:
+    """Whether a `type` of a mapping is meant as a message of MAVLink."""
+    return isinstance(name, str) and name.startswith(f"{PACKAGE}/")
+
+
+def require_mavlink_package() -> None:
+    """SoterError D007 where the package that knows MAVLink's dialects is not installed."""
+    if find_spec("pymavlink") is None:
+        text = "messages of MAVLink are known to the package `pymavlink`, which is not installed"
+        help_ = "install it: pip install 'soter[mavlink]'"
+        raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
+
+
+def standard_dialects() -> list[str]:
+    """The dialects that the package brings."""
+    return sorted(p.stem for p in _folder().glob("*.xml") if p.stem not in ("all", "test"))
+
+
+def dialect_path(name: str, folder: Path) -> Path:
+    """Of a dialect by its name, or of a file of one's own, beside the mapping."""
+    return folder / name if name.endswith(".xml") else _folder() / f"{name}.xml"
+
+
+@cache
+def read_dialect(path: Path) -> Dialect:
+    """The dialect; ValueError where the file is none, OSError where it cannot be read."""
+    messages: dict[str, MavlinkMessage] = {}
+    checksums: dict[int, ChecksumEntry] = {}
+    document = dialect_xml(path)
+    for m in _parsed(document):
+        messages[m.name] = _message(m)
+        checksums[m.id] = ChecksumEntry(
+            m.id,
+            m.crc_extra,
+            m.wire_min_length,
+            m.wire_length,
+            m.message_flags,
+            m.target_system_ofs,
+            m.target_component_ofs,
+        )
+    if not messages:
+        raise ValueError("it has no messages")
+    return Dialect(path.stem, document, messages, tuple(checksums[i] for i in sorted(checksums)))
+
+
+def _folder() -> Path:
+    spec = find_spec("pymavlink")
+    assert spec is not None, "require_mavlink_package"
+    assert spec.origin is not None
+    return Path(spec.origin).parent / "dialects" / "v20"
+
+
+def _parsed(document: bytes) -> list[Any]:
+    """The messages as pymavlink has them, the innermost file's first."""
+    from pymavlink.generator import mavparse  # noqa: PLC0415 - an extra
+
+    with tempfile.TemporaryDirectory() as place:
+        at = Path(place) / "dialect.xml"
+        at.write_bytes(document)
+        try:
+            with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+                return list(mavparse.MAVXML(str(at), mavparse.PROTOCOL_2_0).message)
+        except (Exception, SystemExit) as error:  # it raises whatever it comes upon
+            raise ValueError(str(error)[:120].replace("\n", " ") or "it is no dialect") from error
+
+
+def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
+    """What a field is in; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
+    unit = str(f.units or "").strip("[]")
+    return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
+
+
+def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
+    kinds: list[tuple[str, Any]] = []
+    for f in m.fields:
+        kind: Any = (BASE, (_KIND.get(f.type, f.type.removesuffix("_t")), 0))
+        if f.type == "char":
+            kind = (BASE, ("string", max(f.array_length, 1)))
+        elif f.array_length:
+            kind = (ARRAY, (kind, f.array_length))
+        kinds.append((f.name, kind))
+    units = {f.name: unit for f in m.fields if (unit := _unit(f))}
+    return MavlinkMessage(
+        PACKAGE,
+        m.name,
+        {MAVLINK: {f"{PACKAGE}/msg/{m.name}": ([], kinds)}},
+        id=m.id,
+        units=units,
+        invalid={f.name: f.invalid for f in m.fields if f.invalid},
+        fields_in_order=tuple(f.name for f in m.fields),
+        extensions=frozenset(f.name for f in m.fields[m.base_fields() :]),
+    )
+
+
+KEYS = (
+    *("url", "dialect", "system", "component", "own_system", "own_component"),
+    *("delay", "resend", "offboard_loss"),
+)
+URLS = "udpin://0.0.0.0:14540, udpout://HOST:PORT or serial:///dev/NAME:BAUD"
+UDP = re.compile(r"udp(in|out)://(\d{1,3}(?:\.\d{1,3}){3}|\[[0-9a-fA-F:]+\]):(\d{1,5})", re.ASCII)
+SERIAL = re.compile(r"serial://(/dev/[A-Za-z0-9_./-]+):(\d{3,7})", re.ASCII)
+BAUDS = (9600, 19200, 38400, 57600, 115200, 230400, 460800, 921600, 1000000, 2000000, 3000000)
+LINKS_MAX = 4
+AUTOPILOT, ONBOARD_COMPUTER = 1, 191
+RESEND_NS, OFFBOARD_LOSS_NS = 50_000_000, 1_000_000_000
+PROOF_OF_LIFE_NS = 500_000_000
+"""PX4 leaves its mode OFFBOARD where set-points come less often than twice a second."""
+SOURCE = re.compile(r"(\d{1,3})/(\d{1,3})", re.ASCII)
+
+
+@dataclass(frozen=True)
+class MavlinkLink:
+    """The table, with what it does not say filled in.
+
+    `delay_ns`: how old a message may be when it comes, None: nobody says. `resend_ns`: what does
+    not change is sent so often. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
+    """
+
+    urls: tuple[str, ...]
+    dialect: Dialect
+    system: int = 1
+    component: int = AUTOPILOT
+    own_system: int = 1
+    own_component: int = ONBOARD_COMPUTER
+    delay_ns: int | None = None
+    resend_ns: int = RESEND_NS
+    offboard_loss_ns: int = OFFBOARD_LOSS_NS
+
+    @property
+    def autopilot(self) -> tuple[int, int]:
+        """Whose messages are taken where a topic names no other publisher."""
+        return self.system, self.component
+
+
+def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
+    """The table; SoterError D007 without pymavlink. Of no use where problems were added."""
+    require_mavlink_package()
+    problems.only(given, KEYS, "`mavlink`")
+    urls = _urls(given.get("url"), problems)
+    ids = {
+        key: _id(given, key, default, problems)
+        for key, default in (
+            ("system", 1),
+            ("component", AUTOPILOT),
+            ("own_system", 1),
+            ("own_component", ONBOARD_COMPUTER),
+        )
+    }
+    if (ids["system"], ids["component"]) == (ids["own_system"], ids["own_component"]):
+        problems.add("`mavlink`: the bridge cannot be the autopilot: `own_component` is its own")
+    times = {
+        key: problems.duration(given, key, "mavlink") if key in given else default
+        for key, default in (("resend", RESEND_NS), ("offboard_loss", OFFBOARD_LOSS_NS))
+    }
+    resend, loss = times["resend"], times["offboard_loss"]
+    if resend >= PROOF_OF_LIFE_NS:
+        problems.add("`resend` of `mavlink` is below 500ms: OFFBOARD needs more than 2 a second")
+    elif 3 * resend > loss:
+        problems.add(
+            "`offboard_loss` of `mavlink` is shorter than three times `resend`: two lost "
+            "set-points would end OFFBOARD"
+        )
+    delay = problems.duration(given, "delay", "mavlink") if "delay" in given else None
+    dialect = _dialect(given.get("dialect", "common"), folder, problems)
+    return MavlinkLink(
+        urls, dialect, **ids, delay_ns=delay, resend_ns=resend, offboard_loss_ns=loss
+    )
+
+
+def source_of(text: str) -> tuple[int, int] | None:
+    """`1/191` as a system and a component; None where it is none."""
+    match = SOURCE.fullmatch(text)
+    ids = (int(match[1]), int(match[2])) if match else (0, 0)
+    return ids if all(1 <= n <= 255 for n in ids) else None
+
+
+def _urls(given: object, problems: MappingProblems) -> tuple[str, ...]:
+    urls = [given] if isinstance(given, str) else given
+    if not isinstance(urls, list) or not 1 <= len(urls) <= LINKS_MAX:
+        problems.add(f"`mavlink` needs a `url`, or up to {LINKS_MAX} of them: {URLS}")
+        return ()
+    for url in urls:
+        if not isinstance(url, str) or not _is_url(url):
+            problems.add(f"`url` of `mavlink` is {str(url)[:60]!r}: there are {URLS}")
+    if len({str(u) for u in urls}) != len(urls):
+        problems.add("`url` of `mavlink` names one twice")
+    return tuple(str(u) for u in urls)
+
+
+def _is_url(url: str) -> bool:
+    udp, serial = UDP.fullmatch(url), SERIAL.fullmatch(url)
+    if udp is not None:
+        numbers = [] if udp[2].startswith("[") else udp[2].split(".")
+        return 1 <= int(udp[3]) <= 65535 and all(int(n) <= 255 for n in numbers)
+    return serial is not None and int(serial[2]) in BAUDS
+
+
+def _id(given: Mapping[str, Any], key: str, default: int, problems: MappingProblems) -> int:
+    number = given.get(key, default)
+    if isinstance(number, bool) or not isinstance(number, int) or not 1 <= number <= 255:
+        problems.add(f"`{key}` of `mavlink` is a number from 1 to 255, not {str(number)[:40]}")
+        return default
+    return number
+
+
+def _dialect(given: object, folder: Path, problems: MappingProblems) -> Dialect:
+    name = given if isinstance(given, str) and given else "common"
+    known = standard_dialects()
+    if name is not given:
+        problems.add(f"`dialect` of `mavlink` is no name: {given!r}")
+    elif name not in known and not name.endswith(".xml"):
+        problems.add(unknown("`mavlink` has no dialect", name, known))
+        name = "common"
+    try:
+        return read_dialect(dialect_path(name, folder).resolve())
+    except (OSError, ValueError, RuntimeError) as error:  # RuntimeError: links in a circle
+        problems.add(f"the dialect `{name}` of `mavlink` cannot be read: {error}")
+        return read_dialect(dialect_path("common", folder).resolve())

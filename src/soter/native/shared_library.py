@@ -1,0 +1,250 @@
+"""Shared libraries: generated C compiled once for each content, and reached from Python.
+
+Purpose: a `Unit` becomes a library that is kept by everything that matters. This is the one place
+that knows cffi (ABI mode): declarations are read from the headers themselves, so that Python and C
+cannot disagree.
+Non-goals: generating C, packages for targets, the cache itself (`cache.py`), a loaded program
+(`library.py`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+import re
+import sys
+from functools import lru_cache
+from pathlib import Path
+from runpy import run_path
+from typing import TYPE_CHECKING, Any
+from uuid import uuid4
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.evaluate.floating_point_mode import require_plain
+from soter.native.cache import cached, digest
+from soter.native.compiler import DEFECT, STRICT, compile_with, find
+from soter.native.source_files import SOTER, computes_names, included
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from soter.codegen.unit import Unit
+
+
+RUNTIME = SOTER / "runtime"
+NEVER_SHIPPED = SOTER / "native" / "c"
+"""What only runs on this machine use."""
+KERNEL = ("soter_kernel.c", "soter_virtual.c")
+CHECK_FAILED = NEVER_SHIPPED / "soter_check_failed_exit.c"
+"""What a check of the run-time or of an engine that fails does on this machine."""
+FAULTS = "soter_faults.h"
+"""What programs include whose system has faults."""
+LIBRARY = "program.so"
+TELLING = ("error", "undefined", "previous de")
+"""What makes a line of a C compiler worth showing."""
+OWN_SYMBOLS = (
+    ("-Wl,-Bsymbolic", "-fno-semantic-interposition") if sys.platform.startswith("linux") else ()
+)
+"""A library calls its own functions: without it an extern named `step` would be that of libc."""
+
+REPORT = "this is a defect of soter: please report it with your compiler's version"
+
+
+def texts(*sources: str | Path) -> list[str]:
+    """Path and text of C files and of every header that they include, our own ones too.
+
+    With something that is never the same where a header is not known: no key is of that.
+    """
+    known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
+    never = [uuid4().hex] if computes_names([t for _, t in known]) else []
+    return never + [x for p, t in known for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
+
+
+def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
+    """Those of every shared library."""
+    return (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS)
+
+
+def without_link(flags: Iterable[str]) -> tuple[str, ...]:
+    """Those that a compiler takes which does not link."""
+    return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
+
+
+def library(
+    unit: Unit,
+    optimise: str = "-O2",
+    extra: tuple[str, ...] = (),
+    engine: tuple[Path, ...] = (),
+) -> Path:
+    """The shared library of a unit, from the cache or freshly compiled.
+
+    `engine`: files that are needed besides the kernel, headers included.
+    """
+    compiler = find()
+    flags = (*library_flags(optimise), *extra)
+    kernel = (*(RUNTIME / name for name in KERNEL), CHECK_FAILED)
+    parts = [unit.header, unit.source, compiler.identity, *flags]
+    parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
+    parts += library_flags() if unit.c_sources else ()
+
+    def make(work: Path) -> None:
+        sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
+        runtime = objects(sources, (*without_link(flags), *include_flags(*engine)))
+        compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
+
+    return cached(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+
+
+def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
+    """The objects of some C files of Soter, which many programs are linked with."""
+    compiler = find()
+    names = tuple(f"{s.stem}.o" for s in sources)
+    content = digest((compiler.identity, *flags, *texts(*sources)))
+
+    def make(work: Path) -> None:
+        for source, name in zip(sources, names, strict=True):  # of several zig makes but the first
+            command = [*compiler.command, *flags, "-c", str(source), "-o", name]
+            compile_with(command, work, "the run-time does not compile", (REPORT,))
+
+    folder = cached("objects", content, names, make)
+    return tuple(folder / name for name in names)
+
+
+def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
+    """An extern's C, followed by the header: a wrong signature is an error, not undefined.
+
+    The header comes last, so that the file may still ask the system for its features first.
+    """
+    path = str(Path(source).resolve())
+    if Path(source).suffix != ".c" or '"' in path or "\\" in path:
+        return path
+    wrapped = work / f"extern_{number + 1}.c"
+    wrapped.write_text(f'#include "{path}"\n#include "{prefix}.h"\n', encoding="utf-8")
+    return str(wrapped)
+
+
+def _helps(unit: Unit) -> tuple[str, ...]:
+    files = ", ".join(f"`{s}`" for s in unit.c_sources)
+    return (
+        f"the mistake is most likely in {files}",
+        f"#include `{unit.prefix}.h`, named after the main program file: it has their signatures",
+    )
+
+
+def include_flags(*files: Path) -> tuple[str, ...]:
+    """Where the compiler looks for headers: beside these files, in the run-time, in `native/c/`."""
+    folders = dict.fromkeys((*(f.parent for f in files), RUNTIME, NEVER_SHIPPED))
+    return tuple(f"-I{folder}" for folder in folders)
+
+
+def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
+    """Write the unit into `work` and compile it there; X004 with the compiler's words.
+
+    C of externs is compiled as ever, whatever the `flags` are: it may ask which instructions there
+    are (`__AVX2__`), and is the same C in runs, campaigns and where its objects are looked into.
+
+    `runtime`: sources or objects of the kernel and of what else is needed. The person's C comes
+    first: a mistake in it is said before a large program is compiled for minutes.
+    """
+    (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
+    source = work / f"{unit.prefix}.c"
+    source.write_text(unit.source, encoding="utf-8")
+    built = work / LIBRARY
+    compiler = [*find().command, *flags, f"-I{RUNTIME}", f"-I{work}"]
+    message = "the C of this program does not compile"
+    helps = _helps(unit) if unit.c_sources else (DEFECT,)
+    externs = [checked_extern(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
+    own = [*find().command, *without_link(library_flags()), *include_flags(), f"-I{work}"]
+    for i, extern in enumerate(externs):
+        if extern.endswith(".c"):
+            externs[i] = f"{work / f'extern_{i + 1}.o'}"
+            command = [*own, "-c", extern, "-o", externs[i]]
+            compile_with(command, work, message, helps, TELLING)
+    command = [*compiler, "-o", str(built), str(source), *externs, *runtime, "-lm"]
+    compile_with(command, work, message, helps, TELLING)
+    return built
+
+
+COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+INLINE = re.compile(r"^SOTER_INLINE.*?^\}$", re.DOTALL | re.MULTILINE)
+CPLUSPLUS = re.compile(r"^#ifdef __cplusplus$.*?^#endif$", re.DOTALL | re.MULTILINE)
+DIRECTIVE = re.compile(r"^[ \t]*#(?:.*\\\n)*.*$", re.MULTILINE)
+NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
+TABLES = "interface.py"
+
+_opened: list[Any] = []
+"""All libraries: cffi closes one that nobody holds, whoever still holds a function of it."""
+
+
+def declarations(header: Path) -> str:
+    """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
+
+    What it includes is not read: give it before.
+    """
+
+    def kept(match: re.Match[str]) -> str:
+        number = NUMBER.match(match.group(0).rstrip())
+        return f"#define {number.group(1)} {number.group(2)}" if number else ""
+
+    text = COMMENT.sub("", header.read_text(encoding="utf-8"))
+    return DIRECTIVE.sub(kept, INLINE.sub("", CPLUSPLUS.sub("", text)))
+
+
+@lru_cache(maxsize=64)
+def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
+    """What calls C, given these declarations; the same object for the same texts.
+
+    They are parsed once, and the tables that cffi makes of them are kept: parsing takes longer than
+    most runs. SoterError X006 where the cache cannot be used.
+    """
+    import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
+
+    def make(work: Path) -> None:
+        from cffi import FFI, recompiler  # noqa: PLC0415 - and only the first time for the parser
+
+        ffi = FFI()
+        for text in declared:
+            ffi.cdef(text)
+        recompiler.make_py_source(ffi, "soter_interface", str(work / TABLES))
+
+    content = digest(("cffi", _cffi_backend.__version__, *declared))
+    return run_path(str(cached("interface", content, (TABLES,), make) / TABLES))["ffi"]
+
+
+def opened(
+    ffi: Any,  # noqa: ANN401 - cffi has no types
+    path: Path,
+    owners: Mapping[str, str] | None = None,
+) -> Any:  # noqa: ANN401 - the same
+    """The library; SoterError X004 where a function it needs is nowhere.
+
+    X012 where this thread does not compute as what is loaded takes for granted.
+
+    `owners`: the C file in which each linked function was to be found.
+    """
+    require_plain()
+    try:
+        held = ffi.dlopen(str(path))
+    except OSError as error:
+        _, _, missing = str(error).partition("undefined symbol: ")
+        if missing:
+            symbol = missing.split()[0].rstrip(".")
+            file = (owners or {}).get(symbol)
+            message = (
+                f"`{file}` has no function `{symbol}`"
+                if file
+                else f"no C file of this program has the function `{symbol}`"
+            )
+            helps: tuple[str, ...] = (
+                "is its name right in `c:file.c:name`, and is it not static?",
+            )
+        else:
+            message, helps = f"the compiled program cannot be loaded: {error}", ()
+        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+    _opened.append(held)
+    return held
+
+
+def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN401 - cdata
+    """The address of a constant of the library, as a pointer of this type."""
+    held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
+    return ffi.cast(type_, ctypes.addressof(held))

@@ -1,0 +1,445 @@
+"""A policy in an ONNX file: its bytes, asked through onnxruntime, and as a small network.
+
+Purpose: `onnx_content`: the bytes, with the weights that lie in files beside it put into it: a
+tensor may name a file (`external_data` of the format), as `torch.onnx.export` writes it; that is
+looked for in the folder of the ONNX file as that is named, wherever the command was started, and
+nowhere else. `OnnxSession`: one observation in, one answer out, without a copy that is not needed.
+`read_onnx`: the file as layers: a chain of linear layers, ReLU, tanh, clips and operations with
+constants, from the one input to the answer. Whatever has not the form of a policy, or another
+operator, is X014 with its name.
+Non-goals: what the numbers mean; operators beyond these as layers: onnxruntime has far more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from soter.language.load.bounded_read import ReadError, beside, read_bytes
+from soter.policy.network import (
+    Affine,
+    Clipped,
+    Elementwise,
+    Network,
+    Policy,
+    Relu,
+    Tanh,
+    in_numbers,
+    problem_of,
+)
+from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of, missing_package
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from soter.policy.network import Floats, Layer, Operation
+
+    Constants = Mapping[str, npt.NDArray[Any]]
+
+
+LOOP = b"Loop"
+"""The name of the one operator whose turns the graph itself counts."""
+LOCATION = b"location"
+"""The key that names another file stands in every ONNX file that has one (`onnx.proto`)."""
+
+
+class OnnxContent(NamedTuple):
+    """One file's worth of ONNX; `beside`: SHA-256 of each other file that went into it, by name."""
+
+    data: bytes
+    beside: dict[str, str]
+
+
+def onnx_content(path: Path) -> OnnxContent:
+    """The content of an ONNX file. SoterError X003, X014; D007 where only `onnx` can tell."""
+    data = content_of(path)
+    endless = LOOP in data
+    if LOCATION not in data and not endless:
+        return OnnxContent(data, {})
+    model = parsed(path, data)
+    if endless and any(node.op_type == "Loop" for node in _messages(model, "NodeProto")):
+        help_ = "export the policy for one step, without a loop"
+        raise bad_policy(path, "it has the operator Loop, which need not end", help_)
+    files: dict[str, bytes] = {}
+    room = FILE_MAX
+    for tensor in _messages(model, "TensorProto"):
+        if tensor.data_location == tensor.EXTERNAL or tensor.external_data:
+            _put_in(path, tensor, files, room)
+            room -= len(tensor.raw_data)
+    if not files:
+        return OnnxContent(data, {})
+    told = {name: hashlib.sha256(raw).hexdigest() for name, raw in sorted(files.items())}
+    return OnnxContent(model.SerializeToString(), told)
+
+
+def parsed(path: Path, data: bytes) -> Any:  # noqa: ANN401 - no types
+    """The model that bytes are; SoterError X014, D007."""
+    try:
+        import onnx  # noqa: PLC0415 - an extra
+        from google.protobuf.message import DecodeError  # noqa: PLC0415 - a part of it
+    except ImportError as error:
+        raise missing_package("onnx", "what an ONNX file says") from error
+    try:
+        return onnx.load_model_from_string(data)
+    except DecodeError as error:
+        raise bad_policy(path, "it is no ONNX file") from error
+
+
+def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
+    """Every message of a kind in one: of graphs, of operators in them, of functions."""
+    if message.DESCRIPTOR.name == kind:
+        yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for part in value if field.is_repeated else (value,):
+                yield from _messages(part, kind)
+
+
+def _put_in(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
+    """The tensor's numbers from the file that it names; `files`: those that were read so far.
+
+    At most `room` bytes.
+    """
+    said = {entry.key: entry.value for entry in tensor.external_data}
+    name = said.get("location", "")
+    if name not in files:
+        files[name] = _beside(path, tensor.name, name, FILE_MAX - sum(map(len, files.values())))
+    raw = files[name]
+    try:
+        start = int(said.get("offset", "0"))
+        size = int(said.get("length", str(len(raw) - start)))
+    except ValueError:
+        start = size = -1
+    if start < 0 or size < 0 or start + size > len(raw):
+        why = f"its constant `{tensor.name}` does not lie in `{name}`, which has {len(raw)} bytes"
+        raise bad_policy(path, why)
+    if size > room:
+        raise bad_policy(path, f"its constants are larger than {FILE_MAX >> 20} MiB")
+    tensor.raw_data = raw[start : start + size]
+    tensor.data_location = tensor.DEFAULT
+    del tensor.external_data[:]
+
+
+def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
+    """A file in the folder of the ONNX file; X014 for any other, and where it is not read."""
+    at = beside(path, name)
+    if at is None:
+        why = f"its constant `{tensor}` is said to lie in `{name[:80]}`"
+        raise bad_policy(path, why, "only files in the folder of the ONNX file are read")
+    try:
+        return read_bytes(at, limit)
+    except ReadError as error:
+        why = f"its constant `{tensor}` lies in `{at}`: {error}"
+        helps = ["keep the file beside the ONNX file that names it"]
+        if path.is_symlink():
+            helps.append(f"`{path.name}` is a link: bind `{path.resolve()}`, or link both")
+        raise bad_policy(path, why, *helps) from error
+
+
+DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
+NAMES = ("action", "actions")
+"""Of several outputs the one that is the answer; else the first is."""
+
+
+class OnnxSession:
+    """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
+
+    SoterError X003, X014; D007 without onnxruntime. `assumed`: what the file does not say.
+    """
+
+    def __init__(self, path: Path) -> None:
+        data = onnx_content(path).data
+        runtime = _onnxruntime()
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 4
+        try:
+            session = runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        except Exception as error:
+            why = f"onnxruntime does not load it: {' '.join(str(error).split())[:300]}"
+            raise bad_policy(path, why) from error
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        self.assumed: tuple[str, ...] = ()
+        if len(inputs) != 1 or not outputs:
+            names = ", ".join(f"`{x.name}`" for x in inputs[:8])
+            why = f"it has {len(inputs)} inputs ({names}) and {len(outputs)} outputs"
+            raise bad_policy(path, why, "one input, the observation, and an output are needed")
+        named = [x for x in outputs if x.name in NAMES]
+        output = (named or outputs)[0]
+        if len(outputs) > 1:
+            names = ", ".join(f"`{x.name}`" for x in outputs[:8])
+            self.assumed = (f"of its outputs {names} `{output.name}` is the answer",)
+        shape = tuple(_axis(x) for x in inputs[0].shape)
+        if inputs[0].type not in DTYPES or not shape or shape[-1] is None:
+            raise bad_policy(path, f"its input is a {inputs[0].type} of shape {inputs[0].shape}")
+        if output.type not in DTYPES or any(x not in (None, 1) for x in shape[:-1]):
+            why = f"it answers a {output.type} for an input of shape {inputs[0].shape}"
+            raise bad_policy(path, why, "one observation is asked at a time: leading axes are 1")
+        given = np.zeros([1 if x is None else x for x in shape], DTYPES[inputs[0].type])
+        self.observation = given.reshape(-1)
+        self._prepare(path, runtime, session, (inputs[0].name, given), output.name)
+
+    def _prepare(
+        self,
+        path: Path,
+        runtime: Any,  # noqa: ANN401 - no types
+        session: Any,  # noqa: ANN401
+        given: tuple[str, npt.NDArray[Any]],
+        answered: str,
+    ) -> None:
+        """Ask once, and bind input and output to memory that stays."""
+        try:
+            first = np.asarray(session.run([answered], dict([given]))[0])
+        except Exception as error:
+            why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
+            raise bad_policy(path, why) from error
+        if not first.size or first.ndim > len(given[1].shape) + 1:
+            raise bad_policy(path, f"it answers an array of shape {first.shape}")
+        out = np.ascontiguousarray(first)
+        self.is_whole = out.dtype == np.int64
+        self._kept = [runtime.OrtValue.ortvalue_from_numpy(x) for x in (given[1], out)]
+        self._binding = session.io_binding()
+        self._binding.bind_ortvalue_input(given[0], self._kept[0])
+        self._binding.bind_ortvalue_output(answered, self._kept[1])
+        self._session, self.answer = session, self._kept[1].numpy().reshape(-1)
+        self._out = self._kept[1]
+
+    def run(self) -> list[float]:
+        """The numbers that are answered of `observation`; whatever onnxruntime raises."""
+        self._session.run_with_iobinding(self._binding)
+        answer: list[float] = self._out.numpy().ravel().tolist()
+        return answer
+
+
+def _axis(size: object) -> int | None:
+    """A fixed size of an axis; None where the file leaves it open."""
+    return size if isinstance(size, int) and size > 0 else None
+
+
+def _onnxruntime() -> Any:  # noqa: ANN401 - no types
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import onnxruntime  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise missing_package("onnxruntime", "a policy in an ONNX file") from error
+    return onnxruntime
+
+
+READ = (
+    "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, ArgMax"
+)
+FLOAT = 1
+"""Float32 in ONNX's TensorProto.DataType."""
+ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/"}
+
+
+class _UnreadError(Exception):
+    """The graph has what is not read here."""
+
+
+def read_onnx(path: Path) -> Policy:
+    """The policy of a file; SoterError X003, X014, D007 without the package `onnx`."""
+    content = onnx_content(path)
+    model = parsed(path, content.data)
+    graph = model.graph
+    try:
+        given, answered, network = _network(graph)
+        why = problem_of(network)
+    except (_UnreadError, ValueError, TypeError, LookupError) as error:
+        raise bad_policy(path, str(error)[:300], f"operators that are read: {READ}") from error
+    if why:
+        raise bad_policy(path, why)
+    versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
+    facts = {
+        "file": f"ONNX, operators of version {versions}",
+        "observation": f"`{given}`, {in_numbers(network.inputs)}",
+        "answer": f"`{answered}`, "
+        + ("the index of the largest" if network.choice else in_numbers(network.outputs)),
+    }
+    if content.beside:
+        told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
+        facts["weights"] = "in " + "; ".join(told)
+    others = [x.name for x in graph.output if x.name != answered]
+    assumed = (f"of its outputs `{answered}` is the answer",) if others else ()
+    return Policy(str(path), network, facts, assumed)
+
+
+def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
+    """The names of observation and answer, and the layers between."""
+    constants = _constants(graph)
+    given = [x for x in graph.input if x.name not in constants]
+    if len(given) != 1 or not graph.output:
+        raise _UnreadError(f"it has {len(given)} inputs and {len(graph.output)} outputs")
+    answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
+    size = _size(given[0])
+    chain = _chain(graph, constants, given[0].name, answered)
+    choice = chain[-1].op_type == "ArgMax"
+    if choice:
+        _require_choice(chain.pop())
+    layers: list[Layer] = []
+    for node in chain:
+        network = Network(size, tuple(layers))
+        layers += _maker_of(node)(node, constants, network.outputs)
+    return given[0].name, answered, Network(size, tuple(layers), choice)
+
+
+def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    """A constant, whose numbers are in the file (`onnx_content`)."""
+    from onnx import TensorProto, numpy_helper  # noqa: PLC0415 - as above
+
+    if tensor.data_type not in {TensorProto.FLOAT, TensorProto.INT64}:
+        kind = TensorProto.DataType.Name(tensor.data_type)
+        raise _UnreadError(f"its constant `{tensor.name}` is a {kind}: float32 is read")
+    array: npt.NDArray[Any] = numpy_helper.to_array(tensor)
+    return array
+
+
+def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
+    if graph.sparse_initializer:
+        raise _UnreadError("it has sparse constants")
+    constants = {x.name: _array(x) for x in graph.initializer}
+    for node in graph.node:
+        if node.op_type == "Constant" and not node.domain:
+            values = [a.t for a in node.attribute if a.name == "value"]
+            if len(values) != 1 or len(node.output) != 1:
+                raise _UnreadError("it has a Constant that is no tensor")
+            constants[node.output[0]] = _array(values[0])
+        elif node.op_type == "Identity" and node.input[0] in constants:
+            constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
+    return constants
+
+
+def _size(given: Any) -> int:  # noqa: ANN401
+    """How many numbers an observation has."""
+    from onnx import TensorProto  # noqa: PLC0415 - as above
+
+    tensor = given.type.tensor_type
+    sizes = [axis.dim_value for axis in tensor.shape.dim]
+    if tensor.elem_type != TensorProto.FLOAT or not sizes or sizes[-1] <= 0:
+        raise _UnreadError(f"its input `{given.name}` is no float32 of a fixed last axis")
+    if any(x not in (0, 1) for x in sizes[:-1]):
+        raise _UnreadError(f"its input `{given.name}` has the shape {sizes}: one axis is read")
+    return int(sizes[-1])
+
+
+def _chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:  # noqa: ANN401
+    """The nodes from the input to the answer, in order."""
+    producers = {name: node for node in graph.node for name in node.output}
+    chain: list[Any] = []
+    at = end
+    while at != start:
+        node = producers.get(at)
+        if node is None or len(chain) > len(graph.node):
+            raise _UnreadError(f"nothing leads from its input to `{at}`")
+        if node.domain or any(a.g.node or a.graphs for a in node.attribute):
+            raise _UnreadError(f"it has the operator {node.domain or 'main'}.{node.op_type}")
+        moving = [name for name in node.input if name and name not in constants]
+        if len(moving) != 1:
+            raise _UnreadError(f"its {node.op_type} is of {len(moving)} values that change")
+        if node.op_type == "ArgMax" and chain:
+            raise _UnreadError("its ArgMax is not the last operator")
+        chain.insert(0, node)
+        at = moving[0]
+    if not chain:
+        raise _UnreadError("its answer is its input")
+    return chain
+
+
+# ---------------------------------------------------------------- operators
+
+
+def _attributes(node: Any) -> dict[str, Any]:  # noqa: ANN401
+    from onnx import helper  # noqa: PLC0415 - as above
+
+    return {a.name: helper.get_attribute_value(a) for a in node.attribute}
+
+
+def _vector(array: npt.NDArray[Any], size: int) -> Floats:
+    """A constant as one number for each of `size`."""
+    if array.dtype != np.float32 or (array.size != 1 and array.shape[-1:] != (array.size,)):
+        raise _UnreadError(f"a constant has the shape {array.shape}: one number each is read")
+    return np.ascontiguousarray(np.broadcast_to(array.reshape(-1), (size,)))
+
+
+def _gemm(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    said = {"alpha": 1.0, "beta": 1.0, "transA": 0, "transB": 0} | _attributes(node)
+    if said["alpha"] != 1.0 or said["beta"] != 1.0 or said["transA"] or node.input[0] in constants:
+        raise _UnreadError("its Gemm has factors, or an observation on another side")
+    weight = _matrix(constants.get(node.input[1]), size, transposed=bool(said["transB"]))
+    bias = np.zeros(1, np.float32) if len(node.input) < 3 else constants[node.input[2]]
+    return [Affine(weight, _vector(bias, weight.shape[0]))]
+
+
+def _matmul(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    weight = _matrix(constants.get(node.input[1]), size, transposed=False)
+    return [Affine(weight, np.zeros(weight.shape[0], np.float32))]
+
+
+def _matrix(array: npt.NDArray[Any] | None, size: int, *, transposed: bool) -> Floats:
+    """A constant as (out, in)."""
+    if array is None or array.ndim != 2 or array.dtype != np.float32:
+        raise _UnreadError("it multiplies with what is no constant matrix on the right")
+    weight = array if transposed else array.T
+    if weight.shape[1] != size or not weight.size:
+        raise _UnreadError(f"a matrix takes {in_numbers(weight.shape[1])}, and is given {size}")
+    return np.ascontiguousarray(weight)
+
+
+def _arithmetic(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    first = node.input[0] in constants
+    operand = constants[node.input[0 if first else 1]]
+    if first and node.op_type in {"Sub", "Div"}:
+        raise _UnreadError(f"its {node.op_type} has the constant on the left")
+    return [Elementwise(ARITHMETIC[node.op_type], _vector(operand, size))]
+
+
+def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    said = _attributes(node)
+    bounds = [np.float32(said.get("min", -np.inf)), np.float32(said.get("max", np.inf))]
+    for place, name in enumerate(node.input[1:3]):
+        if name:
+            bounds[place] = constants[name]
+    low, high = (_vector(np.asarray(b), size) for b in bounds)
+    return [Clipped(low, high)]
+
+
+def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
+    """No layer: the numbers of one observation stay in one row."""
+    if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
+        raise _UnreadError("its Flatten makes several rows of one observation")
+    if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
+        raise _UnreadError("its Cast is not to float32")
+    if node.op_type == "Reshape":
+        *axes, last = constants[node.input[1]].reshape(-1).tolist()
+        axes[:1] = [1 if x == 0 else x for x in axes[:1]]  # 0 is that of the input
+        if last not in (-1, size) or any(x not in (-1, 1) for x in axes):
+            raise _UnreadError("its Reshape makes several rows of one observation")
+    return []
+
+
+def _require_choice(node: Any) -> None:  # noqa: ANN401
+    said = {"axis": 0, "select_last_index": 0} | _attributes(node)
+    if said["axis"] not in (-1, 1) or said["select_last_index"]:
+        raise _UnreadError("its ArgMax is not of the last axis, or takes the last of equal numbers")
+
+
+def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
+    """What makes layers of a node."""
+    name = node.op_type
+    if name in ARITHMETIC:
+        return _arithmetic
+    simple: dict[str, Layer] = {"Relu": Relu(), "Tanh": Tanh()}
+    if name in simple:
+        return lambda *_: [simple[name]]
+    known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
+    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape"), _shaped)
+    if name not in known:
+        raise _UnreadError(f"it has the operator {name[:40]}")
+    return known[name]

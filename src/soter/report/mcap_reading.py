@@ -1,0 +1,458 @@
+"""Read MCAP files: all their records in order, and the logs that `soter run --log` wrote.
+
+Purpose: one pass over all records, within bounds. What a file says of itself is compared with what
+stands there: checksums, sizes, ids, indexes, statistics, its end. A file that says otherwise, or
+nothing at all of its end, is refused with the place; a checksum of 0 says nothing (the format).
+`messages` and `metadata` read a log of Soter's own; what cannot be read is SoterError D006.
+Non-goals: what messages mean; a reader that jumps by the index; logs of somebody else
+(`monitor/logs/`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections import Counter
+from contextlib import contextmanager
+from importlib.util import find_spec
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.language.load.bounded_read import opened
+from soter.report.bounded_unpack import BoundedUnpacking
+from soter.report.mcap_log import (
+    ABNORMALLY,
+    DATA_END,
+    END_NAME,
+    FOOTER,
+    MAGIC,
+    METADATA,
+    METADATA_NAME,
+    RECORD,
+    crc_between,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+
+RECORD_MAX = 1 << 30
+"""Bytes of a record: of a chunk as it is packed, or of an attachment."""
+HEADER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 3, 4, 5, 6, 7
+CHUNK_INDEX, ATTACHMENT, STATISTICS = 8, 9, 11
+IN_DATA = (SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA)
+IN_SUMMARY = (SCHEMA, CHANNEL, STATISTICS, CHUNK_INDEX, 10, 13, 14)
+PRIVATE = 128
+"""Kinds from here on are somebody's own."""
+MESSAGE_HEAD = struct.Struct("<HIQQ")
+ENDS = "its end is missing: the recorder died, or the file was cut"
+REMEDY = (
+    "`mcap doctor FILE` says more; `mcap recover FILE -o NEW` keeps what is whole, which is less "
+    "than what was recorded"
+)
+
+
+MERGED = "put logs together with `mcap merge`, which gives ids anew, or give them one by one"
+
+
+class DamagedMcapError(ValueError):
+    """A file that contradicts itself; the text says where and how, `remedy` what to do."""
+
+    def __init__(self, told: str, remedy: str = REMEDY) -> None:
+        super().__init__(told)
+        self.remedy = remedy
+
+
+class CutMcapError(DamagedMcapError):
+    """A file whose end is missing: all messages before that were given."""
+
+
+class McapRecords:
+    """The records of one file, which is read once.
+
+    `metadata`: what was met so far of it, by name. `private`: how many records of kinds that only
+    their writer knows were stepped over. `unchecked`: whether some message stood there that no
+    checksum covers.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.file = file
+        self.size = _size(file)
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.private = 0
+        self.unchecked = False
+        self._unpacking = BoundedUnpacking(self.size)
+        self._schemas: dict[int, Any] = {}
+        self._channels: dict[int, Any] = {}
+        self._counts: Counter[int] = Counter()
+        self._kinds: Counter[int] = Counter()
+        self._times: tuple[int, int] | None = None
+        self._chunks: dict[int, tuple[Any, int]] = {}
+        self._indexed: Counter[int] = Counter()
+        self._of_chunk: dict[int, list[int]] = {}
+        self._loose = False
+
+    def messages(self) -> Iterator[tuple[Any, Any, Any]]:
+        """Channel, its schema (None where it has none) and message.
+
+        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic
+        where it is no MCAP at all, and what the package raises of a record that it cannot read.
+        """
+        magic = self.file.read(len(MAGIC))
+        if magic != MAGIC:
+            from mcap.exceptions import InvalidMagic  # noqa: PLC0415 - an extra
+
+            raise InvalidMagic(tuple(magic))
+        crc = zlib.crc32(magic)
+        summary_at, first = None, True
+        while True:
+            at = self.file.tell()
+            head = self._exactly(RECORD.size)
+            kind, length = RECORD.unpack(head)
+            if length > self.size - at:
+                raise CutMcapError(f"the record at byte {at} is longer than the file: {ENDS}")
+            if length > RECORD_MAX:
+                raise DamagedMcapError(f"the record at byte {at} is longer than any is")
+            body = self._exactly(length)
+            if first != (kind == HEADER):
+                raise DamagedMcapError("its header does not stand at its beginning, or not once")
+            first = False
+            if kind == DATA_END and summary_at is None:
+                self._end_of_index(at)
+                said = _read("DataEnd", body, at).data_section_crc
+                _same_crc(said, crc, "its data section (all up to its summary)")
+                self.unchecked = self._loose and not said
+                summary_at = self.file.tell()
+            elif kind == FOOTER:
+                self._footer(body, at, summary_at)
+                return
+            else:
+                self._require_kind(kind, IN_DATA if summary_at is None else IN_SUMMARY, at)
+                if summary_at is None:
+                    crc = zlib.crc32(body, zlib.crc32(head, crc))
+                    yield from self._data(kind, body, at)
+                else:
+                    self._summary(kind, body, at)
+
+    def _require_kind(self, kind: int, known: tuple[int, ...], at: int) -> None:
+        if kind >= PRIVATE:
+            self.private += 1
+        elif kind not in known and kind != HEADER:
+            raise DamagedMcapError(f"a record of kind {kind} stands at byte {at}, where none may")
+
+    def _exactly(self, length: int) -> bytes:
+        data = self.file.read(length)
+        if len(data) < length:
+            raise CutMcapError(ENDS)
+        return data
+
+    # ------------------------------------------------------------ the data section
+
+    def _data(self, kind: int, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
+        self._kinds[kind] += 1
+        if kind != MESSAGE_INDEX:
+            self._end_of_index(at)
+        if kind == CHUNK:
+            yield from self._chunk(body, at)
+        elif kind == MESSAGE:
+            self._loose = True
+            yield self._message(body, f"at byte {at}")
+        elif kind in (SCHEMA, CHANNEL):
+            self._define(kind, body, at)
+        elif kind == MESSAGE_INDEX:
+            self._message_index(body, at)
+        elif kind == METADATA:
+            record = _read("Metadata", body, at)
+            self.metadata.setdefault(record.name, dict(record.metadata))
+        elif kind == ATTACHMENT and len(body) > 4:
+            (said,) = struct.unpack("<I", body[-4:])
+            _same_crc(said, zlib.crc32(memoryview(body)[:-4]), f"the attachment at byte {at}")
+
+    def _chunk(self, body: bytes, at: int) -> Iterator[tuple[Any, Any, Any]]:
+        chunk = _read("Chunk", body, at)
+        data = self._unpacked(chunk)
+        where = f"the chunk at byte {at}"
+        if len(data) != chunk.uncompressed_size:
+            said = f"it says {chunk.uncompressed_size:,} bytes and has {len(data):,}"
+            raise DamagedMcapError(f"{where} is damaged: {said}")
+        _same_crc(chunk.uncompressed_crc, zlib.crc32(data), where)
+        self._loose |= not chunk.uncompressed_crc
+        self._chunks[at] = chunk, RECORD.size + len(body)
+        chunk.data = b""
+        self._of_chunk = {}
+        inside = memoryview(data)
+        place = 0
+        while place < len(data):
+            here = f"at byte {place} of {where}"
+            if place + RECORD.size > len(data):
+                raise DamagedMcapError(f"a record is cut {here}")
+            kind, length = RECORD.unpack_from(data, place)
+            begin = place + RECORD.size
+            place = begin + length
+            if place > len(data):
+                raise DamagedMcapError(f"a record is cut {here}")
+            if kind == MESSAGE:
+                given = self._message(bytes(inside[begin:place]), here)
+                channel, _, message = given
+                self._of_chunk.setdefault(channel.id, []).append(message.log_time)
+                yield given
+            elif kind in (SCHEMA, CHANNEL):
+                self._define(kind, bytes(inside[begin:place]), at)
+            else:
+                raise DamagedMcapError(f"a record of kind {kind} stands {here}, where none may")
+        times = [t for of_channel in self._of_chunk.values() for t in of_channel]
+        said_times = chunk.message_start_time, chunk.message_end_time
+        if times and (min(times), max(times)) != said_times:
+            raise DamagedMcapError(f"{where} has messages of other times than it says")
+
+    def _unpacked(self, chunk: Any) -> bytes:  # noqa: ANN401 - a record
+        if chunk.compression == "zstd":
+            return self._unpacking.zstd(chunk.data)
+        if chunk.compression == "lz4":
+            return self._unpacking.lz4(chunk.data)
+        if chunk.compression:
+            raise DamagedMcapError(f"a chunk is packed by `{chunk.compression[:40]}`")
+        return self._unpacking.plain(chunk.data)
+
+    def _message(self, body: bytes, here: str) -> tuple[Any, Any, Any]:
+        from mcap.records import Message  # noqa: PLC0415 - an extra
+
+        if len(body) < MESSAGE_HEAD.size:
+            raise DamagedMcapError(f"the message {here} is cut")
+        channel_id, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(body)
+        channel = self._channels.get(channel_id)
+        if channel is None:
+            raise DamagedMcapError(f"the message {here} is of channel {channel_id}, which is none")
+        schema = self._schemas.get(channel.schema_id)
+        if schema is None and channel.schema_id:
+            lost = f"schema {channel.schema_id} of channel `{channel.topic[:80]}` is not there"
+            raise DamagedMcapError(lost)
+        self._counts[channel_id] += 1
+        first, last = self._times or (log_time, log_time)
+        self._times = min(first, log_time), max(last, log_time)
+        data = body[MESSAGE_HEAD.size :]
+        return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
+
+    def _define(self, kind: int, body: bytes, at: int) -> None:
+        """A schema or a channel; DamagedMcapError where its id meant something else before."""
+        record = _read("Schema" if kind == SCHEMA else "Channel", body, at)
+        known = self._schemas if kind == SCHEMA else self._channels
+        before = known.setdefault(record.id, record)
+        if before == record:
+            return
+        if kind == SCHEMA:
+            told = f"schema {record.id} is `{before.name[:80]}`, and from byte {at} on another"
+            raise DamagedMcapError(f"{told}, `{record.name[:80]}`", MERGED)
+        told = f"channel {record.id} is `{before.topic[:80]}`, and from byte {at} on another"
+        raise DamagedMcapError(f"{told}, `{record.topic[:80]}`", MERGED)
+
+    def _message_index(self, body: bytes, at: int) -> None:
+        record = _read("MessageIndex", body, at)
+        times = self._of_chunk.get(record.channel_id, [])
+        if sorted(t for t, _ in record.records) != sorted(times):
+            told = f"the index at byte {at} has other messages of channel {record.channel_id}"
+            raise DamagedMcapError(f"{told} than the chunk before it")
+        self._indexed[record.channel_id] += 1
+
+    def _end_of_index(self, at: int) -> None:
+        lost = set(self._of_chunk) - set(self._indexed)
+        if self._indexed and lost:
+            raise DamagedMcapError(f"the index before byte {at} leaves out channel {min(lost)}")
+        self._indexed.clear()
+        self._of_chunk = {}
+
+    # ------------------------------------------------------------ what it says of itself
+
+    def _summary(self, kind: int, body: bytes, at: int) -> None:
+        if kind in (SCHEMA, CHANNEL):
+            self._define(kind, body, at)
+        elif kind == STATISTICS:
+            self._statistics(_read("Statistics", body, at))
+        elif kind == CHUNK_INDEX:
+            said = _read("ChunkIndex", body, at)
+            self._indexed[said.chunk_start_offset] += 1
+            chunk, length = self._chunks.get(said.chunk_start_offset, (None, 0))
+            names = ["message_start_time", "message_end_time", "compression", "uncompressed_size"]
+            if (
+                chunk is None
+                or length != said.chunk_length
+                or any(getattr(chunk, name) != getattr(said, name) for name in names)
+            ):
+                told = f"its index names a chunk at byte {said.chunk_start_offset}"
+                raise DamagedMcapError(f"{told} that does not stand there so")
+
+    def _statistics(self, said: Any) -> None:  # noqa: ANN401 - a record
+        read = {
+            "messages": (said.message_count, self._counts.total()),
+            "chunks": (said.chunk_count, self._kinds[CHUNK]),
+            "attachments": (said.attachment_count, self._kinds[ATTACHMENT]),
+            "metadata": (said.metadata_count, self._kinds[METADATA]),
+        }
+        for channel_id in sorted({*said.channel_message_counts, *self._counts}):
+            name = getattr(self._channels.get(channel_id), "topic", str(channel_id))
+            counts = said.channel_message_counts.get(channel_id, 0), self._counts[channel_id]
+            read[f"messages of `{name[:80]}`"] = counts
+        for what, (of_file, counted) in read.items():
+            if of_file != counted:
+                told = f"its statistics count {of_file:,} {what}, and {counted:,} stand there"
+                raise DamagedMcapError(told)
+        times = said.message_start_time, said.message_end_time
+        if self._times is not None and times != self._times:
+            raise DamagedMcapError("its messages are of other times than its statistics say")
+
+    def _footer(self, body: bytes, at: int, summary_at: int | None) -> None:
+        footer = _read("Footer", body, at)
+        if summary_at is None:
+            raise DamagedMcapError("the end of its data section is missing")
+        if self._exactly(len(MAGIC)) != MAGIC:
+            raise CutMcapError(ENDS)
+        if self.file.read(1):
+            told = f"more bytes stand behind its end, from byte {self.file.tell() - 1} on"
+            raise DamagedMcapError(f"{told}: are two logs in it?", MERGED)
+        if self._indexed and set(self._indexed) != set(self._chunks):
+            raise DamagedMcapError("its index does not name all of its chunks")
+        if footer.summary_start not in (0, summary_at):
+            raise DamagedMcapError("its summary does not stand where its end says")
+        if footer.summary_crc:
+            end = at + RECORD.size + len(body) - 4
+            crc = crc_between(self.file, summary_at, end)
+            _same_crc(footer.summary_crc, crc, "its summary")
+
+
+class _Whole(BytesIO):
+    """Bytes of which no more is read than there are."""
+
+    def read(self, size: int | None = -1) -> bytes:
+        data = super().read(size)
+        if size is not None and 0 <= len(data) < size:
+            raise DamagedMcapError("a record is cut")
+        return data
+
+
+def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
+    """A record of its bytes, all of which have to be its own."""
+    from mcap import records  # noqa: PLC0415 - an extra
+    from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
+
+    stream = ReadDataStream(_Whole(body))
+    try:
+        record = getattr(records, name).read(stream)
+    except (DamagedMcapError, struct.error, UnicodeDecodeError) as error:
+        raise DamagedMcapError(f"the record at byte {at} is no {name}") from error
+    if stream.count != len(body):
+        raise DamagedMcapError(f"the {name} at byte {at} is shorter than it says")
+    return record
+
+
+def _same_crc(said: int, counted: int, what: str) -> None:
+    """DamagedMcapError where a checksum is there and is another one."""
+    if said and said != counted:
+        told = f"{what} is damaged: its checksum is {said:08x}, and its bytes give {counted:08x}"
+        raise DamagedMcapError(told)
+
+
+def _size(file: BinaryIO) -> int:
+    if isinstance(file, BytesIO):
+        return len(file.getbuffer())
+    return os.fstat(file.fileno()).st_size
+
+
+def require_log_package() -> None:
+    """SoterError D007 where the package that writes logs is not installed."""
+    if find_spec("mcap") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "logs are written with the package `mcap`, which is not installed",
+                    helps=("install it: pip install 'soter[log]'",),
+                ),
+            )
+        )
+
+
+@contextmanager
+def _records(path: Path) -> Iterator[McapRecords]:
+    """The records of a log; what cannot be opened or read, or is damaged, is SoterError D006."""
+    try:
+        with opened(path) as file:
+            yield McapRecords(file)
+    except OSError as error:
+        raise unreadable(path, reason(error)) from error
+    except SoterError:
+        raise
+    except DamagedMcapError as error:
+        text = f"cannot read the log `{path}`: {error}"
+        raise SoterError((Diagnostic("D006", text, helps=(error.remedy,)),)) from error
+    except Exception as error:
+        raise unreadable(path, damaged(error)) from error
+
+
+def metadata(path: Path) -> dict[str, str]:
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006.
+
+    It stands at the beginning: the end of the file may be missing.
+    """
+    with _records(path) as records:
+        for _ in _up_to_cut(records, lambda _: None):
+            if METADATA_NAME in records.metadata:
+                break
+        return records.metadata.get(METADATA_NAME, {})
+
+
+def messages(
+    path: Path, cut: Callable[[str], None] | None = None
+) -> Iterator[tuple[int, str, Any]]:
+    """Time (ns), channel and message of all that is in a log, in order; SoterError D006.
+
+    What its checksums and counts say is compared with what stands there. `cut`: told where the end
+    of the file is missing, which is then read up to there, and where it says that the run has an
+    end of which no log was written.
+    """
+    last_ns = 0
+    with _records(path) as records:
+        for channel, _, message in _up_to_cut(records, cut):
+            if message.log_time < last_ns:
+                told = (
+                    f"time goes back from {last_ns / 1e9:.9g} s to {message.log_time / 1e9:.9g} s"
+                )
+                raise unreadable(path, f"{told} at a message of `{channel.topic}`")
+            last_ns = message.log_time
+            yield message.log_time, channel.topic, json.loads(message.data)
+        ended = records.metadata.get(END_NAME, {}).get("ended", "")
+        if cut is not None and ended.startswith(ABNORMALLY):
+            cut(ended.removeprefix(ABNORMALLY))
+
+
+def _up_to_cut(
+    records: McapRecords, cut: Callable[[str], None] | None
+) -> Iterator[tuple[Any, Any, Any]]:
+    try:
+        yield from records.messages()
+    except CutMcapError as error:
+        if cut is None:
+            raise
+        cut(str(error))
+
+
+def damaged(error: Exception) -> str:
+    """What is wrong with a log that the package `mcap` could not read, in words.
+
+    It unpacks what stands there without a look at it: a damaged file makes it raise anything.
+    """
+    from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
+
+    told = isinstance(error, (McapError, ValueError)) and not isinstance(error, InvalidMagic)
+    said = str(error)[:200] if told else ""
+    return said or "it is no MCAP file, or damaged"
+
+
+def unreadable(path: Path, why: str) -> SoterError:
+    """Of a log that cannot be read as one of `soter run --log`."""
+    helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
+    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

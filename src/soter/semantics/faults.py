@@ -1,0 +1,225 @@
+"""What goes wrong in a run, as the `faults` of its system say.
+
+Purpose: whether a fault is there at a time, when a release really happens, what becomes of a
+publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
+continued from a copy meets the same faults.
+Non-goals: which faults a system has (`language/elaborate/tests_and_faults/faults.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.language.evaluate.arithmetic import canonical, maximum, minimum
+from soter.language.evaluate.statements import replaced
+from soter.language.model.types import leaves, positions
+from soter.semantics.random_draws import draw_bits, draw_float
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.language.model.system import Bound, Component, Fault, System
+    from soter.language.model.types import Value
+    from soter.semantics.configuration import Configuration
+
+
+FINE = 20
+"""Bits of the place between two quantiles of a lateness."""
+ON_TIME = 4096
+"""Every so many releases one is on time, whatever happens: so one always follows."""
+LEAVES = 256
+"""Indices of the stream of amounts that belong to one slot, or to one step."""
+ORDERS = 64
+"""Indices of the stream of orders that belong to one instant."""
+
+
+def by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
+    """The faults of each component that has some: those of its releases, or the others."""
+    faults_by_component: dict[int, tuple[Fault, ...]] = {}
+    for f in system.faults:
+        if f.of_time == of_time:
+            faults_by_component[f.component] = (*faults_by_component.get(f.component, ()), f)
+    return faults_by_component
+
+
+# ---------------------------------------------------------------- when
+
+
+def slot_of(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+    """The slot of a fault that t lies in; where slots begin is drawn once."""
+    if fault.slot_ns == 0:
+        return t // period_ns
+    return (t + _offset(fault, seed)) // fault.slot_ns
+
+
+def _offset(fault: Fault, seed: int) -> int:
+    return draw_bits(seed, f"{fault.stream}.at", 0) % fault.slot_ns
+
+
+def _drawn(fault: Fault, seed: int, slot: int) -> bool:
+    return draw_float(seed, fault.stream, slot, 0.0, 1.0) < fault.probability
+
+
+def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
+    """Whether it is there at t; of those that stay apart never in two slots in a row."""
+    slot = slot_of(fault, seed, t, period_ns)
+    if not _drawn(fault, seed, slot):
+        return False
+    return not fault.apart or not _drawn(fault, seed, slot - 1)
+
+
+def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+    """When what would happen at t does, where the component is held up then; else t."""
+    slot = slot_of(fault, seed, t, period_ns)
+    if not is_active(fault, seed, t, period_ns):
+        return t
+    begin = slot * fault.slot_ns - _offset(fault, seed)
+    end = begin + 1 + draw_bits(seed, f"{fault.stream}.by", slot) % fault.slot_ns
+    return max(t, end)
+
+
+def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
+    """How late a release is: between two quantiles, all stretches alike."""
+    times = [int(x) for x in fault.amount]
+    stretches = len(times) - 1
+    place = draw_bits(seed, stream, release) % (stretches << FINE)
+    k, within = place >> FINE, place & ((1 << FINE) - 1)
+    return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
+
+
+def happens(
+    system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
+) -> int | None:
+    """When a release really happens; None where it is lost, also to the next one."""
+    nominal = c.phase_ns + release * c.period_ns
+    t = nominal
+    for f in faults if release % ON_TIME != ON_TIME - 1 else ():
+        if f.kind == "skip":
+            if is_active(f, seed, nominal, c.period_ns):
+                return None
+        elif f.on is not None:
+            t = max(t, _waited(system, f.on, seed, nominal) or t)
+        elif f.slot_ns:
+            t = _held_until(f, seed, t, c.period_ns)
+        else:
+            t += _late(f, seed, f"{f.stream}.by", release)
+    return t if t == nominal or t < nominal + c.period_ns else None
+
+
+def _waited(system: System, on: int, seed: int, nominal: int) -> int | None:
+    """When the last release of another component, up to a nominal time, happens, if it does."""
+    other = system.components[on]
+    since = nominal - other.phase_ns
+    if since < 0:
+        return None
+    own = [f for f in system.faults if f.component == on and f.of_time]
+    return happens(system, own, other, seed, since // other.period_ns)
+
+
+def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
+    """Whether a release of the component happens at ct."""
+    release = (ct - c.phase_ns) // c.period_ns
+    return ct >= c.phase_ns and happens(system, faults, c, seed, release) == ct
+
+
+def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+    """The first release that happens after ct."""
+    release = max((ct - c.phase_ns) // c.period_ns, 0)
+    while True:
+        t = happens(system, faults, c, seed, release)
+        if t is not None and t > ct:
+            return t
+        release += 1
+
+
+def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+    """How much longer a step lasts that begins at ct, ns."""
+    own = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
+    return sum(int(f.amount[0]) for f in own)
+
+
+def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
+    """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
+    if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
+        return []
+    step = max(fault.slot_ns, c.period_ns)
+    first = -_offset(fault, seed) if fault.slot_ns > c.period_ns else c.phase_ns
+    times = range(first, until_ns + 1, step)
+    return [max(t, 0) for t in times if is_active(fault, seed, max(t, 0), c.period_ns)]
+
+
+# ---------------------------------------------------------------- what
+
+
+def disturbed(
+    system: System,
+    faults: Sequence[Fault],
+    c: Component,
+    seed: int,
+    before: Configuration,
+    out: dict[int, Value],
+) -> dict[int, Value]:
+    """What a step publishes with these faults, topic to value; `before` it, topics had theirs."""
+    value_by_topic, ct, now = dict(out), before.ct, before.Topics
+    for f in faults:
+        if f.topic not in value_by_topic or f.topic is None:
+            continue
+        if not is_active(f, seed, ct, c.period_ns):
+            continue
+        if f.kind == "silent" and c.plant is not None and ct == c.phase_ns:
+            continue  # a sensor speaks at its first release
+        if f.kind == "silent":
+            del value_by_topic[f.topic]
+            continue
+        topic = system.topics[f.topic]
+        paths = [positions(topic.type, path) for path, _ in leaves(topic.type)]
+        slot = slot_of(f, seed, ct, c.period_ns)
+        for i in f.leaves:
+            if f.kind == "stuck":
+                new = _at(now[f.topic], paths[i])
+            else:
+                new = _leaf(
+                    f, seed, (slot, ct, i), _at(value_by_topic[f.topic], paths[i]), topic.bounds[i]
+                )
+            bound = topic.bounds[i]
+            if c.plant is not None and bound is not None and isinstance(new, float):
+                new = maximum(bound.low, minimum(bound.high, new))
+            value_by_topic[f.topic] = replaced(value_by_topic[f.topic], paths[i], new)
+    return value_by_topic
+
+
+def _leaf(f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None) -> Value:
+    """What becomes of a leaf; `at`: the slot, ct and the leaf's number."""
+    if f.kind == "nan":
+        return canonical(math.nan)
+    slot, ct, leaf = at
+    index = (ct if f.kind == "noise" else slot) * LEAVES + leaf % LEAVES
+    if f.kind == "saturated":
+        assert bound is not None
+        end = bound.high if draw_bits(seed, f"{f.stream}.by", index) >> 63 else bound.low
+        return end if isinstance(old, float) else int(end)
+    (x,) = f.amount
+    if f.kind == "scale":
+        return old * x
+    return old + draw_float(seed, f"{f.stream}.by", index, -abs(x), abs(x))
+
+
+def factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) -> float:
+    """By how much disturbance number `d` of a plant is scaled at ct."""
+    scale = 1.0
+    for f in faults:
+        if f.disturbance == d and is_active(f, seed, ct, c.period_ns):
+            scale *= f.amount[0]
+    return scale
+
+
+def _at(value: Value, path: Sequence[int]) -> Value:
+    for i in path:
+        value = value[i]
+    return value
+
+
+def in_any_order(seed: int, ct: int, waiting: int) -> int:
+    """Which of so many nodes that wait at ct steps next."""
+    return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

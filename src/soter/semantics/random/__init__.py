@@ -1,1 +1,0 @@
-"""What chance decides: draws, and the faults that a system declares."""

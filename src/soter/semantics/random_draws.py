@@ -1,0 +1,155 @@
+"""Counter-based random draws, keyed by (seed, stream name, index).
+
+Purpose: no draw depends on another, so arms of an experiment and edits of a program do not shift
+each other. The arithmetic is that of docs/semantics.md, section Random draws.
+Non-goals: when something is drawn (`environment.py`, `interpreter.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import count
+from typing import TYPE_CHECKING, Protocol
+
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from soter.language.model.system import Bound, Component
+    from soter.language.model.types import Type, Value
+
+
+_MASK = 2**64 - 1
+GOLDEN = 0x9E3779B97F4A7C15
+
+
+def mix(z: int) -> int:
+    """The finaliser of SplitMix64 on an unsigned 64-bit number."""
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)
+
+
+def fnv(text: str) -> int:
+    """FNV-1a of the UTF-8 bytes of a text, 64 bits."""
+    h = 0xCBF29CE484222325
+    for byte in text.encode():
+        h = ((h ^ byte) * 0x100000001B3) & _MASK
+    return h
+
+
+@lru_cache(maxsize=4096)
+def stream_key(seed: int, stream: str) -> int:
+    """The key of one stream under one seed."""
+    return mix(mix((seed + GOLDEN) & _MASK) ^ fnv(stream))
+
+
+def draw_bits(seed: int, stream: str, index: int) -> int:
+    """64 random bits."""
+    return mix((stream_key(seed, stream) + (index + 1) * GOLDEN) & _MASK)
+
+
+def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
+    """A uniform float of [low, high]; rounding never leads outside."""
+    u = float(draw_bits(seed, stream, index) >> 11) * 2.0**-53
+    return min(low + (high - low) * u, high)
+
+
+class Draws(Protocol):
+    """Who chooses what the environment is free to choose: by default chance (`SeededDraws`)."""
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A float of [low, high]."""
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A value of a scalar type within its bound."""
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """Which of `count` alternatives, count >= 1."""
+
+
+CHOICES_A_STEP = 4096
+"""Indices of the stream of a component's choices that belong to one release."""
+
+
+@dataclass(frozen=True)
+class SeededDraws:
+    """The draws of docs/semantics.md."""
+
+    seed: int
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A uniform float."""
+        return draw_float(self.seed, stream, index, low, high)
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A uniform value."""
+        return _draw_leaf(t, bound, self.seed, stream, index)
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """A uniform choice."""
+        return draw_bits(self.seed, stream, index) % count
+
+
+def chooser(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
+    """Who answers the `choose`s of one step at `ct`: `draws`, one index after the other."""
+    stream = f"{component.name}.choose"
+    indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
+    return lambda alternatives: draws.choice(stream, next(indices), alternatives)
+
+
+def chosen_value(
+    t: Type, bounds: Sequence[Bound | None], draws: Draws, base: str, index: int
+) -> Value:
+    """A value whose leaves `draws` chooses, each from a stream of its own.
+
+    `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
+    """
+    drawn = (
+        draws.leaf(leaf, bound, leaf_name(base, path), index)
+        for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
+    )
+    return assemble(t, drawn)
+
+
+def leaf_name(base: str, path: tuple[str, ...]) -> str:
+    """The stream of one leaf: `base.x` for a field, `base.[0]` for an element."""
+    return ".".join((base, *path))
+
+
+def draw_value(t: Type, bounds: Sequence[Bound | None], seed: int, base: str, index: int) -> Value:
+    """A value with every leaf drawn uniformly (`chosen_value` by `SeededDraws`)."""
+    return chosen_value(t, bounds, SeededDraws(seed), base, index)
+
+
+def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int) -> Value:
+    if isinstance(t, FloatType):
+        assert bound is not None, f"{stream} is not bounded"
+        return draw_float(seed, stream, index, bound.low, bound.high)
+    bits = draw_bits(seed, stream, index)
+    if isinstance(t, BoolType):
+        return bool(bits >> 63)
+    if isinstance(t, EnumType):
+        return bits % len(t.members)
+    assert isinstance(t, IntType), t
+    low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+    return low + bits % (high - low + 1)
+
+
+def assemble(t: Type, leaf_values: Iterator[Value]) -> Value:
+    """The value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
+    if isinstance(t, RecordType):
+        return tuple([assemble(f, leaf_values) for _, f in t.fields])
+    if isinstance(t, ArrayType):
+        return tuple([assemble(t.element, leaf_values) for _ in range(t.size)])
+    return next(leaf_values)

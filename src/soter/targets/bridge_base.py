@@ -1,0 +1,370 @@
+"""What every bridge to a middleware is made around: the trusted part, its topics, their sources.
+
+Purpose: the package of target `posix` in a folder of its own, and of each topic that goes out the
+fail-safe law and the time after which whoever writes its channel is gone. A mapping may carry
+topics that meet the world, each mapped whole, and no source of a topic may be worse than `external
+topic` says, alone or at a takeover: each mistake is D015, all of them at once.
+Non-goals: what a mapping may say (`soter.mapping`), the proof, which rests on what the system
+declares (`verify/deploy/`), the code of bridges (`ros/`, `dds/`, `mavlink/`).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from soter.codegen.c.names import field_name
+from soter.codegen.unit import generate
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.model.durations import show_ns
+from soter.language.model.types import FloatType, leaves
+from soter.mapping.topic_mapping import SignalSource
+from soter.targets.c99 import command_name
+from soter.targets.package import Package, PackageFile
+from soter.targets.posix import nodes_of, posix_package
+from soter.targets.world_interface import WorldTables
+
+if TYPE_CHECKING:
+    import re
+    from collections.abc import Collection, Iterator, Sequence
+    from pathlib import Path
+
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import External, System, Topic
+    from soter.mapping.topic_mapping import LogMap, SourcePromise, TopicMap
+
+
+def several(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
+    """By topic its sources, the preferred first; topics with one are left out."""
+    by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
+    for m in mapped:
+        if m.promise is not None:
+            by_topic.setdefault(m.topic.index, []).append((m, m.promise))
+    return by_topic
+
+
+def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
+    """Where a source gives less than the system declares."""
+    declared = {e.topic: e for e in system.externals}
+    stepped = _of_plants_in_steps(system.proved)
+    for index, sources in several(mapped).items():
+        topic = system.topics[index]
+        if topic.driver != "input" and index in declared:
+            yield f"`{topic.name}` goes out: it has no `sources`"
+        elif topic.name in stepped:
+            yield (
+                f"`{topic.name}` shows a plant that moves in steps, and has to come with each of "
+                "them: at a takeover one would be missing, so it has no `sources`"
+            )
+        elif index in declared:
+            for m, promise in sources:
+                yield from _too_old(topic, m, promise, declared[index])
+                yield from _too_rough(topic, m, promise, declared[index])
+
+
+def _of_plants_in_steps(proved: System | None) -> set[str]:
+    """The topics whose reads the proof takes for the step of their instant (`next`)."""
+    if proved is None:
+        return set()
+    return {
+        proved.topics[c.scope.topics[topic]].name
+        for c in proved.components
+        if c.plant is not None and c.plant.next
+        for topic, _ in c.plant.drives
+    }
+
+
+def _too_old(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
+    if e.every_ns is None:
+        return  # nothing rests on its age
+    allowed = e.every_ns + (e.delay_ns or 0)
+    if promise.oldest_ns > allowed:
+        terms = [("every", promise.every_ns), ("delayed", promise.delayed_ns)]
+        terms = [("after", promise.after_ns), *terms] if promise.rank else terms
+        figures = " + ".join(f"{name} {show_ns(ns)}" for name, ns in terms)
+        what = "when it takes over" if promise.rank else "alone"
+        yield (
+            f"`{topic.name}` may be {show_ns(promise.oldest_ns)} old with {m.channel} {what} "
+            f"({figures}), and the system declares {_declared_age(e)}"
+        )
+
+
+def _too_rough(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
+    for (path, t), most in zip(leaves(topic.type), e.errors, strict=True):
+        own = promise.errors.get(path)
+        if most is None or not isinstance(t, FloatType) or (own is not None and own <= most):
+            continue
+        name = ".".join((topic.name, *path))
+        exactness = "does not say how exact it is" if own is None else f"is within {own!r}"
+        yield f"`{name}` from {m.channel} {exactness}, and the system declares within {most!r}"
+
+
+def compared(system: System, mapped: Sequence[TopicMap]) -> list[str]:
+    """A line a topic of several sources: how old and how exact it is with each of them."""
+    declared = {e.topic: e for e in system.externals}
+    lines = []
+    for index, sources in several(mapped).items():
+        topic, e = system.topics[index], declared.get(index)
+        parts = [_alone(topic, m, promise) for m, promise in sources]
+        worst = max(promise.oldest_ns for _, promise in sources)
+        against = f"of {_declared_age(e)}" if e is not None and e.every_ns else "nothing declared"
+        parts.append(f"at a takeover at most {show_ns(worst)} old, {against}")
+        lines.append(f"{topic.name}: {'; '.join(parts)}")
+    return lines
+
+
+def _alone(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
+    """What a source gives by itself, in words."""
+    errors = [
+        f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
+        for path, error in promise.errors.items()
+    ]
+    return ", ".join([f"{m.channel} at most {show_ns(promise.alone_ns)} old", *errors])
+
+
+def _declared_age(e: External) -> str:
+    assert e.every_ns is not None
+    age = show_ns(e.every_ns + (e.delay_ns or 0))
+    return f"{age} (every {show_ns(e.every_ns)}, delayed {show_ns(e.delay_ns or 0)})"
+
+
+def bridged_topics(
+    system: System, mapping: LogMap, middleware: str, name: re.Pattern[str] | None
+) -> tuple[TopicMap, ...]:
+    """Its topics, in order; SoterError D015 for what does not meet the world, or is not whole.
+
+    `name`: what a topic of the middleware may be called; None: it has none. Of a system without a
+    world of its own, which has its plants inside, every topic may be carried.
+    """
+    outside = {e.topic for e in system.externals}
+    outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
+    problems = []
+    for m in mapping.topics:
+        named = f"`{m.topic.name}`"
+        if m.topic.index not in outside:
+            problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
+        if name is not None and system.externals:
+            problems += _of_the_other_way(m)
+        if name is None:
+            pass
+        elif m.channel is None:
+            problems.append(f"{named} has no `channel`: which topic of {middleware} is it?")
+        elif not name.fullmatch(m.channel):
+            problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")
+        if m.where:
+            problems.append(
+                f"`where` of {named} chooses rows of a log: a bridge takes all messages"
+            )
+        if m.message is None:
+            problems.append(f"{named} has no `type`: which messages are its?")
+        elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":
+            problems.append(f"{named}: its `stamp` is in a list, which may be empty in a message")
+    given = {m.topic.index for m in mapping.topics}
+    for e in system.externals:
+        topic = system.topics[e.topic]
+        if topic.driver == "input" and e.topic not in given:
+            problems.append(
+                f"`{topic.name}` comes from the world, and the mapping does not say how"
+            )
+    problems += [p for m in mapping.topics if m.topic.driver != "input" for p in _filled_twice(m)]
+    problems += [*_shared(mapping), *broken_promises(system, mapping.topics)]
+    if problems:
+        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+    return mapping.topics
+
+
+def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
+    """The mapping by topic; SoterError D015 where one has several sources."""
+    named = dict.fromkeys(m.topic.name for m in mapped if m.promise is not None)
+    if named:
+        why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
+        raise SoterError(tuple(Diagnostic("D015", f"`{name}` {why}") for name in named))
+    return {m.topic.index: m for m in mapped}
+
+
+def _of_the_other_way(m: TopicMap) -> Iterator[str]:
+    """What a mapping says of a topic that ROS and DDS would not look at."""
+    if m.topic.driver == "input":
+        if m.constants:
+            yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
+        return
+    if m.publisher is not None:
+        yield f"`{m.topic.name}` goes out, and `publisher` is who sends what comes in"
+    if m.frame_id is not None:
+        yield f'`{m.topic.name}` goes out: `frame_id` is said in `set`, as "header.frame_id"'
+
+
+def _filled_twice(mapped: TopicMap) -> Iterator[str]:
+    """Fields of a message that goes out into which two leaves go: one of them would be lost."""
+    leaf_by_field: dict[str, str] = {}
+    for path, leaf in mapped.leaves.items():
+        if isinstance(leaf, SignalSource):
+            name = mapped.name_of(path)
+            first = leaf_by_field.setdefault(leaf.name, name)
+            if first != name:
+                yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
+
+
+def _shared(mapping: LogMap) -> Iterator[str]:
+    """What is wrong with a channel of two: other messages, its own way back in, no other source."""
+    by_channel: dict[str, TopicMap] = {}
+    for m in mapping.topics:
+        if m.channel is None:
+            continue
+        first = by_channel.setdefault(m.channel.lstrip("/"), m)  # `/a` may be what `a` is
+        names = f"`{first.topic.name}` and `{m.topic.name}` share `{m.channel}`"
+        if first is not m and first.topic.index == m.topic.index:
+            yield f"two `sources` of `{m.topic.name}` are one topic: `{m.channel}`"
+        elif first is not m and first.message != m.message:
+            yield f"{names}, with messages of two types"
+        elif first is not m and {first.topic.driver, m.topic.driver} != {"input"}:
+            yield f"{names}, and one of them goes out: nobody else may publish it"
+
+
+def unsaid(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
+    """A note about what goes out and is not mapped."""
+    said = {m.topic.index for m in mapped}
+    names = [
+        system.topics[e.topic].name
+        for e in system.externals
+        if e.topic not in said and system.topics[e.topic].driver != "input"
+    ]
+    text = f"not published {where}, as the mapping does not name it: {', '.join(names)}"
+    return [text] if names else []
+
+
+TRUSTED = "trusted"
+"""The folder of what knows nothing of a middleware."""
+LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c", "soter_status_text.c")
+"""What of it a bridge needs, to open channels and to say how the modules are."""
+COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
+"""What the bridges in C have in common."""
+SILENT_OF_LEASED_NS = 20_000_000
+"""The actuators write twice a millisecond."""
+SILENT_PERIODS = 3
+
+
+class BridgedSystem:
+    """A system, its C (`unit`), how it meets the world, and the package of its trusted part.
+
+    A system that meets no world has an empty package.
+    """
+
+    def __init__(self, system: System, core: CoreSystem, folder: Path) -> None:
+        self.system = system
+        meets = bool(system.externals)
+        self.trusted = posix_package(system, core, folder) if meets else Package(folder)
+        self.unit = generate(system, core, apart=frozenset(x.index for x in nodes_of(system)))
+        self.world = WorldTables(system, self.unit)
+        self.leased = {i: g for g in self.world.granted for i in g.module.outputs}
+        self.command = command_name(self.unit.prefix)
+
+    @property
+    def actuated(self) -> bool:
+        """Whether there is a program of the actuators."""
+        return bool(self.system.externals and self.world.granted)
+
+    # ------------------------------------------------------------ the trusted folder
+
+    def files(self) -> list[PackageFile]:
+        """The files of the trusted part."""
+        return [in_folder(TRUSTED, f) for f in self.trusted.files]
+
+    @cached_property
+    def programs(self) -> dict[str, list[str]]:
+        """Its programs: flags and sources, seen from the whole package."""
+        own = self.trusted.programs
+        return {name: [_inside(word) for word in words] for name, words in own.items()}
+
+    @cached_property
+    def sources(self) -> dict[str, list[str]]:
+        """Its programs: the C files alone."""
+        programs = self.programs
+        return {n: [w for w in words if not w.startswith("-")] for n, words in programs.items()}
+
+    @property
+    def linked(self) -> list[str]:
+        """What of it is linked into a bridge."""
+        laws = [f"{self.command}_lease.c"] if self.actuated else []
+        return [f"{TRUSTED}/{name}" for name in (*LINKED, *laws)]
+
+    # ------------------------------------------------------------ topics
+
+    def topic(self, index: int) -> Topic:
+        """By its index."""
+        return self.system.topics[index]
+
+    def value_type(self, index: int) -> str:
+        """The C type of a topic's value."""
+        return self.unit.topics[index][0]
+
+    def channel_hash(self, index: int) -> str:
+        """What the head of a topic's channel says of its layout, in C."""
+        return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
+
+    def is_inward(self, index: int) -> bool:
+        """Whether somebody outside publishes it."""
+        return self.topic(index).driver == "input"
+
+    def silent_ns(self, index: int) -> int:
+        """Without a value for so long, whoever writes a topic's channel is gone."""
+        if index in self.leased:
+            return SILENT_OF_LEASED_NS
+        return SILENT_PERIODS * max(c.period_ns for c in self.system.components if c.plant is None)
+
+    def law_statements(self, index: int) -> list[str]:
+        """C (and C++) that fills `to` with the fail-safe law, or returns false: there is none."""
+        lease = self.leased.get(index)
+        if lease is None:
+            return ["(void)to;", "return false;"]
+        field = field_name(self.topic(index).symbol.name.rpartition(".")[2])
+        kind = f"{lease.name}_command"
+        return [
+            f"const {kind}* const law =",
+            f"    (const {kind}*){lease.name}_lease.law;",
+            f"(void)memcpy(to, &law->{field}, sizeof({self.value_type(index)}));",
+            "return true;",
+        ]
+
+
+def require_world(system: System) -> None:
+    """SoterError U001 for a system that has its plants inside: no mapping would change that."""
+    if not system.externals:
+        what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
+        help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
+        raise SoterError((Diagnostic("U001", what, helps=(help_,)),))
+
+
+def in_folder(folder: str, file: PackageFile) -> PackageFile:
+    """The same file, a folder further down."""
+    return PackageFile(f"{folder}/{file.path}", file.text, file.yours)
+
+
+def shipped(source: Path, name: str) -> PackageFile:
+    """C or C++ of the run-time, into `src` of a package."""
+    return PackageFile(f"src/{name}", (source / name).read_text("utf-8"))
+
+
+def cmake_programs(sources: dict[str, list[str]]) -> str:
+    """CMake's rules for the programs of the trusted folder."""
+    return "".join(
+        f"""
+add_executable({name} {" ".join(files)})
+target_include_directories({name} PRIVATE {TRUSTED})
+target_link_libraries({name} PRIVATE m pthread)
+"""
+        for name, files in sources.items()
+    )
+
+
+def c_table(kind: str, name: str, rows: list[str]) -> str:
+    """C has no empty tables: where there is nothing, there is one row that nobody counts."""
+    empty = "    {0},\n"
+    return f"static const {kind} {name}[] = {{\n{''.join(rows) or empty}}};\n"
+
+
+def _inside(word: str) -> str:
+    """A flag or source of a program of the trusted folder, seen from the package."""
+    if word.startswith("-I"):
+        return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"
+    return f"{TRUSTED}/{word}" if word.endswith(".c") else word

@@ -1,0 +1,385 @@
+"""The lease of a module's outputs as C, and how late components may be, as proofs assume.
+
+Purpose: every module with a fail-safe law gets `PREFIX_lease.h` and `PREFIX_lease.c` (the actuator
+side: the law and the length of a lease, for `soter_lease.c`) and `PREFIX_grant.c` (the trusted
+side: the times that every release is held to, for `soter_grant.c`); docs/proof.md, "When the
+trusted part stops". None of them needs the program or the kernel. `late`, `response` and `dropout`
+of `verify` blocks are there for drivers and loops to judge by, and `Takeover` says how long after a
+fault of an AC in another process the first output of SC is there.
+Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`); whether a machine
+can keep the times (`soter.timing`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gcd, lcm
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import FileNames, field_name
+from soter.codegen.c.printer import print_file
+from soter.codegen.c.types import TypeTable
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.language.check.constants_and_types import Calculator
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.durations import show_ns
+from soter.targets.package import PackageFile
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
+
+
+FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
+"""Of the runtime: what the emitted files are for."""
+
+
+ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
+"""Of the names of a module's lease."""
+
+
+@dataclass(frozen=True)
+class ReleaseBudget:
+    """Times of one node of the trusted part, in ns: releases at phase + k period, and how late."""
+
+    name: str
+    period: int
+    phase: int
+    late: int = 0
+    response: int = 0
+
+    @property
+    def latest(self) -> int:
+        """From a release to its output, at most."""
+        return self.late + self.response
+
+
+@dataclass(frozen=True)
+class LeaseTimes:
+    """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes on the way.
+
+    `undeclared`: which of `late` and `response` of DM and SC count as zero.
+    """
+
+    module: Module
+    budgets: tuple[ReleaseBudget, ...]
+    undeclared: tuple[str, ...]
+
+    @property
+    def longest(self) -> int:
+        """From the release of SC that gives a lease to its end: delta + Lambda + R_sc, in ns."""
+        dm, sc = self.budgets[:2]
+        nearest = (sc.phase - dm.phase) % gcd(dm.period, sc.period)
+        return sc.period + max(sc.late, dm.latest - nearest) + sc.response
+
+
+def lease_times(system: System, module: Module) -> LeaseTimes:
+    """Of a module that nothing stands above or below; `system` is the one that flies."""
+    verify = module.symbol.verify
+
+    def ns(expr: typed.TypedExpr | None) -> int:
+        return 0 if expr is None else int(Evaluator(module.scope.params).value(expr))
+
+    dm, sc = system.components[module.dm], system.components[module.sc]
+    budgets = [
+        ReleaseBudget(
+            dm.name, module.period_ns, dm.phase_ns, ns(verify.late_dm), ns(verify.response_dm)
+        ),
+        ReleaseBudget(
+            sc.name, sc.period_ns, sc.phase_ns, ns(verify.late_sc), ns(verify.response_sc)
+        ),
+    ]
+    outer = module.name.rpartition(".")[0]
+    for node in on_the_way(system, module):
+        name = node.name.removeprefix(f"{outer}.") if outer else node.name
+        late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
+        takes = 0 if node.takes_ns is None else node.takes_ns[1]
+        times = ns(late), takes or ns(response)
+        budgets.append(ReleaseBudget(node.name, node.period_ns, node.phase_ns, *times))
+    given = {"late_dm": verify.late_dm, "late_sc": verify.late_sc}
+    given |= {"response_dm": verify.response_dm, "response_sc": verify.response_sc}
+    missing = tuple(n.replace("_", " ") for n, e in given.items() if e is None)
+    return LeaseTimes(module, tuple(budgets), missing)
+
+
+def leased(system: System) -> list[Module]:
+    """Modules whose outputs have a law, and no module above or below that shares them."""
+    below = {m.over for m in system.modules}
+    return [m for m in system.modules if m.law and m.over is None and m.index not in below]
+
+
+def lease_names(system: System, prefix: str) -> dict[int, str]:
+    """Module -> what the C names of its lease begin with: `a.b` and `a_b` stay two."""
+    unique = FileNames(prefix, ())
+    return {m.index: unique.family(m.name, ENDINGS) for m in leased(system)}
+
+
+def on_the_way(system: System, module: Module) -> Iterator[Component]:
+    """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
+    sc = system.components[module.sc]
+    assert sc.node is not None
+    wanted = {*module.inputs, *(sc.scope.topics[s.topic] for s in sc.node.subscribes)}
+    node_by_index: dict[int, Component] = {}
+    while True:
+        queued = [system.topics[i].queue_of for i in wanted]
+        wanted |= {i for i in queued if i is not None}
+        more = [
+            x
+            for x in system.components
+            if x.role == "node"
+            and x.index not in node_by_index
+            and x.node is not None
+            and wanted & {x.scope.topics[t] for t in x.node.publishes}
+        ]
+        if not more:
+            break
+        for x in more:
+            assert x.node is not None
+            node_by_index[x.index] = x
+            wanted |= {x.scope.topics[s.topic] for s in x.node.subscribes}
+    yield from (node_by_index[i] for i in sorted(node_by_index))
+
+
+# ---------------------------------------------------------------- C
+
+
+def lease_files(system: System, prefix: str) -> list[PackageFile]:
+    """The header and both sources; none where no module has a law."""
+    modules = leased(system)
+    if not modules:
+        return []
+    types = TypeTable(FileNames(f"{prefix}_lease", ()))
+    header: list[c.CTop] = []
+    actuator: list[c.CTop] = []
+    trusted: list[c.CTop] = []
+    beginnings = lease_names(system, prefix)
+    for module in modules:
+        times = lease_times(system, module)
+        name = beginnings[module.index]
+        header += _declared(system, times, name, types)
+        actuator += _law(system, times, name, types)
+        trusted += _times(times, name)
+    about = f"system {system.name}, from {PurePath(system.program.path).name}, generated by soter"
+    told = [
+        (f"{prefix}_lease.h: leases and fail-safe laws, {about}", "No dependence on the program."),
+        (f"{prefix}_lease.c: the actuator side, {about}", "Belongs to soter_lease.c alone."),
+        (f"{prefix}_grant.c: the trusted side, {about}", "Belongs to soter_grant.c alone."),
+    ]
+    include = c.Include(f"{prefix}_lease.h")
+    guard = c.Guarded(f"SOTER_LEASE_OF_{prefix.upper()}_H")
+    needed = (c.Include("soter_grant.h"), c.Include("soter_lease.h"))
+    files = (
+        c.CFile((c.FileComment(told[0]), guard, *needed, *types.definitions, *header)),
+        c.CFile((c.FileComment(told[1]), include, *types.constants, *actuator)),
+        c.CFile((c.FileComment(told[2]), include, *trusted)),
+    )
+    names = (f"{prefix}_lease.h", f"{prefix}_lease.c", f"{prefix}_grant.c")
+    return [PackageFile(n, print_file(f)) for n, f in zip(names, files, strict=True)]
+
+
+def _declared(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iterator[c.CTop]:
+    module = times.module
+    yield c.Section(f"module {module.name}")
+    members = tuple(
+        c.StructMember(types.stored(system.topics[i].type), _field(system, i))
+        for i in module.outputs
+    )
+    yield c.StructDef(f"{name}_command", members, "what it publishes")
+    lease = f"a lease ends {show_ns(times.longest)} after the release of SC that gave it, at most"
+    yield c.VariableDef("soter_lease_info", f"{name}_lease", None, comment=lease)
+    yield c.VariableDef("soter_grant_info", f"{name}_grant", None, comment="whom it watches")
+    nodes = FileNames(f"{name}_node", ())
+    for k, b in enumerate(times.budgets):
+        yield c.Define(nodes(b.name), f"{k}U")
+
+
+def _field(system: System, topic: int) -> str:
+    return field_name(system.topics[topic].symbol.name.rpartition(".")[2])
+
+
+def _law(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iterator[c.CTop]:
+    values = tuple(
+        (_field(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
+        for i in times.module.outputs
+    )
+    comment = f"the fail-safe law of {times.module.name}"
+    yield c.VariableDef(f"{name}_command", f"{name}_law", c.Initializer(values), comment=comment)
+    info = (
+        ("law", c.Unary("&", c.Name(f"{name}_law"))),
+        ("size", c.Number(f"(uint32_t)sizeof {name}_law")),
+        ("longest", c.Number(f"INT64_C({times.longest})")),
+    )
+    yield c.VariableDef("soter_lease_info", f"{name}_lease", c.Initializer(info), static=False)
+
+
+def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
+    def numbers(b: ReleaseBudget) -> c.CExpr:
+        of: Sequence[str] = ("period", "phase", "late", "response")
+        return c.Initializer(tuple((n, c.Number(f"INT64_C({getattr(b, n)})")) for n in of))
+
+    rows = c.Initializer(tuple((None, numbers(b)) for b in times.budgets))
+    who = ", ".join(b.name for b in times.budgets)
+    yield c.VariableDef("soter_budget", f"{name}_budgets", rows, array=True, comment=who)
+    info = (("node", c.Name(f"{name}_budgets")), ("nodes", c.Number(f"{len(times.budgets)}U")))
+    yield c.VariableDef("soter_grant_info", f"{name}_grant", c.Initializer(info), static=False)
+
+
+def notes(system: System) -> list[str]:
+    """What whoever builds has to know: how long leases are, and which times count as zero."""
+    lines = []
+    for module in leased(system):
+        times = lease_times(system, module)
+        text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
+        if times.undeclared:
+            zero = ", ".join(times.undeclared)
+            text += f"; {zero} not declared: they count as zero, which no clock keeps"
+        lines.append(text)
+    return lines
+
+
+LATE_NS = 1_000_000
+"""Where nothing is declared, or a fifth of the period if that is less."""
+SHARE = 5
+
+
+RELEASES_MAX = 100_000
+"""So many releases of an AC are gone through; beyond, the sum of the periods is the bound."""
+
+
+@dataclass(frozen=True)
+class Takeover:
+    """From a request that AC leaves without a right answer to the output of SC; times in ns.
+
+    A request is made at a release of AC and its budget is a period: at the next release at the
+    latest the driver sees that there is no answer. The DM decides at its next release from then
+    on, SC steps at its own next one, the same instant included in either case (AC's answer is
+    looked at first, then come DMs, then SCs). `turn`: the longest time from the request to that
+    release of SC, over all releases of AC. `work`: how late SC's step and the decision before it
+    may end.
+    """
+
+    module: str
+    turn: int
+    work: int
+
+    @property
+    def longest(self) -> int:
+        """The bound, where nobody in the trusted thread is later than `work` says."""
+        return self.turn + self.work
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return (
+            f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
+            f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
+            f"{show_ns(self.work)} of work)"
+        )
+
+
+def takeovers(system: System) -> list[Takeover]:
+    """The bound of every module whose AC is an extern node."""
+    late, response = limits_of(system)
+    bounds = []
+    for m in system.modules:
+        if not system.components[m.ac].extern:
+            continue
+        dm, sc, ac = (system.components[i] for i in (m.dm, m.sc, m.ac))
+        work = max(late[sc.index], late[dm.index] + response[dm.index]) + response[sc.index]
+        bounds.append(Takeover(m.name, longest_turn(ac, dm, sc), work))
+    return bounds
+
+
+def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
+    """From a release of AC to the release of SC that stands in for it, at most."""
+    hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
+    if hyper // ac.period_ns > RELEASES_MAX:
+        first = max(dm.phase_ns, sc.phase_ns)
+        return ac.period_ns + dm.period_ns + sc.period_ns + first
+    end = max(ac.phase_ns, dm.phase_ns, sc.phase_ns) + 2 * hyper
+    return max(
+        _from(sc, _from(dm, release + ac.period_ns)) - release
+        for release in range(ac.phase_ns, end, ac.period_ns)
+    )
+
+
+def _from(c: Component, time: int) -> int:
+    """The first release at a time or after it."""
+    return max(c.phase_ns, time + (c.phase_ns - time) % c.period_ns)
+
+
+def limits_of(system: System) -> tuple[list[int], list[int]]:
+    """Lateness and response of each component, ns; the least of all modules that declare one."""
+    late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
+    response = list(late)
+    declared: tuple[dict[int, int], dict[int, int]] = ({}, {})
+    for module in system.modules:
+        for times_by_component, what in zip(declared, ("late", "response"), strict=True):
+            for index, ns in _of_module(system, module, what):
+                times_by_component[index] = min(ns, times_by_component.get(index, ns))
+    for index, ns in declared[0].items():
+        late[index] = ns
+    for index, ns in declared[1].items():
+        response[index] = ns
+    return late, response
+
+
+@dataclass(frozen=True)
+class AgeLimit:
+    """How old a topic may be where a component reads it, ns: older no proof speaks of."""
+
+    component: int
+    topic: int
+    most_ns: int
+
+
+def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
+    """Of topics with a `max_age` that SC and the nodes between sensors and module read.
+
+    A sensor may be silent for `dropout` longer. What plants of the system drive is left out: it is
+    as old as they say.
+    """
+    dropout = module.symbol.verify.dropout
+    given = None
+    if dropout is not None:
+        given = Calculator(Diagnostics(), module.scope.params).value(dropout, "a time")
+    longer = given if isinstance(given, int) else 0
+    ages = []
+    for x in (system.components[module.sc], *on_the_way(system, module)):
+        read = () if x.node is None else (x.scope.topics[s.topic] for s in x.node.subscribes)
+        topics = (system.topics[i] for i in read)
+        ages += [
+            AgeLimit(x.index, t.index, t.max_age_ns + longer)
+            for t in topics
+            if t.max_age_ns is not None and not t.driver.startswith("plant")
+        ]
+    return tuple(ages)
+
+
+def _of_module(system: System, module: Module, what: str) -> list[tuple[int, int]]:
+    verify = module.symbol.verify
+    if verify is None:
+        return []
+    calculator = Calculator(Diagnostics(), module.scope.params)
+    around = module.name.rpartition(".")[0]
+    named: dict[str, typed.TypedExpr] = getattr(verify, f"{what}_of")
+    given: list[tuple[int | None, typed.TypedExpr | None]] = [
+        (module.dm, getattr(verify, f"{what}_dm")),
+        (module.sc, getattr(verify, f"{what}_sc")),
+        *((_index(system.components, around, name), e) for name, e in named.items()),
+    ]
+    times = []
+    for index, expr in given:
+        value = None if expr is None else calculator.value(expr, "a time")
+        if index is not None and isinstance(value, int):
+            times.append((index, value))
+    return times
+
+
+def _index(components: tuple[Component, ...], around: str, name: str) -> int | None:
+    full = f"{around}.{name}" if around else name
+    return next((x.index for x in components if x.name == full), None)

@@ -1,0 +1,306 @@
+"""Cells of grids: boxes of them, finer ones, and how they stand in a certificate.
+
+Purpose: sets of cells as boxes that people can read, and which cells hold a box of states; finer
+grids, where only borders failed (`refined`) or everywhere (`halved`), a bounded number of times and
+said so; `matrix` and `axes`, what the entries of all groups in a certificate are made of.
+Non-goals: deciding anything: a finer grid is a new attempt, no more; sets (`verify/grid/sets.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import prod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.verify.claims.results import Region
+from soter.verify.problem.left_out_states import FAR_TURNS, TURN
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+    from soter.verify.problem.problem import Axis, Group, Interval, Problem
+
+    Bools = NDArray[np.bool_]
+    BoolCells = NDArray[np.bool_]
+
+
+def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
+    """Doubles, with their shape."""
+    files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return {"file": path, "shape": list(values.shape)}
+
+
+def axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) -> dict[str, Any]:
+    """What kind of group it is, and its breakpoints."""
+    entry: dict[str, Any] = {"kind": group.representation, "axes": []}
+    for k, axis in enumerate(group.axes):
+        name = f"{stem}_axis{k}.bin"
+        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
+        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
+    return entry
+
+
+REGIONS_MAX = 12
+
+
+def regions_of(
+    cells: Bools,
+    names: Sequence[str],
+    edges: Sequence[NDArray[np.float64]],
+    parameters: Sequence[tuple[str, int]] = (),
+) -> list[Region]:
+    """Boxes that hold all the cells of a set: dense parts first, the rest in one box.
+
+    `cells` has the grid's shape; `edges` are (cells + 1,) for each axis.
+    """
+    regions: list[Region] = []
+    left = cells.copy()
+    while left.any() and len(regions) < REGIONS_MAX - 1:
+        box = _grown(left)
+        regions.append(_region(box, names, edges, parameters))
+        left[tuple(slice(a, b) for a, b in box)] = False
+    if left.any():
+        where = np.argwhere(left)
+        box = list(zip(where.min(axis=0).tolist(), (where.max(axis=0) + 1).tolist(), strict=True))
+        regions.append(_region(box, names, edges, parameters))
+    return regions
+
+
+def _grown(cells: Bools) -> list[tuple[int, int]]:
+    """A box around the first cell, grown while the next layer on some side has one of the set."""
+    first = np.unravel_index(int(np.argmax(cells)), cells.shape)
+    box = [(int(i), int(i) + 1) for i in first]
+    grows = True
+    while grows:
+        grows = False
+        for axis in range(cells.ndim):
+            for side in (0, 1):
+                low, high = box[axis]
+                layer = low - 1 if side == 0 else high
+                if not 0 <= layer < cells.shape[axis]:
+                    continue
+                at = [slice(a, b) for a, b in box]
+                at[axis] = slice(layer, layer + 1)
+                if cells[tuple(at)].any():
+                    box[axis] = (min(low, layer), max(high, layer + 1))
+                    grows = True
+    return box
+
+
+def _region(
+    box: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    edges: Sequence[NDArray[np.float64]],
+    parameters: Sequence[tuple[str, int]],
+) -> Region:
+    axes = [
+        (name, float(e[a]), float(e[b])) for name, e, (a, b) in zip(names, edges, box, strict=True)
+    ]
+    return Region(tuple(axes), tuple(parameters))
+
+
+def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
+    """Consecutive cells whose union holds [low, high]; None where it is not inside the grid.
+
+    `edges`: breakpoints of an axis, (cells + 1,), rising.
+    """
+    if low < edges[0] or high > edges[-1]:
+        return None
+    first = min(int(np.searchsorted(edges, low, side="right")) - 1, len(edges) - 2)
+    last = max(int(np.searchsorted(edges, high, side="left")) - 1, first)
+    return slice(first, last + 1)
+
+
+def mesh_of(
+    spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
+) -> list[list[int] | None]:
+    """On each axis the cells that hold its interval; None where there are none.
+
+    `turns`: whether an axis wraps around.
+    """
+    cells: list[list[int] | None] = []
+    for edges, wraps, i in zip(spans, turns, box, strict=True):
+        at = None if wraps else holding(edges, i.low, i.high)
+        own = None if at is None else [*range(len(edges) - 1)[at]]
+        cells.append(_holding_around(edges, i.low, i.high) if wraps else own)
+    return cells
+
+
+def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
+    """Of an axis that wraps around: what lies beyond an end is at the other one, up to a turn."""
+    if not edges[0] - TURN < low <= high < edges[-1] + TURN:
+        return None
+    turned = [(low, high)]
+    if low < edges[0]:
+        turned.append((low + TURN - FAR_TURNS, high + TURN + FAR_TURNS))
+    if high > edges[-1]:
+        turned.append((low - TURN - FAR_TURNS, high - TURN + FAR_TURNS))
+    cells: set[int] = set()
+    for a, b in turned:
+        at = holding(edges, max(a, edges[0]), min(b, edges[-1]))
+        cells |= set(range(len(edges) - 1)[at]) if at is not None else set()
+    return sorted(cells)
+
+
+def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
+    """Edges of every axis, (n + 1,): the cell before an open end counts like the others."""
+    edges_by_axis = []
+    for axis in axes:
+        edges = np.array(axis.edges)
+        if axis.open:
+            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
+        edges_by_axis.append(edges)
+    return edges_by_axis
+
+
+def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
+    """Share of the grid's volume; `cells` has its shape, `edges` are (cells + 1,) for each axis."""
+    weight = cells.astype(np.float64)
+    for e in reversed(edges):
+        # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
+        weight = np.einsum("...i,i", weight, np.diff(e) / (e[-1] - e[0]))
+    return float(weight)
+
+
+CELLS_MAX = 4_000_000
+"""No group is refined beyond."""
+BORDER_MAX = 0.1
+"""A claim that fails on a larger share of the cells fails not only at borders."""
+AROUND = 2
+"""Cells around a failing one that are split too."""
+
+
+def refined(case: Case) -> tuple[Group, ...] | None:
+    """The groups with finer axes, or None where that cannot help or would be too much."""
+    wrong = _failing(case)
+    if not wrong:
+        return None
+    groups = []
+    for proof in case.proofs:
+        cells = wrong.get(id(proof))
+        finer = proof.group if cells is None else _split(proof.group, cells)
+        if finer is None:
+            return None
+        groups.append(finer)
+    return tuple(groups)
+
+
+def _failing(case: Case) -> dict[int, BoolCells] | None:
+    """By identity of a group's proof the cells on which some claim fails; None: also elsewhere."""
+    wrong: dict[int, BoolCells] = {}
+    for failure in case.failures:
+        if failure.cut:
+            continue  # nothing is known of it
+        cells = failure.cells
+        if failure.claim == "P2a" or failure.proof is None or cells is None:
+            return None
+        if cells.mean() > BORDER_MAX:
+            return None
+        before = wrong.get(id(failure.proof))
+        wrong[id(failure.proof)] = cells if before is None else before | cells
+    return wrong
+
+
+def _split(group: Group, cells: BoolCells) -> Group | None:
+    """Every interval near a failing cell in two."""
+    axes = []
+    for k, axis in enumerate(group.axes):
+        others = tuple(i for i in range(cells.ndim) if i != k)
+        near = np.asarray(cells.any(axis=others))
+        for _ in range(AROUND):
+            near[1:] |= near[:-1].copy()
+            near[:-1] |= near[1:].copy()
+        axes.append(halved(axis, near))
+    size = int(np.prod([len(a.edges) - 1 for a in axes], dtype=np.int64))
+    return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
+
+
+def halved(axis: Axis, near: BoolCells) -> Axis:
+    """The axis with those of its intervals in two; never an outer one of an axis without ends."""
+    edges: list[float] = []
+    outer = (0, len(near) - 1) if axis.unbounded else ()
+    for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):
+        edges.append(low)
+        if k in outer:
+            continue
+        middle = low / 2 + high / 2
+        if split and low < middle < high:
+            edges.append(middle)
+    return replace(axis, edges=(*edges, axis.edges[-1]))
+
+
+def cells_of(problem: Problem) -> int:
+    """Of all groups together."""
+    grids = (g for g in problem.groups if g.representation == "grid")
+    return sum(prod(len(a.edges) - 1 for a in g.axes) for g in grids)
+
+
+def smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
+    """Every cell of these grids halved along each axis, but those that an open end makes."""
+    groups = tuple(_all_halved(g) if g in coarse else g for g in problem.groups)
+    return replace(
+        problem, groups=groups, declared_groups=problem.declared_groups or problem.groups
+    )
+
+
+def _all_halved(group: Group) -> Group:
+    axes = []
+    for axis in group.axes:
+        near = np.ones(len(axis.edges) - 1, dtype=np.bool_)
+        near[-1] = not axis.open
+        axes.append(halved(axis, near))
+    return replace(group, axes=tuple(axes))
+
+
+def counts_of(before: Group, after: Group) -> str:
+    """How many cells there were, and are, where that is not the same; "" where it is."""
+    pairs = zip(before.axes, after.axes, strict=True)
+    counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
+    finer = ", ".join(f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b)
+    was, is_ = prod(a for _, a, _ in counts), prod(b for _, _, b in counts)
+    return f"{finer} ({was:,} -> {is_:,} cells)" if finer else ""
+
+
+def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
+    """A line where a grid is finer than the program says, or is one that it does not mention."""
+    worst: dict[tuple[str, ...], tuple[int, str]] = {}
+    for case in done:
+        if case.first is None:
+            continue
+        for before, proof in zip(case.first.proofs, case.proofs, strict=True):
+            finer = counts_of(before.group, proof.group)
+            if not finer:
+                continue
+            size = prod(len(a.edges) - 1 for a in proof.group.axes)
+            text = f"the grid was refined where a claim failed only at borders: {finer}"
+            names = tuple(a.name for a in proof.group.axes)
+            worst[names] = max(worst.get(names, (0, "")), (size, text))
+    told = (*(text for _, text in worst.values()), *_finer_notes(done))
+    groups = done[0].problem.groups if done else ()
+    if all(g.span is None for g in groups):
+        return told
+    alone = (g.axes[0] for g in groups if g.span is None)
+    return told + tuple(
+        f"{a.name} stands on no axis: a group of its own, {len(a.edges) - 1:,} cells over "
+        f"[{a.edges[0]:.6g}, {a.edges[-1]:.6g}]; another `grid` line says otherwise"
+        for a in alone
+    )
+
+
+def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
+    """A line for each group whose Q is on smaller cells than the DM's table."""
+    lines: dict[str, None] = {}
+    for part in (part for case in done for part in case.sets.groups):
+        if part.finer is None:
+            continue
+        size, group = part.finer
+        pairs = zip(part.group.axes, group.axes, strict=True)
+        counts = [f"{a.name} {len(a.edges) - 1:,} -> {len(b.edges) - 1:,}" for a, b in pairs]
+        text = f"P2b: Q on cells of {size} the size ({', '.join(counts)})"
+        lines[f"{text}; the DM's table is as declared"] = None
+    return lines

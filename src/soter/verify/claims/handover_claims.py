@@ -1,0 +1,147 @@
+"""Where control changes between modules the state lies in R(H) (docs/proof.md, Hand-over, Towers).
+
+Purpose: the set part of a hand-over: wherever `enters` holds of an estimate the state lies in R(H),
+in cells and outside the grid; and of a module below another one, what stands in the place of
+`start`: the set part of a hand-back, and an SC that faults on nothing it may read while it has no
+control.
+Non-goals: that a node changes a view in no other step (`induction/handover.py`); H, which covers
+the way until SC's first output after a hand-back (`time/schedule.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves
+from soter.verify.claims.product_sets import law_within
+from soter.verify.claims.results import ASSUMED, PROVED
+from soter.verify.time.sc_on_default_inputs import fault_on_defaults
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case
+    from soter.verify.claims.results import Finding
+    from soter.verify.problem.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+
+ENTERS = "enters"
+MAY_HOLD = 2
+
+
+def not_entered(case: Case) -> str:
+    """Why it is not shown, for people; "" where it is."""
+    problem, library = case.problem, case.forms.library
+    if library.symbol(ENTERS) == library.ffi.NULL:
+        return "what it says cannot be enclosed"
+    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+        return "there is no R(H)"
+    if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
+        return "not every state is on an axis"
+    reach = reach_of(problem)
+    for s, range_ in enumerate(reach):
+        if range_ is None:
+            return f"nothing that it reads bounds {problem.quantities.states[s].name}"
+    for where, box in _outside(case, np.array(reach, dtype=np.float64)):
+        if case.forms.truth(ENTERS, box) & MAY_HOLD:
+            return f"it may hold where {where}, outside the grid"
+    reasons = [proof.entered(case) for proof in case.proofs]
+    return next(filter(None, reasons), "")
+
+
+def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
+    """What each state can be where `enters` is judged: what is published lies in its set.
+
+    None where no topic that it reads shows the state. Below another module any topic may: a plant
+    that publishes anything else there stops.
+    """
+    scope = problem.module.scope.topics
+    read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
+    ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
+    for (topic, leaf), state in problem.state_of_leaf.items():
+        bounds = problem.system.topics[topic].bounds[leaf]
+        if (topic not in read and not problem.above) or bounds is None:
+            continue
+        error = _error(problem, topic, leaf)
+        error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
+        ranges[state] = (bounds.low - error, bounds.high + error)
+    return ranges
+
+
+def _error(problem: Problem, topic: int, leaf: int) -> float:
+    """The largest of what is published there."""
+    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+    every = zip(problem.quantities.errors, problem.errors, strict=True)
+    return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
+
+
+def _outside(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid; in words, too.
+
+    `reach`: (states, 2), what each state can be.
+    """
+    for axis in (a for proof in case.proofs for a in proof.group.axes):
+        s, first, last = axis.state, axis.edges[0], axis.edges[-1]
+        for where, low, high in (
+            (f"{axis.name} is below {first!r}", reach[s, 0], first),
+            (f"{axis.name} is above {last!r}", last, reach[s, 1]),
+        ):
+            if low <= high:
+                box = np.array(case.forms.whole)
+                box[: len(reach)] = reach
+                box[s] = low, high
+                yield where, box
+
+
+NARROWER = "a `safer` above that gives control back at fewer states, or a wider grid"
+SETS = "declare the sets of what plants drive, and let SC answer all of them"
+
+
+def handed_back(case: Case) -> None:
+    """For every value of the parameters, as the module above may give control back at any time."""
+    wrong_read = fault_on_defaults(case.problem)
+    if wrong_read:
+        hint = "let SC step only after what it reads was published: `phase`"
+        case.fail("start", wrong_read, hint=hint)
+        return
+    why = not_entered(case)
+    if why:
+        text = f"{case.problem.above} gives control back outside R(H), or may: {why}"
+        case.fail("start", text, hint=NARROWER)
+        return
+    box = np.array(case.forms.whole)
+    box[: len(case.problem.states)] = reach_of(case.problem)
+    why = law_within(case.problem, case.forms, box)
+    if why:
+        text = f"while {case.problem.above} is in SC, whatever is published: {why}"
+        case.fail("start", text, hint=SETS)
+
+
+def shown(problem: Problem) -> str:
+    """What is proved, one sentence."""
+    return (
+        f"wherever {problem.above} may give control back the state lies in "
+        f"R({show_ns(problem.times.horizon_ns)}); SC answers all that may be published before"
+    )
+
+
+def while_in_ac(problem: Problem, finding: Finding) -> None:
+    """P2b of a module below another one is about times at which that one stays in AC."""
+    if problem.above and finding.verdict == PROVED:
+        text = f"{finding.text} while {problem.above} is in AC: not proved"
+        finding.rest_on(ASSUMED, text)
+
+
+def notes(problem: Problem) -> list[str]:
+    """Of a module above another one what is assumed of that one: next to nothing."""
+    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
+    text += "but that what they publish lies in the declared sets, which each step checks"
+    return [text.format(name) for name in problem.below[:1]]

@@ -1,0 +1,328 @@
+"""What a decision module is tried on for its check, and what it should find there.
+
+Purpose: values of the topics that a DM reads, every class at least once: NaN, infinities, huge
+ones, zeros of both signs, the ends of each range and breakpoints with their neighbours, all members
+of enums, and points drawn at random; every state of the gate; the C by which a DM is called.
+`ExpectedFacts`: `ttf` and `safer` by the reference interpreter. `LatchBytes`: all that a latch may
+remember, what a look has to make of it (written down here anew from docs/semantics.md, The latch),
+and where it lies in a state.
+Non-goals: trying any of it (`dm_check.py`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import struct
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from soter.core.layout import encode_into, size_of, struct_of
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.numbers_in_predicates import maybe_nan
+from soter.language.evaluate.predicates import PredicateEvaluator
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import AgeRead
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    import random
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.codegen.unit import Unit
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Bound, Module, System
+    from soter.language.model.types import Type, Value
+
+    Points = Mapping[tuple[int, int], Sequence[float]]
+
+
+SC, AC = 0, 1
+RANDOM_POINTS = 400
+SPECIAL = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 0.0, -0.0, 5e-324)
+WRAPPER = """
+#include <string.h>
+unsigned soter_check_decide(unsigned module, void *state);
+unsigned soter_check_switch(unsigned mode, unsigned facts);
+unsigned soter_check_decide(unsigned module, void *state) {{
+  return (unsigned){prefix}_program.module[module].decide(state);
+}}
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found);
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found) {{
+  for (size_t k = 0; k < count; k++) {{
+    for (size_t a = 0; a < axes; a++) {{
+      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
+    }}
+    (void){prefix}_program.module[module].decide(state);
+    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
+  }}
+}}
+unsigned soter_check_switch(unsigned mode, unsigned facts) {{
+  return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
+      (facts & 4U) != 0U, (facts & 8U) != 0U, (facts & 16U) != 0U);
+}}
+"""
+
+
+def gates(module: Module) -> Iterator[tuple[int, int, int]]:
+    """(mode, gate fault, clean outputs owed)."""
+    owed = (0, 1, module.clean, 2**31, 2**32 - 1)
+    for mode in (SC, AC):
+        for gate_fault in (0, 1):
+            for clean in dict.fromkeys(owed):
+                yield mode, gate_fault, clean
+
+
+def values(
+    system: System,
+    read: Sequence[int],
+    points: Points,
+    chance: random.Random,
+) -> Iterator[tuple[Value, ...]]:
+    """Values of the topics that are read: each leaf in each class, and points drawn at random."""
+    flat = []
+    for index in read:
+        topic = system.topics[index]
+        kinds = [kind for _, kind in leaves(topic.type)]
+        for k, (kind, bound) in enumerate(zip(kinds, topic.bounds, strict=True)):
+            flat.append(_TriedLeaf(kind, bound, points.get((index, k), ())))
+
+    def built(chosen: list[Value]) -> tuple[Value, ...]:
+        it = iter(chosen)
+        return tuple(_build(system.topics[i].type, it) for i in read)
+
+    for at, leaf in enumerate(flat):
+        for value in leaf.classes():
+            drawn = [x.draw(chance) for x in flat]
+            drawn[at] = value
+            yield built(drawn)
+    for _ in range(RANDOM_POINTS if flat else 1):
+        yield built([x.draw(chance) for x in flat])
+
+
+@dataclass(frozen=True)
+class _TriedLeaf:
+    """One scalar of a topic: which values are tried."""
+
+    type: Type
+    bound: Bound | None
+    points: Sequence[float] = ()
+
+    def classes(self) -> Iterator[Value]:
+        """Every class once."""
+        if isinstance(self.type, FloatType):
+            yield from SPECIAL
+            ends = () if self.bound is None else (self.bound.low, self.bound.high)
+            for end in (*ends, *self.points):
+                yield float(end)
+                yield float(np.nextafter(end, np.inf))
+                yield float(np.nextafter(end, -np.inf))
+        elif isinstance(self.type, BoolType):
+            yield from (False, True)
+        elif isinstance(self.type, EnumType):
+            yield from range(len(self.type.members))
+        else:
+            yield from self._ints()
+
+    def _ints(self) -> tuple[int, int]:
+        assert isinstance(self.type, IntType)
+        return self.type.low, self.type.high
+
+    def draw(self, chance: random.Random) -> Value:
+        """Some value: of the range where there is one."""
+        if isinstance(self.type, FloatType):
+            if self.points:
+                low, high = min(self.points), max(self.points)
+                return chance.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low))
+            if self.bound is not None:
+                return chance.uniform(self.bound.low, self.bound.high)
+            return chance.choice((-1, 1)) * 10.0 ** chance.uniform(-3, 3)
+        if isinstance(self.type, BoolType):
+            return chance.random() < 0.5
+        if isinstance(self.type, EnumType):
+            return chance.randrange(len(self.type.members))
+        return chance.randint(*self._ints())
+
+
+def _build(t: Type, values: Iterator[Value]) -> Value:
+    """A value from its leaves in order."""
+    if isinstance(t, RecordType):
+        return tuple(_build(f, values) for _, f in t.fields)
+    if isinstance(t, ArrayType):
+        return tuple(_build(t.element, values) for _ in range(t.size))
+    if isinstance(t, ListType):
+        return (_build(t.element, values),) * t.capacity
+    return next(values)
+
+
+def leaf_offset(t: Type, leaf: int) -> int:
+    """Byte offset of a scalar leaf inside a value."""
+    if isinstance(t, RecordType):
+        for member in struct_of(t).members:
+            count = sum(1 for _ in leaves(member.type))
+            before = sum(sum(1 for _ in leaves(f)) for _, f in t.fields[: member.index])
+            if before <= leaf < before + count:
+                return member.offset + leaf_offset(member.type, leaf - before)
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        return leaf // count * size_of(t.element) + leaf_offset(t.element, leaf % count)
+    return 0
+
+
+NOW_NS = 10**15
+
+
+class ExpectedFacts:
+    """What the reference interpreter says about a module's predicates."""
+
+    def __init__(self, system: System, module: Module) -> None:
+        self.system = system
+        evaluator = PredicateEvaluator.of(module.scope, {})
+        symbol = module.symbol
+        evaluator.looked_at = maybe_nan(system, module)  # topics are NaN here, which none ever is
+        self._ttf = None if symbol.ttf is None else evaluator.expression(symbol.ttf)
+        self._safer = None if symbol.safer is None else evaluator.expression(symbol.safer)
+        self.period_ns = module.period_ns
+        self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
+        self._image = bytearray()
+        """A state with all topics at their defaults."""
+
+    def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
+        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
+        env = Environment(
+            topics=topics,
+            stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
+            time_ns=NOW_NS,
+            period_ns=self.period_ns,
+            in_control=True,
+            mode=lambda _: SC,
+            truth=lambda _: (),
+        )
+        truths = []
+        for predicate, unknown in ((self._ttf, True), (self._safer, False)):
+            try:
+                truths.append(unknown if predicate is None else bool(predicate(env)))
+            except StepFault:
+                truths.append(unknown)
+        return truths[0], truths[1]
+
+    def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
+        """A state that holds these values."""
+        defaults = [t.default for t in self.system.topics]
+        self._image = self._image or _with(bytearray(unit.layout.size), unit, defaults)
+        new = (None if v is d else v for v, d in zip(topics, defaults, strict=True))
+        return _with(bytearray(self._image), unit, tuple(new))
+
+
+def _with(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
+    """A state in which these topics are new; None: as it was."""
+    for at, m in (
+        (g.offset, m) for g in unit.layout.groups if g.owner < 0 for m in g.struct.members
+    ):
+        if (value := topics[m.index]) is not None:
+            out[at + m.offset : at + m.offset + size_of(m.type)] = bytes(size_of(m.type))
+            encode_into(out, at + m.offset, m.type, value)
+    return out
+
+
+NEVER = -(2**62)
+WAITS, READY, ACKNOWLEDGED = range(3)
+Held = tuple[int, int]
+"""What it remembers: the value and the stamp of the topic that holds it."""
+
+
+class Seen(NamedTuple):
+    """What a DM finds: what it remembers, and the button with the time of its publication, ns."""
+
+    held: Held
+    pressed: bool = False
+    stamp: int = NEVER
+
+
+@dataclass(frozen=True)
+class LatchBytes:
+    """The latch of a module in a state: offsets in bytes; `button` None: `returns never`."""
+
+    value: int
+    since: int
+    button: int | None
+    stamp: int
+    max_age: int
+
+    @classmethod
+    def of(cls, system: System, layout: StateLayout, module: Module) -> LatchBytes | None:
+        """None where it has none."""
+        if module.latch is None:
+            return None
+        button = module.acknowledgement
+        return cls(
+            layout.topic_offset(module.latch),
+            layout.stamp_offset + 8 * module.latch,
+            None if button is None else layout.topic_offset(button),
+            0 if button is None else layout.stamp_offset + 8 * button,
+            0 if button is None else system.topics[button].max_age_ns or 0,
+        )
+
+    def release(self, state: bytearray) -> None:
+        """Nothing is in the way of AC: acknowledged now, or AC has never had control."""
+        now = struct.unpack_from("<q", state, 0)[0]
+        held = (0, NEVER) if self.button is None else (ACKNOWLEDGED, now)
+        self.put(state, Seen(held))
+
+    def put(self, state: bytearray, seen: Seen) -> None:
+        """Write what a look finds."""
+        struct.pack_into("<b", state, self.value, seen.held[0])
+        struct.pack_into("<q", state, self.since, seen.held[1])
+        if self.button is not None:
+            struct.pack_into("<?", state, self.button, seen.pressed)
+            struct.pack_into("<q", state, self.stamp, seen.stamp)
+
+    def remembered(self, state: bytearray) -> Held:
+        """What the DM has written."""
+        value = struct.unpack_from("<b", state, self.value)[0]
+        return int(value), int(struct.unpack_from("<q", state, self.since)[0])
+
+    def every(self, now: int) -> Iterator[Seen]:
+        """Every value, with every order of the times, and ages around the limit."""
+        if self.button is None:
+            yield from (Seen((value, NEVER)) for value in (0, 1))
+            return
+        ages = dict.fromkeys((0, 1, self.max_age, self.max_age + 1, 2 * self.max_age + 2))
+        times = (NEVER, *(now - age for age in ages))
+        for value, since, stamp in itertools.product((WAITS, READY, ACKNOWLEDGED), times, times):
+            for pressed in (False, True):
+                yield Seen((value, since), pressed, stamp)
+
+    def looked(self, seen: Seen, now: int) -> tuple[Held, bool]:
+        """What is remembered after a look in SC, and whether it lets AC have control."""
+        value, since = seen.held
+        if self.button is None:
+            return seen.held, value == 0
+        since = now if since == NEVER else since
+        if value == ACKNOWLEDGED and now - since > self.max_age:
+            value = WAITS
+        new, old = seen.stamp > since, now - seen.stamp > self.max_age
+        if new and value == WAITS and not seen.pressed:
+            return (READY, seen.stamp), False
+        if new and value == READY and seen.pressed:
+            return (WAITS if old else ACKNOWLEDGED, seen.stamp), not old
+        return (value, since), value == ACKNOWLEDGED
+
+    def switched(self, mode: int, now: int) -> Held:
+        """What is remembered after a switch to this mode."""
+        if self.button is None:
+            return 1, NEVER
+        return WAITS, NEVER if mode == AC else now

@@ -1,0 +1,239 @@
+"""`soter verify --synthesize`: find the safe controllers that a program leaves open.
+
+Purpose: ask the engine what `synthesized_sc.py` wants to know about each such module, and write the
+program with the controllers found.
+Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
+
+K is looked for with one command held for `hold` periods of SC at a time: in one period of a fast SC
+a state moves less than a cell, and a fixpoint over such steps eats itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.os_error_text import reason
+from soter.language.front_end import check_file
+from soter.language.load.bounded_read import ReadError, opened
+from soter.verify import synthesized_sc
+from soter.verify.command import modules_of
+from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.verify.grid.policies import core_synthesis
+from soter.verify.grid.sets import GridGroup, UnboundedError, of_problem
+from soter.verify.problem.extract import extract
+from soter.verify.synthesized_sc import STRIDE, CellCommands, chosen, combinations
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.language.front_end import CheckResult
+    from soter.language.model.system import Module
+    from soter.language.model.types import Value
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.problem.problem import Problem
+    from soter.verify.synthesized_sc import Bools, Floats, LawTable
+
+
+HOLDS = (1, 2, 5, 10, 20, 50)
+"""Periods of SC for which a command is held while K is looked for; a map's are taken one by one."""
+COMMANDS_MAX = 64
+"""What the engine takes, all combinations counted."""
+
+BEGINNING = 1 << 20
+"""Letters of a file by which it is known who wrote it."""
+
+
+def synthesize(
+    checked: CheckResult,
+    output: Path,
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, Value] | None = None,
+) -> list[Path]:
+    """Write the program with every open safe controller found; the files written, program first.
+
+    `output` lies in the program's folder, so that its imports and data are found. SoterError R0..
+    where there is no problem, U009 where no controller was found, U001, D006, D008 for `output`.
+    """
+    assert checked.program is not None
+    main = Path(checked.program.path)
+    _require_place(main, output)
+    written: list[Path] = []
+    while True:
+        todo = [
+            (flat, m)
+            for flat, m in modules_of(checked, module, system, params or {})
+            if m.symbol.synthesized
+        ]
+        if not todo:
+            return list(dict.fromkeys(written))
+        flat, open_module = todo[0]
+        if Path(open_module.symbol.span.source.name).name not in (main.name, output.name):
+            raise _none_for(open_module, "it is declared in an imported file: synthesize it there")
+        problem = extract(flat, open_module, synthesize=True)
+        program = synthesized_sc.written(problem, find(problem))
+        try:
+            written += program.save(output)
+        except OSError as error:
+            message = f"cannot write `{output}`: {reason(error)}"
+            raise SoterError((Diagnostic("D006", message),)) from error
+        checked = check_file(str(output))
+        if not checked.ok:
+            raise SoterError(checked.diagnostics.items)
+
+
+def _is_written(output: Path) -> bool:
+    """Whether soter wrote a file: its beginning says so."""
+    try:
+        with opened(output, pipes=False) as stream:
+            return synthesized_sc.HEADER.encode() in stream.read(BEGINNING)
+    except ReadError:
+        return False
+
+
+def _require_place(main: Path, output: Path) -> None:
+    """SoterError U001, D008 where the program cannot be written to `output`."""
+    if output.resolve().parent != main.resolve().parent:
+        message = f"`{output}` does not lie in the folder of `{main}`"
+        helps = ("its imports and data are looked for beside it: choose a name there",)
+        raise SoterError((Diagnostic("U001", message, helps=helps),))
+    ours = output.resolve() == main.resolve() or not output.exists()
+    if not ours and not _is_written(output):
+        message = f"`{output}` is there already, and soter did not write it"
+        helps = ("choose another name with -o, or move it away",)
+        raise SoterError((Diagnostic("D008", message, helps=helps),))
+
+
+MORE = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write one")
+UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
+
+
+def find(problem: Problem, stride: int = STRIDE) -> LawTable:
+    """A law for the only group of a problem; SoterError U009 where there is none."""
+    if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
+        raise _none_for(
+            problem.module, "it has several groups, or one that is no grid", UNSUPPORTED
+        )
+    if problem.parameters or any(e.high > e.low for e in problem.errors):
+        why = "parameters and measurement errors are not supported yet"
+        raise _none_for(problem.module, why, UNSUPPORTED)
+    if len(combinations(problem)) > COMMANDS_MAX:
+        why = f"there are more than {COMMANDS_MAX} different commands"
+        raise _none_for(problem.module, why, ("give fewer values in `commands`",))
+    edges = [np.array(a.edges) for a in problem.groups[0].axes]
+    widths = [float(e[-1] - e[0]) / (len(e) - 1) for e in edges]
+    library, _ = library_of(problem)
+    try:
+        choices, hold = _choices(problem, library)
+    except UnboundedError as error:
+        raise _none_for(problem.module, str(error)) from error
+    if not choices.core.any():
+        raise _none_for(problem.module, "from no cell do the given commands keep the constraint")
+    steps = _Middles(problem, library, hold)
+    return chosen(choices, [float(e[0]) for e in edges], widths, steps.after, stride)
+
+
+def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:
+    symbol = module.symbol
+    at = Label(symbol.sc_span, "to be found") if symbol.sc_span is not None else None
+    message = f"no safe controller was found for module `{module.name}`"
+    return SoterError((Diagnostic("U009", message, at, notes=(why,), helps=helps),))
+
+
+# ---------------------------------------------------------------- what the engine says
+
+
+def _choices(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
+    """The choices with the largest K over all holds, and the hold."""
+    best: tuple[CellCommands, int] | None = None
+    for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
+        try:
+            choices = _choices_for(problem, library, hold)
+        except UnboundedError:
+            if best is None:
+                raise
+            break  # too long for an enclosure, and longer ones are too
+        if best is None or choices.core.sum() > best[0].core.sum():
+            best = choices, hold
+    assert best is not None
+    return best
+
+
+def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> CellCommands:
+    commands = combinations(problem)
+    ranges = [(min(v), max(v)) for v in problem.commands]
+    mixed = _under(problem, library, ranges, hold)
+    core, admits = _core(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
+    return CellCommands(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
+
+
+def _core(
+    group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
+) -> tuple[Bools, Bools]:
+    """K, and (m, *cells): which of the commands leads back into it."""
+    table = core_synthesis(group, allowed, commands)
+    bits = np.arange(len(commands), dtype=np.uint64).reshape(-1, *[1] * allowed.ndim)
+    return table.cells, (table.admits >> bits) & np.uint64(1) != 0
+
+
+def _under(
+    problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
+) -> GridGroup:
+    """The engine with the commands restricted to these ranges, each held for so many periods.
+
+    Delay and jitter are left to the proof.
+    """
+    inputs = of_problem(problem)
+    inputs = replace(
+        inputs,
+        controls=tuple(ranges),
+        period_ns=hold * inputs.period_ns,
+        delay_ns=0,
+        jitter_ns=0,
+    )
+    axes = [(a.state, a.edges) for a in problem.groups[0].axes]
+    return GridGroup(library, inputs, axes)
+
+
+class _Middles:
+    """Where points are one hold of a command later, all else in the middle of its range."""
+
+    def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
+        self.problem = problem
+        self.forms = CompiledEnclosures(library, problem, ())
+        self.commands = combinations(problem)
+        self.axes = [a.state for a in problem.groups[0].axes]
+        middle = self.forms.whole.mean(axis=1)
+        self.box: Floats = np.stack([middle, middle], axis=1)
+        self.seconds = hold * problem.times.delta_sc * 1e-9
+
+    def after(self, command: int, points: Floats) -> Floats:
+        """(n, d) -> (n, d)."""
+        first = len(self.problem.states)
+        for j, value in enumerate(self.commands[command]):
+            self.box[first + j] = value
+        return np.stack([self._moved(p) for p in points])
+
+    def _moved(self, point: Floats) -> Floats:
+        if self.problem.kind == "map":
+            return self._rates("next", point)
+        h = self.seconds
+        first = self._rates("derivative", point)
+        half = self._rates("derivative", point + 0.5 * h * first)  # the midpoint rule: a guide
+        return point + h * half
+
+    def _rates(self, name: str, point: Floats) -> Floats:
+        self.box[self.axes] = point[:, np.newaxis]
+        bounds = self.forms.numbers(name, self.box, len(self.problem.states))
+        if bounds is None:
+            return point if name == "next" else np.zeros_like(point)
+        rates: NDArray[np.float64] = bounds.mean(axis=1)[self.axes]
+        return rates

@@ -1,0 +1,195 @@
+"""The sets of a grid in figures: the paper's regions R1 to R5, and shares of volumes.
+
+Purpose: `regions`, `figure`: from the sets of a group to one number a cell, the first two axes as a
+figure, and slices through the third one. `shares`: how much the sets say, for people and for
+`verify/diagnosis/vacuity.py`; states drawn from K; a state deep in C.
+Non-goals: anything that a proof rests on; drawing (`report/proof/page.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
+from soter.verify.claims.cells import drawn_edges, share
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.results import GroupSets
+    from soter.verify.problem.problem import Axis
+
+    Floats = NDArray[np.float64]
+
+
+def shares(part: GroupSets) -> dict[str, float]:
+    """Of the grid's volume, by set; `estimates`: of S_0, where predicates are computed."""
+    edges = drawn_edges(part.group.axes)
+    sets = {
+        "core": part.core > 0,
+        "free": part.free,
+        "lets_ac": part.lets_ac,
+        "gives_back": part.gives_back,
+        "estimates": part.deployed[0] if part.levels and part.deployed is not None else None,
+    }
+    every = {name: cells for name, cells in sets.items() if cells is not None}
+    return {name: share(np.asarray(cells), edges) for name, cells in every.items()}
+
+
+def core_share(part: GroupSets) -> float:
+    """Of C that K is; 0 where there is no C."""
+    edges = drawn_edges(part.group.axes)
+    whole = share(part.allowed, edges)
+    return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
+
+
+def both(part: GroupSets) -> tuple[float, bool] | None:
+    """Share of K on which `safer` may be true and `ttf` may be false, and whether that is any."""
+    if part.lets_ac is None or part.gives_back is None:
+        return None
+    core, lets = part.core > 0, part.lets_ac & part.gives_back
+    whole = share(core, drawn_edges(part.group.axes))
+    fraction = share(lets & core, drawn_edges(part.group.axes)) / whole if whole else 1.0
+    return fraction, bool(lets.any())
+
+
+def lets_share(part: GroupSets, predicate: str) -> float | None:
+    """Share of K on which a predicate lets AC have control, as the DM holds it where it does."""
+    which = 0 if predicate == "ttf" else 1
+    cells = (
+        (part.lets_ac, part.gives_back)[which] if part.deployed is None else part.deployed[which]
+    )
+    if cells is None:
+        return None
+    core, edges = part.core > 0, drawn_edges(part.group.axes)
+    return share(cells & core, edges) / share(core, edges)
+
+
+def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
+    """States of K, (count, axes), uniform."""
+    core, edges = np.argwhere(part.core > 0), drawn_edges(part.group.axes)
+    sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
+    at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
+    low = np.stack([e[at[:, k]] for k, e in enumerate(edges)], axis=1)
+    high = np.stack([e[at[:, k] + 1] for k, e in enumerate(edges)], axis=1)
+    return np.asarray(chance.uniform(low, high))
+
+
+def deepest(part: GroupSets) -> dict[int, float]:
+    """State -> the middle of a cell that is far from the border of C; nothing without C."""
+    left = part.allowed
+    while True:
+        inner = left.copy()
+        for axis in range(inner.ndim):
+            n = inner.shape[axis]
+            if n < 3:
+                continue
+            inner &= np.roll(left, 1, axis) & np.roll(left, -1, axis)
+            edge = np.moveaxis(inner, axis, 0)  # a view
+            edge[[0, n - 1]] = False
+        if not inner.any() or np.array_equal(inner, left):
+            break  # axes of one or two cells have no inside, and take nothing away
+        left = inner
+    if not left.any():
+        return {}
+    at = np.argwhere(left)[int(left.sum()) // 2]
+    every = zip(part.group.axes, part.edges, at, strict=True)
+    return {a.state: (e[i] + e[i + 1]) / 2 for a, e, i in every}
+
+
+SLICES_MAX = 24
+"""Of a figure of three axes: each is some kB of the page."""
+
+
+def regions(sets: GroupSets) -> NDArray[np.uint8]:
+    """R1 to R5 for every cell of a group, in the grid's shape."""
+    region_ids = np.full(sets.allowed.shape, R1, dtype=np.uint8)
+    region_ids[sets.allowed] = R2
+    region_ids[sets.core > 0] = R3
+    if sets.free is not None:
+        region_ids[sets.free] = R4
+        if sets.gives_back is not None:
+            region_ids[sets.free & sets.gives_back] = R5
+    return region_ids
+
+
+def figure(sets: GroupSets, note: str) -> RegionFigure:
+    """The first two axes, cut across further ones where the slice is the fullest.
+
+    The third axis, where there is one, can be gone through: at most `SLICES_MAX` slices.
+    """
+    axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
+    cells, lets_ac = regions(sets), sets.lets_ac
+    at = fullest(cells)
+    fourth = [_place(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
+    open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
+    text = "; ".join(filter(None, (note, ", ".join(fourth), *open_ends)))
+    x, unit = drawn[0], axes[0].unit
+    if len(axes) == 1:
+        y = np.array([0.0, 1.0])
+        return RegionFigure(
+            axes[0].name,
+            axes[0].name,
+            "",
+            x,
+            y,
+            cells[:, None],
+            text,
+            x_unit=unit,
+            lets_ac=None if lets_ac is None else lets_ac[:, None],
+        )
+    cut: tuple[slice | int, ...] = (slice(None), slice(None), slice(None), *at[1:])
+    through = cells[cut] if at else cells
+    ttf = None if lets_ac is None else lets_ac[cut] if at else lets_ac
+
+    def lets(i: int) -> NDArray[np.bool_] | None:
+        return None if ttf is None else ttf[:, :, i]
+
+    indices = _sliced(cells.shape[2], at[0]) if at else []
+    return RegionFigure(
+        title=f"{axes[0].name} and {axes[1].name}",
+        x_name=axes[0].name,
+        y_name=axes[1].name,
+        x_edges=x,
+        y_edges=drawn[1],
+        regions=through[:, :, at[0]] if at else cells,
+        note=text,
+        x_unit=unit,
+        y_unit=axes[1].unit,
+        across=axes[2].name if at else "",
+        slices=tuple(RegionSlice(_place(axes[2], i), through[:, :, i], lets(i)) for i in indices),
+        shown=indices.index(at[0]) if at else 0,
+        lets_ac=lets(at[0]) if at else ttf,
+    )
+
+
+def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
+    """Where, along the axes from the third on, most cells of the first two may be AC's.
+
+    If AC gets control back somewhere, then where it does: no region is out of sight that has cells.
+    Among equals: where most are in the core, then in C, then what is nearest to the middle.
+    `cells`: of the grid's shape.
+    """
+    if cells.ndim < 3:
+        return ()
+    counts = [np.count_nonzero(cells >= least, axis=(0, 1)) for least in (R2, R3, R4)]
+    places = np.indices(counts[0].shape).reshape(len(counts[0].shape), -1)
+    middle = (np.array(counts[0].shape)[:, None] - 1) / 2
+    off = np.abs(places - middle).sum(axis=0)
+    back = np.any(cells >= R5, axis=(0, 1)).ravel()
+    best = np.lexsort((-off, *(c.ravel() for c in counts), back))[-1]
+    return tuple(int(i) for i in places[:, best])
+
+
+def _sliced(count: int, shown: int) -> list[int]:
+    """Which of `count` slices are drawn: both ends and `shown` among them."""
+    even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
+    return sorted({*even.tolist(), shown})
+
+
+def _place(axis: Axis, index: int) -> str:
+    """A cell of an axis, for people."""
+    unit = f" {axis.unit}" if axis.unit else ""
+    return f"{axis.name} in [{axis.edges[index]:.4g}, {axis.edges[index + 1]:.4g}]{unit}"

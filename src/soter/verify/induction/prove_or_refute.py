@@ -1,0 +1,471 @@
+"""k-induction over hyperperiods, and a run that leaves `safe` where it fails.
+
+Purpose: `induct`: that `safe`, every lemma and every step hold at all times: in the first
+hyperperiods of every run, and after any k hyperperiods in which they held, in the next one, too.
+P2b: that no state is followed by so many hyperperiods in which DM never says "AC". And whether AC
+ever can. `refuting_run`: where the relation has a run in which something fails, look for one of the
+program, with an AC that may publish anything, by systematic testing up to that time; it counts only
+when the reference interpreter has replayed it.
+Non-goals: the relation (`transition_relation.py`), what an execution is (docs/testing.md).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from soter.core.abstract_execution import TooManyStatementsError
+from soter.language.elaborate import derived_systems
+from soter.language.model import typed
+from soter.language.model.system import Property, TestPlan, TimingFault
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    default_value,
+    leaves,
+)
+from soter.verify.induction.calendar import hyperperiod, settled
+from soter.verify.induction.solver_terms import SolverTerms
+from soter.verify.induction.transition_relation import Stretch
+from soter.verify.induction.visible_state import AC, SC, ClusterView
+from soter.workers.solvers import ctrl_c_waits
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.source import Span
+    from soter.language.model.system import Bound, System
+    from soter.language.model.types import Type, Value
+    from soter.verify.induction.problem import InductionProblem
+    from soter.verify.induction.solver_query import Query
+    from soter.verify.induction.solver_terms import Term
+
+
+DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+STEPS_MAX = 600
+"""Steps of one stretch of time: more are not tried."""
+BUDGET_S = 60.0
+"""Of CPU time."""
+HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
+
+
+@dataclass
+class Induction:
+    """What was found: `k` hyperperiods of hypothesis where it is proved."""
+
+    hyperperiod_ns: int
+    steps: int = 0
+    """Of one hyperperiod."""
+    k: int = 0
+    proved: bool = False
+    seconds: float = 0.0
+    fails_ns: int | None = None
+    """A run of the relation from the start in which something fails by then."""
+    what: str = ""
+    """What fails there: `safe`, a lemma in words, or a step that faults."""
+    about: str = ""
+    """safe, lemma or fault."""
+    why: str = ""
+    """Why nothing was found."""
+    gave_up: str = ""
+    """What to add where the solver gave up on something."""
+    undecided: str = ""
+    """The same where steps that may fault latch their nodes."""
+    uninterpreted: dict[str, None] = field(default_factory=dict)
+    latching: tuple[str, ...] = ()
+    """Components of which nothing shows that they do not fault: what is proved holds if they do."""
+    returns: int = 0
+    """So many whole hyperperiods SC never keeps control; 0: not shown."""
+    returns_s: float = 0.0
+    contradicted: bool = False
+    """What P2b takes for granted never holds for so long."""
+    never: str = ""
+    """"gets": no decision gives AC control; "keeps": none leaves it control; "fails": `safe` holds
+    of all values that topics may have; "": nothing of these is so."""
+
+    @property
+    def returns_ns(self) -> int:
+        """P2b: SC may take over in the middle of a hyperperiod, after which so many are whole."""
+        return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
+
+
+@ctrl_c_waits()
+def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
+    """Prove a module, or say how far it came."""
+    began = time.perf_counter()
+    whole = hyperperiod(problem.clocks)
+    induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
+    if induction.steps > STEPS_MAX // 2:
+        induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
+        return induction
+    try:
+        _deepen(problem, induction, progress)
+        if not induction.proved and induction.about != "safe":
+            _latching(problem, induction, progress)
+        if induction.proved:
+            _returns(problem, induction)
+            induction.never = _never(problem, induction)
+    except TooManyStatementsError:
+        induction.why = "a step takes more statements than are followed"
+    induction.seconds = time.perf_counter() - began
+    return induction
+
+
+def _latching(
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
+) -> None:
+    """The same where a step may fault, and latches its node: what holds then holds anyway."""
+    names = _may_fault(problem)
+    if not names:
+        return
+    other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
+    _deepen(problem, other, progress)
+    if other.proved or other.about == "safe":
+        induction.latching, induction.k, induction.proved = names, other.k, other.proved
+        induction.uninterpreted |= other.uninterpreted
+    if other.about == "safe":
+        induction.about, induction.what, induction.fails_ns = (
+            other.about,
+            other.what,
+            other.fails_ns,
+        )
+    elif not other.proved:
+        induction.undecided = other.why or f"{other.what} then"
+
+
+def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
+    """SC, and nodes beside the module, with a step that may fault for all that is known of it."""
+    terms = SolverTerms()
+    stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
+    indices = {d.step.component for d in stretch.done if d.doubt is not False}
+    return tuple(problem.system.components[i].name for i in sorted(indices))
+
+
+def _deepen(
+    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
+) -> None:
+    began = time.process_time()
+    for n, k in enumerate(DEPTHS):
+        if progress is not None:
+            progress(n / len(DEPTHS))
+        if (k + 1) * induction.steps > STEPS_MAX and n:
+            induction.why = (
+                f"no induction over up to {DEPTHS[n - 1]} hyperperiods{induction.gave_up}"
+            )
+            return
+        if time.process_time() - began > BUDGET_S:
+            induction.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
+            return
+        if _base(problem, induction, k) != HOLDS:
+            return
+        if _step(problem, induction, k):
+            induction.k, induction.proved = k, True
+            return
+    induction.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{induction.gave_up}"
+
+
+# ---------------------------------------------------------------- the two halves
+
+
+def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
+    """Whether all holds in the first k hyperperiods of every run, and before them."""
+    terms = SolverTerms()
+    end = settled(problem.clocks) + k * induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
+    induction.uninterpreted |= stretch.uninterpreted
+    bad = _bad(stretch, 0, end)
+    query = terms.query()
+    query.add(terms.either(*[b for b, _, _ in bad]))
+    answer = query.check()
+    if answer == terms.z3.unsat:
+        return HOLDS
+    if answer != terms.z3.sat:
+        induction.why = f"the solver gave up on the first {k} hyperperiods"
+        return UNKNOWN
+    model = query.model()
+    times = [
+        (model.eval(terms.z3.IntVal(0) + at, model_completion=True).as_long(), number)
+        for b, at, number in bad
+        if terms.z3.is_true(model.eval(_term(terms, b), model_completion=True))
+    ]
+    induction.fails_ns, number = min(times)
+    induction.about = ("fault", "safe")[number] if number < 2 else "lemma"
+    induction.what = _named(problem, number)
+    return FAILS
+
+
+def _named(problem: InductionProblem, number: int) -> str:
+    if number == 0:
+        return "a step of SC, or of a node beside the module, may fault"
+    return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
+
+
+def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
+    """Whether all that held for k hyperperiods holds in the next one.
+
+    Each claim is asked by itself: ten of them in one question are harder than ten questions.
+    """
+    terms = SolverTerms()
+    whole = induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
+    failures = _bad(stretch, k * whole, (k + 1) * whole)
+    for claim in sorted({number for _, _, number in failures}):
+        query = terms.query()
+        _assume(query, stretch, k * whole)
+        query.add(terms.either(*[b for b, _, number in failures if number == claim]))
+        answer = query.check()
+        if answer == terms.z3.unknown:
+            induction.gave_up = "; the solver gave up on some of them"
+        if answer != terms.z3.unsat:
+            return False
+    return True
+
+
+def _assume(query: Query, stretch: Stretch, until: int) -> None:
+    """Everything that is seen before `until` held."""
+    terms = stretch.terms
+    for seen in stretch.seen:
+        if seen.earliest < until:
+            counts = terms.both(seen.counts, seen.latest < until or seen.at < until)
+            query.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
+
+
+def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+    """Each way in which something fails in [begin, end): whether, when, what."""
+    terms = stretch.terms
+    failures = []
+    for seen in stretch.seen:
+        if seen.latest < begin or seen.earliest >= end:
+            continue
+        inside = terms.both(
+            seen.earliest >= begin or seen.at >= begin, seen.latest < end or seen.at < end
+        )
+        counts = terms.both(seen.counts, inside)
+        for number, holds in enumerate(seen.holds):
+            holds_ = terms.both(holds, seen.later) if number == 1 else holds
+            failures.append((terms.both(counts, terms.no(holds_)), seen.at, number))
+    return failures
+
+
+# ---------------------------------------------------------------- P2b
+
+
+def _returns(problem: InductionProblem, induction: Induction) -> None:
+    """After how many hyperperiods in SC there are none: from any state in which all holds."""
+    began, since = time.perf_counter(), time.process_time()
+    whole = induction.hyperperiod_ns
+    for n in DEPTHS:
+        if (
+            n + induction.k
+        ) * induction.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
+            break
+        if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
+            break
+        if _nothing(problem, induction, n, stays=True):
+            induction.contradicted = _nothing(problem, induction, n, stays=False)
+            induction.returns = 0 if induction.contradicted else n
+            break
+    induction.returns_s = time.perf_counter() - began
+
+
+def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
+    """Whether no state is followed by n hyperperiods in which all holds; `stays`: and SC all along.
+
+    No step faults there, and what progress rests on holds.
+    """
+    terms, end = SolverTerms(), n * induction.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, returning=True, stays=stays)
+    query = terms.query()
+    _assume(query, stretch, end)
+    granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
+    query.add(*granted)
+    return bool(query.check() == terms.z3.unsat)
+
+
+# ---------------------------------------------------------------- what is proved of nothing
+
+
+def _never(problem: InductionProblem, induction: Induction) -> str:
+    """What never happens: `safe` "fails" for no values, AC never "gets" or "keeps" control.
+
+    In no hyperperiod after k that held, and in none of the first: that all holds is proved, so
+    nothing that can happen is left out.
+    """
+    if _holds_anyway(problem):
+        return "fails"
+    whole, latching = induction.hyperperiod_ns, bool(induction.latching)
+    held = induction.k * whole
+    later = partial(Stretch, problem, end=held + whole, latching=latching)
+    first = partial(
+        Stretch, problem, end=settled(problem.clocks) + held, first=True, latching=latching
+    )
+    for word in ("gets", "keeps"):
+        if not (_decided(later, held, word) or _decided(first, 0, word)):
+            return word
+    return ""
+
+
+def _holds_anyway(problem: InductionProblem) -> bool:
+    """Whether no values of the topics' sets, whoever publishes them, are outside of `safe`."""
+    terms = SolverTerms()
+    stretch = Stretch(problem, terms, 0)
+    outside = terms.no(stretch.judged(ClusterView(stretch, None, 0))[0])
+    query = terms.query()
+    query.add(outside)
+    return bool(query.check() == terms.z3.unsat)
+
+
+def _decided(made: Callable[..., Stretch], begin: int, word: str) -> bool:
+    """Whether the solver leaves open that a decision from `begin` on gives, or leaves, control."""
+    terms = SolverTerms()
+    stretch = made(terms=terms)
+    query = terms.query()
+    _assume(query, stretch, stretch.end)
+    ways = [
+        terms.both(d.mode == AC, d.before == (AC if word == "keeps" else SC))
+        for d in stretch.done
+        if d.mode is not None and not d.step.begun and d.step.effect.latest >= begin
+    ]
+    query.add(terms.either(*ways))
+    return bool(query.check() != terms.z3.unsat)
+
+
+def _term(terms: SolverTerms, truth: Term) -> Term:
+    return terms.z3.BoolVal(truth) if isinstance(truth, bool) else truth
+
+
+ALTERNATIVES_MAX = 64
+"""Of one leaf; of a larger set the ends, the default and the middle are tried."""
+
+
+@dataclass(frozen=True)
+class ReplayedRun:
+    """A run of the program with some AC, replayed by the reference interpreter."""
+
+    time_ns: int
+    lines: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """Its steps, a line each."""
+        return "\n".join(self.lines)
+
+
+class Violated(Protocol):
+    """A run that was found: what it violates (`property`, `fault`), when, and its steps."""
+
+    @property
+    def what(self) -> str:
+        """Of the kinds of a trace."""
+
+    @property
+    def time_ns(self) -> int:
+        """Of the violation."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """For people."""
+
+
+Search = Callable[["System"], "Violated | None"]
+"""Looks for a run of a flat system with a test plan that violates one of its properties."""
+
+
+def refuting_run(
+    problem: InductionProblem, until_ns: int, search: Search, *, fault: bool
+) -> ReplayedRun | None:
+    """A run in which `safe` is violated by then, or a trusted step faults; None: none found.
+
+    Where the proof rests on topics that nobody in it publishes, what is tested would not be the
+    program: nobody looks.
+    """
+    if problem.any_value:
+        return None
+    for system in (any_ac(problem), problem.system):
+        if any(c.extern for c in system.components):
+            continue
+        violation = search(system_as_test(problem, system, until_ns))
+        if violation is not None and violation.what == ("fault" if fault else "property"):
+            return ReplayedRun(violation.time_ns, violation.lines)
+    return None
+
+
+def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> System:
+    """The system as a test: `safe` always, steps as late as they are declared to be."""
+    m = problem.module
+    span = m.symbol.span
+    safe = Property(0, "always", m.symbol.safe, m.scope, "safe", m.symbol.safe.span)
+    faults = []
+    for c in problem.declared:
+        if c.late:
+            faults.append(TimingFault("late", c.component, c.late, 0, span))
+        if c.response and c.component != m.dm:
+            takes = system.components[c.component].takes_ns
+            least = 0 if takes is None else takes[0]
+            faults.append(TimingFault("overrun", c.component, c.response, 0, span, least))
+    plan = TestPlan(m.name, 0, max(until_ns, 1), None, tuple(faults), (), span)
+    return derived_systems.with_test(derived_systems.with_properties(system, (safe,)), plan)
+
+
+# ---------------------------------------------------------------- an AC that may do anything
+
+
+def any_ac(problem: InductionProblem) -> System:
+    """AC publishes at each of its releases, or not, on each of its topics, any value of its set."""
+    system = problem.system
+    ac = system.components[problem.module.ac]
+    assert ac.node is not None
+    span = ac.node.span
+    step: list[typed.TypedStmt] = []
+    for t in ac.node.publishes:
+        topic = system.topics[ac.scope.topics[t]]
+        value = _any_value(topic.type, topic.bounds, topic.default, span)
+        coin = typed.TypedChoose(BOOL, span, 2, 0, (), None)
+        step.append(typed.TypedIf(span, ((coin, (typed.TypedPublish(span, t, value),)),), ()))
+    node = replace(
+        ac.node,
+        extern=False,
+        source=None,
+        subscribes=(),
+        locals=(),
+        initial=(),
+        takeover=None,
+        step=tuple(step),
+    )
+    return derived_systems.with_components(system, [derived_systems.with_node(ac, node, {})])
+
+
+def _any_value(
+    t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
+) -> typed.TypedExpr:
+    if isinstance(t, (RecordType, ArrayType)):
+        own = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+        elements, k = [], 0
+        for part, value in zip(own, default, strict=True):
+            count = sum(1 for _ in leaves(part))
+            elements.append(_any_value(part, bounds[k : k + count], value, at))
+            k += count
+        return typed.Aggregate(t, at, tuple(elements))
+    if isinstance(t, BoolType):
+        return typed.TypedChoose(t, at, 2, 0, (), None)
+    if isinstance(t, EnumType):
+        return typed.TypedChoose(t, at, len(t.members), 0, (), None)
+    values: list[Value] = [default]
+    bound = bounds[0] if bounds else None
+    if isinstance(t, IntType):
+        low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+        few = high - low < ALTERNATIVES_MAX
+        values += range(low, high + 1) if few else [low, (low + high) // 2, high]
+    elif isinstance(t, FloatType) and bound is not None:
+        values += [bound.low, 0.5 * bound.low + 0.5 * bound.high, bound.high]
+    else:
+        values.append(default_value(t))
+    options = [typed.Literal(t, at, v) for v in dict.fromkeys(values)]
+    return typed.TypedChoose(t, at, len(options), 0, tuple(options), None)

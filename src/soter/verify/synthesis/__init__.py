@@ -1,1 +1,0 @@
-"""A safe controller that is found."""

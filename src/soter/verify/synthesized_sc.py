@@ -1,0 +1,399 @@
+"""A safe controller that was found: its table, and its text as a node of Soter.
+
+Purpose: choose one command for every cell of a coarse table so that the law that reads it keeps
+the core, and heads for where an adversary would need longest to do harm. `written`: the law as a
+node, and the program with that node in the place of `sc synthesized period d;`. Nothing here is
+trusted: the written node is verified like any other.
+Non-goals: the core and the images of cells (`verify/grid/sets.py`), proofs (`verify_module.py`).
+
+A law that is read off a table is analysed on closed cells, so on a border all commands of the
+neighbours may come. A cell is *free* when its image under every mixture of commands stays in the
+core. All table entries that a cell which is not free can see must therefore agree.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from functools import reduce
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.source import Source
+from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
+from soter.language.syntax.printer import format_source
+from soter.report.atomic_write import own_place
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from soter.language.model.typed import ModuleSymbol, TopicSymbol
+    from soter.language.model.types import Type
+    from soter.verify.problem.problem import Problem
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
+    Read = Callable[[Floats], Floats]
+
+
+NEVER = 1e6
+"""Steps to the goal from where it is not reached."""
+SWEEPS_MAX = 1000
+GOAL_SHARE = 0.9
+"""The goal of the law: blocks with at least this share of the longest time from harm."""
+SEEN = 2
+"""Cells around a cell whose table entries it may see: itself, a neighbour, and one for rounding."""
+STRIDE = 8
+"""Cells of the grid along each side of a block of the table."""
+
+
+@dataclass(frozen=True)
+class CellCommands:
+    """What the engine says about the cells of a grid, shape (n_1, ..., n_d), and m commands."""
+
+    core: Bools
+    """K: from here some sequence of commands keeps the constraint for ever."""
+    admits: Bools
+    """(m, *cells): one period of the command leads back into K and never leaves C."""
+    free: Bools
+    """The same for every mixture of commands."""
+
+
+@dataclass(frozen=True)
+class LawTable:
+    """A law: in block (i_1, ..., i_d) of equal blocks from `low` on, `width` each, this command."""
+
+    low: tuple[float, ...]
+    width: tuple[float, ...]
+    entries: Ints
+
+
+def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]) -> Floats:
+    """(*shape, d): the middles of equal blocks."""
+    axes = [a + w * (np.arange(n) + 0.5) for a, w, n in zip(low, width, shape, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+
+
+def chosen(
+    choices: CellCommands,
+    low: Sequence[float],
+    width: Sequence[float],
+    after: Callable[[int, Floats], Floats],
+    stride: int = STRIDE,
+) -> LawTable:
+    """The table for a grid of equal cells from `low` on, `width` each.
+
+    `after(u, points)`: where states (n, d) are one period of command u later, without disturbance.
+    """
+    admits = choices.admits & choices.core
+    strict = choices.core & ~choices.free
+    serves = strict & admits
+    must = blocks(np.stack([_seen(s, SEEN) for s in serves]), stride)
+    misses = blocks(np.stack([_seen(strict & ~s, SEEN) for s in serves]), stride)
+    inside = blocks(choices.core[np.newaxis], stride)[0] > 0
+    refused = blocks(choices.core & ~admits, stride) > 0
+    refused &= ~refused.all(axis=0)
+    sides = tuple(w * stride for w in width)
+    points = block_middles(low, sides, inside.shape)
+    flat = points.reshape(-1, points.shape[-1])
+    moves = [
+        _interpolation(low, sides, after(u, flat).reshape(points.shape), inside.shape)
+        for u in range(len(admits))
+    ]
+    usual = _preferred(inside, refused, moves)
+    popular = serves.reshape(len(serves), -1).sum(axis=1)  # breaks ties: neighbours then agree
+    ranked = misses * (popular.max() + 1) - popular.reshape(-1, *[1] * strict.ndim)
+    entries = np.where((must + misses).any(axis=0), ranked.argmin(axis=0), usual)
+    return LawTable(tuple(low), sides, _spread(entries, inside | (must + misses).any(axis=0)))
+
+
+def combinations(problem: Problem) -> list[tuple[float, ...]]:
+    """Every command: the product of the finite sets of the controls, the last fastest."""
+    return list(product(*problem.commands))
+
+
+# ---------------------------------------------------------------- preferences
+
+
+def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
+    """Per block the command of least time to where an adversary needs longest to leave the core.
+
+    Value iteration on the middles with multilinear interpolation: a guide, no proof.
+    """
+    start = np.where(inside, NEVER, 0.0)
+    margin = _settled(
+        start, lambda f: np.where(inside, 1.0 + np.min([m(f) for m in moves], axis=0), 0.0)
+    )
+    goal = inside & (margin >= GOAL_SHARE * np.where(inside, margin, 0.0).max())
+
+    def costs(time: Floats) -> Floats:
+        later = np.stack([np.minimum(1.0 + m(time), NEVER) for m in moves])
+        return np.where(refused, NEVER, later)
+
+    def better(time: Floats) -> Floats:
+        return np.where(goal, 0.0, np.where(inside, costs(time).min(axis=0), NEVER))
+
+    time = _settled(np.where(goal, 0.0, NEVER), better)
+    gain = np.where(refused, -1.0, np.stack([m(margin) for m in moves]))
+    best: Ints = np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
+    return best
+
+
+def _settled(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
+    for _ in range(SWEEPS_MAX):
+        following = better(f)
+        moved = np.abs(following - f).max()
+        f = following
+        if moved < 1e-2:
+            break
+    return f
+
+
+def _interpolation(
+    low: Sequence[float], width: Sequence[float], points: Floats, shape: tuple[int, ...]
+) -> Read:
+    """Reads a function on the middles of blocks at points, held constant beyond the border."""
+    firsts, shares = [], []
+    for k, n in enumerate(shape):
+        place = np.clip((points[..., k] - low[k]) / width[k] - 0.5, 0.0, n - 1.0)
+        first = np.minimum(place.astype(np.int64), max(n - 2, 0))
+        firsts.append(first)
+        shares.append(place - first)
+    indices, weights = [], []
+    for corner in product((0, 1), repeat=len(shape)):
+        picked = [np.minimum(f + c, n - 1) for f, c, n in zip(firsts, corner, shape, strict=True)]
+        parts = [s if c else 1.0 - s for c, s in zip(corner, shares, strict=True)]
+        indices.append(np.ravel_multi_index(picked, shape))
+        weights.append(reduce(np.multiply, parts))
+    where, weight = np.stack(indices), np.stack(weights)
+    return lambda f: (weight * f.ravel()[where]).sum(axis=0)
+
+
+# ---------------------------------------------------------------- blocks of cells
+
+
+def _seen(cells: Bools, radius: int) -> Bools:
+    """Everything within so many cells, diagonals included."""
+    for axis in range(cells.ndim):
+        grown = cells.copy()
+        for step in range(1, radius + 1):
+            ahead = [slice(None)] * cells.ndim
+            behind = [slice(None)] * cells.ndim
+            ahead[axis], behind[axis] = slice(step, None), slice(None, -step)
+            grown[tuple(ahead)] |= cells[tuple(behind)]
+            grown[tuple(behind)] |= cells[tuple(ahead)]
+        cells = grown
+    return cells
+
+
+def blocks(votes: Bools, stride: int) -> Ints:
+    """(m, *cells) -> (m, *blocks): how many cells of a block vote for each command."""
+    count: Ints = votes.astype(np.int64)
+    for axis in range(1, votes.ndim):
+        starts = np.arange(0, votes.shape[axis], stride)
+        summed: Ints = np.add.reduceat(count, starts, axis=axis)
+        count = summed
+    return count
+
+
+def _spread(entries: Ints, known: Bools) -> Ints:
+    """Entries with the unknown ones taken over from their neighbours, border by border."""
+    result: Ints = entries.copy()
+    left = ~known
+    while left.any() and not left.all():
+        for axis in range(entries.ndim):
+            for step in (1, -1):
+                source = np.roll(result, step, axis=axis)
+                there = ~np.roll(left, step, axis=axis)
+                edge = [slice(None)] * entries.ndim
+                edge[axis] = slice(0, 1) if step == 1 else slice(-1, None)
+                there[tuple(edge)] = False
+                take = left & there
+                result[take] = source[take]
+                left &= ~take
+    return result
+
+
+UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
+HEADER = "Found by `soter verify --synthesize`."
+
+
+@dataclass(frozen=True)
+class SynthesizedSource:
+    """A program with its safe controller: the text of the module's file, and the table."""
+
+    node: str
+    text: str
+    data_name: str
+    data: bytes
+
+    def save(self, path: Path) -> tuple[Path, Path]:
+        """Write the program to `path` and the table beside it; OSError."""
+        beside = own_place(path.parent, self.data_name)
+        path.write_text(self.text, encoding="utf-8")
+        beside.write_bytes(self.data)
+        return path, beside
+
+
+def written(problem: Problem, table: LawTable) -> SynthesizedSource:
+    """The program in which the module's SC is a node that reads this table."""
+    symbol = problem.module.symbol
+    assert symbol.sc_span is not None
+    source = symbol.sc_span.source
+    node = free_name(f"{symbol.name.rpartition('.')[2]}SC", source.text)
+    data_name = f"{node}.npy"
+    text = "\n".join(_node(problem, table, node, data_name)) + "\n\n"
+    at = source.text.rfind("\n", 0, _beginning(symbol)) + 1
+    program = (
+        source.text[:at]
+        + text
+        + source.text[at : symbol.sc_span.start]
+        + node
+        + source.text[source.text.index(";", symbol.sc_span.start) :]
+    )
+    formatted = format_source(Source(source.name, program), Diagnostics())
+    assert formatted is not None
+    return SynthesizedSource(node, formatted, data_name, _data(problem, table))
+
+
+def free_name(name: str, text: str) -> str:
+    """`name`, with underscores until the text does not have it."""
+    while name in text:
+        name += "_"
+    return name
+
+
+def _beginning(symbol: ModuleSymbol) -> int:
+    """Where `rta Name` begins, or the comment lines right above it."""
+    text = symbol.span.source.text
+    at = text.rfind("\n", 0, symbol.span.start) + 1
+    while at > 0:
+        above = text.rfind("\n", 0, at - 1) + 1
+        if not text[above:at].lstrip().startswith("//") or text[above:at].startswith("// ---"):
+            break
+        at = above
+    return at
+
+
+def _data(problem: Problem, table: LawTable) -> bytes:
+    """One table for each control, of indices into its own commands, which increase.
+
+    On a border between blocks an analysis joins indices: every control by itself, and nothing
+    between two commands that is not between their values.
+    """
+    sizes = [len(values) for values in problem.commands]
+    parts = np.stack(np.unravel_index(table.entries, sizes)).astype(np.uint8)
+    stream = io.BytesIO()
+    np.save(stream, parts if len(sizes) > 1 else parts[0], allow_pickle=False)
+    return stream.getvalue()
+
+
+# ---------------------------------------------------------------- the node
+
+
+def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[str]:
+    reads = [_read(problem, axis) for axis in range(table.entries.ndim)]
+    topics = list(dict.fromkeys(topic for topic, _ in reads))
+    symbol = problem.module.symbol
+    controls = problem.quantities.controls
+    size = " x ".join(str(n) for n in table.entries.shape)
+    yield f"// {HEADER}"
+    yield f"// {size} commands for {', '.join(f'{t}{p}' for t, p in reads)}."
+    yield f"type {node}_Entry = int in [0, {max(map(len, problem.commands)) - 1}];"
+    element = f"{node}_Entry"
+    for k, n in reversed(list(enumerate(table.entries.shape))):
+        yield f"type {node}_Axis{k} = {element}[{n}];"
+        element = f"{node}_Axis{k}"
+    if len(controls) > 1:
+        yield f"type {node}_Tables = {element}[{len(controls)}];"
+        element = f"{node}_Tables"
+    yield f'const {node}_TABLE: {element} = data "{data}";'
+    for leaf, values in zip(controls, problem.commands, strict=True):
+        name = _constant(node, leaf.owner, leaf.path, problem)
+        shown = ", ".join(_float(v) for v in values)
+        yield f"const {name}: float[{len(values)}] = [{shown}];"
+    yield f"fun {node}_block(value: float, low: float, width: float, count: int): int {{"
+    yield "  let place = (clamp(value, low, low + width * float(count)) - low) / width;"
+    yield "  return max(0, min(int(floor(place)), count - 1));"
+    yield "}"
+    yield f"node {node} period {_duration(problem.times.delta_sc)} {{"
+    yield f"  subscribes {', '.join(topics)};"
+    published = [_local(t, symbol) for t in symbol.sc.publishes]
+    yield f"  publishes {', '.join(published)};"
+    yield "  step {"
+    for k, (topic, path) in enumerate(reads):
+        low, width = _float(table.low[k]), _float(table.width[k])
+        count = table.entries.shape[k]
+        yield f"    let i{k} = {node}_block({topic}{path}, {low}, {width}, {count});"
+    index = "".join(f"[i{k}]" for k in range(len(reads)))
+    for j in range(len(controls)):
+        of_control = f"[{j}]" if len(controls) > 1 else ""
+        yield f"    let u{j} = {node}_TABLE{of_control}{index};"
+    scope = problem.system.components[problem.module.sc].scope.topics
+    for t in symbol.sc.publishes:
+        value = _value(t.type, node, scope[t], (), problem)
+        yield f"    publish {_local(t, symbol)} = {value};"
+    yield "  }"
+    yield "}"
+
+
+def _read(problem: Problem, axis: int) -> tuple[str, str]:
+    """Topic and path of the state of an axis, as the module's file names them."""
+    state = problem.groups[0].axes[axis].state
+    topic, leaf = problem.topic_leaf_of_state[state]
+    state_topic = problem.system.topics[topic]
+    path = list(_paths(state_topic.type))[leaf]
+    return _local(state_topic.symbol, problem.module.symbol), _joined(path)
+
+
+def _paths(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    for p, _ in leaves(t, path):
+        yield p
+
+
+def _joined(path: Sequence[str]) -> str:
+    return "".join(p if p.startswith("[") else f".{p}" for p in path)
+
+
+def _value(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Problem) -> str:
+    """What is published: the constant of every leaf, at the table's entry."""
+    if isinstance(t, RecordType):
+        parts = [f"{n}: {_value(f, node, topic, (*path, n), problem)}" for n, f in t.fields]
+        return "{ " + ", ".join(parts) + " }"
+    if isinstance(t, ArrayType):
+        each = [_value(t.element, node, topic, (*path, f"[{i}]"), problem) for i in range(t.size)]
+        return "[" + ", ".join(each) + "]"
+    assert isinstance(t, FloatType)
+    owners = [(leaf.owner, leaf.path) for leaf in problem.quantities.controls]
+    return f"{_constant(node, topic, path, problem)}[u{owners.index((topic, path))}]"
+
+
+def _constant(node: str, topic: int, path: Sequence[str], problem: Problem) -> str:
+    name = problem.system.topics[topic].symbol.name.rpartition(".")[2]
+    parts = [name, *(p.strip("[]") for p in path)]
+    return f"{node}_{'_'.join(parts).upper()}"
+
+
+def _local(topic: TopicSymbol, module: ModuleSymbol) -> str:
+    """A topic's name in the file that declares the module."""
+    home = module.name.rpartition(".")[0]
+    if home and topic.name.startswith(home + "."):
+        return topic.name[len(home) + 1 :]
+    return topic.name
+
+
+def _float(x: float) -> str:
+    text = repr(float(x))
+    return text if any(c in text for c in ".en") else text + ".0"
+
+
+def _duration(ns: int) -> str:
+    unit, size = next((u, n) for u, n in UNITS if ns % n == 0)
+    return f"{ns // size}{unit}"

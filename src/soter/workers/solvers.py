@@ -1,0 +1,126 @@
+"""Solvers of others, kept in order: Ctrl-C while one is at work, and HiGHS without its prints.
+
+Purpose: `answer_of` asks a solver in a thread, so that the main one hears Ctrl-C and breaks the
+question off; `ctrl_c_waits`: elsewhere it waits for the next question, or `raise_if_interrupted`. A
+`KeyboardInterrupt` in a `__del__` or a conversion of ctypes is lost, and z3's own handler swallows
+the signal. `new_highs` makes a solver of linear programs that writes nothing to standard output.
+Non-goals: what is asked; runs (`simulate/interrupt.py`); threads other than the main one, which get
+no signals.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from types import FrameType
+
+
+LOOK_S = 0.1
+"""How often somebody looks whether Ctrl-C was noted while the solver thinks."""
+
+_noted: list[int] = []
+
+
+def _note(number: int, _frame: FrameType | None) -> None:
+    """The second one is raised wherever it comes."""
+    if _noted:
+        _noted.clear()
+        raise KeyboardInterrupt
+    _noted.append(number)
+
+
+def raise_if_interrupted() -> None:
+    """`KeyboardInterrupt` where Ctrl-C has been noted."""
+    if _noted:
+        _noted.clear()
+        raise KeyboardInterrupt
+
+
+@contextmanager
+def ctrl_c_waits() -> Iterator[None]:
+    """Ctrl-C is noted inside; raised at the end at the latest. Who handles it already goes on."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    signal.signal(signal.SIGINT, _note)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        raise_if_interrupted()
+
+
+@ctrl_c_waits()
+def answer_of(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
+    """What `solver.check()` says; `KeyboardInterrupt`, soon, where Ctrl-C comes meanwhile."""
+    raise_if_interrupted()
+    if threading.current_thread() is not threading.main_thread():
+        return solver.check()
+    solver.set("ctrl_c", False)
+    answers: list[Any] = []
+    asking = threading.Thread(target=_ask, args=(solver, answers), name="soter solver", daemon=True)
+    asking.start()
+    try:
+        while asking.is_alive():
+            asking.join(LOOK_S)
+            raise_if_interrupted()
+    except KeyboardInterrupt:
+        while asking.is_alive():
+            solver.interrupt()
+            asking.join(LOOK_S)
+        raise
+    (answer,) = answers
+    if isinstance(answer, BaseException):
+        raise answer
+    return answer
+
+
+def _ask(solver: Any, answers: list[Any]) -> None:  # noqa: ANN401 - z3 has no types
+    try:
+        answers.append(solver.check())
+    except BaseException as error:  # noqa: BLE001 - raised again by who asked
+        answers.append(error)
+
+
+STDOUT = 1
+
+
+def new_highs() -> Any:  # noqa: ANN401 - an untyped module
+    """A solver without a problem; ImportError where `highspy` is not installed."""
+    import highspy  # noqa: PLC0415 - an extra
+
+    with _no_standard_output():
+        solver = highspy.Highs()  # type: ignore[no-untyped-call, unused-ignore]
+    solver.setOptionValue("output_flag", False)
+    solver.setOptionValue("threads", 1)
+    return solver
+
+
+@contextmanager
+def _no_standard_output() -> Iterator[None]:
+    """Let the constructor print its version where nobody reads: it is made before its options.
+
+    HiGHS 1.16 writes to the descriptor, so Python's `sys.stdout` cannot hold it back.
+    """
+    sys.stdout.flush()
+    try:
+        kept = os.dup(STDOUT)
+    except OSError:  # the process has no standard output
+        yield
+        return
+    try:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, STDOUT)
+        os.close(nowhere)
+        yield
+    finally:
+        os.dup2(kept, STDOUT)
+        os.close(kept)
