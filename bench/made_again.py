@@ -3,7 +3,7 @@
     make figures          (or: .venv/bin/python bench/made_again.py [--small] [--only TEXT] ...)
 
 Purpose: before a release every table, block and sentence with figures stands beside what its
-command prints today (bench/made_again_sections.py has them): sections of docs/benchmarks.md beside
+command prints today (bench/made_again_sections.py has them): rows of docs/benchmarks.md beside
 a new run, other pages beside the same output. `--small` makes the quicker runs, in which what is 0
 has to be 0 and shares have to fit, as with `--only X --with "ARGUMENTS" --flights N`, which is one
 shorter run of your own; `--kept` runs nothing: pages beside the kept output of
@@ -43,7 +43,16 @@ from bench.made_again_compare import (  # noqa: E402 - needs the path
     stood,
 )
 from bench.made_again_sections import PAGES, SMALL, Made  # noqa: E402
-from bench.run_all import BENCHMARKS, Result, machine, now, results, write  # noqa: E402
+from bench.run_all import (  # noqa: E402 - needs the path
+    BENCHMARKS,
+    BLOCK,
+    Result,
+    machine,
+    now,
+    printed,
+    results,
+    write,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -55,7 +64,6 @@ LONGEST = 1e6
 BENCHMARK = "@"
 TEST = "-m pytest"
 WHOLE_PAGE = "*"
-BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 @dataclass(frozen=True)
@@ -104,7 +112,7 @@ class Verdict:
 
 
 def sections(*, small: bool) -> list[Section]:
-    """Every section of docs/benchmarks.md, then those of the other pages.
+    """Every row of docs/benchmarks.md, then those of the other pages.
 
     `small`: of these the blocks alone; what a row or a sentence says is of the whole run.
     """
@@ -174,11 +182,6 @@ def block(page: str, where: str) -> str:
     start = where.removeprefix("```")
     texts = (m.group(2) for m in BLOCK.finditer(page))
     return next((t for t in texts if t.lstrip("\n").startswith(start)), "")
-
-
-def printed(text: str) -> str:
-    """What a command printed of a kept section: its blocks; notes stand around them."""
-    return "".join(m.group(2) for m in BLOCK.finditer(text)) or text
 
 
 def without_prompts(text: str) -> str:
@@ -318,7 +321,7 @@ def shown(v: Verdict) -> str:
 
 
 def kept_outputs() -> Iterator[tuple[Section, Output]]:
-    """Sections of other pages, beside what is kept of the section of docs/benchmarks.md."""
+    """Sections of other pages, beside what is kept of the row of docs/benchmarks.md."""
     kept = results()
     for s in sections(small=False):
         if s.made is not None and s.made.command.startswith(BENCHMARK):
@@ -403,10 +406,11 @@ def main() -> int:
 
 def written(s: Section, output: Output) -> None:
     """Put an output of a whole run into docs/benchmarks.md, where notes stay as they are."""
-    kept = results()[s.name].text
-    text = BLOCK.sub(lambda _: f"```\n{output.text.rstrip()}\n```", kept, count=1)
-    command = f"python {s.command}"
-    write({**results(), s.name: Result(command, *now(), text)}, machine())
+    kept = results()
+    block = f"```\n{output.text.rstrip()}\n```"
+    text = BLOCK.sub(lambda _: block, kept[s.name].text, count=1)
+    kept[s.name] = Result(f"python {s.command}", *now(), machine(), text)
+    write(kept)
 
 
 def told_at_last(verdicts: list[Verdict], file: Path) -> int:

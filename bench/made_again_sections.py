@@ -18,7 +18,7 @@ class Made:
 
     `where` is how a table's first row begins (`| …`), how a block's first line does (```` ``` ````
     and the line), or a regex of a sentence whose groups are the figures. `command` is run in the
-    root of the repository; `@NAME` is that section of docs/benchmarks.md, whose kept output the
+    root of the repository; `@NAME` is that row of docs/benchmarks.md, whose kept output the
     page has to agree with as well. `small` is a quicker run: of so many `flights` a row. `given`
     are numbers that the program declares and nothing prints; `spread`: a row's figures stand in
     several lines of the output; `reads`: what the command writes, in place of what it prints.
@@ -37,7 +37,7 @@ class Made:
 
 @dataclass(frozen=True)
 class Small:
-    """A quicker run of a section of docs/benchmarks.md.
+    """A quicker run of a row of docs/benchmarks.md.
 
     `arguments` come behind the section's own; `instead` in place of them. None of both: there is no
     smaller one than the whole. `times`: headings of columns of times, where those that
@@ -207,7 +207,7 @@ SMALL = {
     "The junction as processes over DDS": Small("--row 0 --seconds 10", machine=SCHEDULER),
     "Two drones as processes over DDS": Small("--seconds 10", machine=SCHEDULER),
 }
-"""Every section of docs/benchmarks.md."""
+"""Every row of docs/benchmarks.md."""
 
 NOT_SEEN = frozenset(
     {

@@ -1,11 +1,11 @@
 """Run every benchmark and write docs/benchmarks.md from what they print.
 
-    make bench            (or: .venv/bin/python bench/run_all.py [--only NAME | --adopt | --write])
+    make bench            (or: .venv/bin/python bench/run_all.py [--only NAME | --write])
 
-Purpose: no figure in the docs that a command did not make. bench/results.json holds what each
-command printed, when, and at which commit; the page is made of it, and says how old a section is.
-`--only` makes one section anew, `--write` but the page. `--adopt` takes over what was edited in the
-page itself, dated by `git blame`.
+Purpose: no figure in the docs that a command did not make. bench/results.json holds when each
+command ran, at which commit and where; docs/benchmarks/ what it printed, below a line of `=`, and
+notes beside that. The table of the page, and what stands above these lines, are made of both.
+`--only` makes one row anew, `--write` but the page.
 Non-goals: judging; every benchmark prints its targets beside its figures.
 """
 
@@ -18,46 +18,57 @@ import re
 import shlex
 import subprocess
 import sys
+import textwrap
 from dataclasses import asdict, dataclass
-from datetime import date, datetime, timezone
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 ROOT = Path(__file__).resolve().parents[1]
+if str(ROOT) not in sys.path:
+    sys.path.insert(0, str(ROOT))
+
+from bench.headlines import headlines, targets  # noqa: E402 - needs the path
+
 PAGE = ROOT / "docs" / "benchmarks.md"
+OUTPUTS = ROOT / "docs" / "benchmarks"
 RESULTS = ROOT / "bench" / "results.json"
-OLD_DAYS = 2
-"""A section that is older than the newest one by more days is marked."""
+BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+RULE = "=" * 80
+"""Above it is what this program writes into a file of an output."""
 HEAD = """# Benchmarks
 
-Written by `make bench`; every section is one command and what it printed. The machine is a
-shared one with two cores: read ratios and medians, not single times. Sections were made on
-different days, perhaps on different machines of that kind; the last one was:
+Written by `make bench`, a command a row. The name leads to the whole output and to the sentences
+that say what it means. *Last* are lines of that output, or the cells of a table in it that matter
+most. The machines are shared ones with two cores: read ratios and medians, not single times.
+*Machine* is empty where nobody wrote it down; an empty target means that the benchmark states none.
 
-{machine}
-"""
+| what | target | last | made | machine | command |
+|---|---|---|---|---|---|"""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a command printed, as the page has it: when (YYYY-MM-DD), and after which commit."""
+    """What a command printed: when (YYYY-MM-DD), after which commit, where, with notes around."""
 
     command: str
     made: str
     commit: str
+    machine: str
     text: str
 
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A command, and what a reader should know before its output."""
+    """A command, and what a reader should know before its output.
+
+    `last` and `heads` say which lines and columns of it the table shows: see bench/headlines.py.
+    """
 
     name: str
     arguments: tuple[str, ...]
     about: str
+    last: str = ""
+    heads: str = ""
 
 
 BENCHMARKS = (
@@ -91,12 +102,14 @@ BENCHMARKS = (
         ("bench/drone/laps.py", "--adversaries"),
         "The same module with ACs that mean harm: bang-bang on all axes, pushing at a wall, "
         "ramming, faulting outputs; wind at its bounds.",
+        heads="violations",
     ),
     Benchmark(
         "The drone's laps with a shield",
         ("bench/drone/laps.py", "--shield"),
         "The laps with the AC that overshoots and with a gentle one, under the module that looks "
         "at the state alone and under one with `shield 8`.",
+        heads="arm|with violation|mean clean lap|AC share",
     ),
     Benchmark(
         "The drone in corridors of boxes",
@@ -119,6 +132,8 @@ BENCHMARKS = (
         ("bench/drone/conformance.py",),
         "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| "
         "with which the verification plant explains what the 13-state vehicle did, on true states.",
+        last="Protected|Rhythmic",
+        heads="flights|of D",
     ),
     Benchmark(
         "The drone on MuJoCo's rigid body",
@@ -127,6 +142,7 @@ BENCHMARKS = (
         "wrote: the model monitor's verdict on every step, on true states, and the least |d| that "
         "explains 5 ms. `InAir` has MuJoCo's drag, which the plant of the proof has not: there the "
         "monitor is to raise alarms. Flights are kept: the next call goes on.",
+        heads="violations|alarms|of D",
     ),
     Benchmark(
         "Go-to legs that PX4 flew",
@@ -134,6 +150,8 @@ BENCHMARKS = (
         "40 of 1,678 legs, positions every 0.1 s, judged by the module of goto.soter in tubes "
         "around the planned line (docs/real-logs.md); velocity is derived, from the past alone. "
         "With `--data DIR` all of them.",
+        last="%",
+        heads="tube|legs|left the tube|AC share",
     ),
     Benchmark(
         "What every AC can make the drone miss",
@@ -149,6 +167,7 @@ BENCHMARKS = (
         "in corridors: by axis the least bound on |d| that explains each 5 ms, beside the D of the "
         "proof, and the rest that is not derived, beside what is left for it. Exit code 1 where D "
         "is exceeded.",
+        last=r"sequences of",
     ),
     Benchmark(
         "The drone's plans",
@@ -165,6 +184,7 @@ BENCHMARKS = (
         "drone reach, the same runs under ASan and UBSan. `--show` lists what was not reached: of "
         "soter.h what says that a compiler computes wrongly, of generated code what cannot be "
         "(a step that always publishes asks whether it did).",
+        last="nothing found|under ASan",
     ),
     Benchmark(
         "The C that ships under Frama-C's EVA",
@@ -193,6 +213,7 @@ BENCHMARKS = (
         ("bench/tubes/check_cost.py",),
         "The check of a DM that follows SC, compiled at `-O2` and asked of 2,000 estimates that "
         "are drawn in the ranges of the bench; the least of three calls each.",
+        last="mean",
     ),
     Benchmark(
         "A check of rest on a Cortex-M7",
@@ -200,6 +221,7 @@ BENCHMARKS = (
         "The first 1,000 instants of each program under `qemu -icount`: instructions of a step of "
         "the DM that follows SC. `takes`: at 480 MHz with two clocks an instruction, which is "
         "stated, not measured. Images at `-Os`, their plants included.",
+        heads="takes|inside",
     ),
     Benchmark(
         "Bad files and options",
@@ -223,6 +245,7 @@ BENCHMARKS = (
         "refused with a place, read as before, or read with a word about what was found. *Not "
         "covered*: a value was changed where the format has no checksum, which the judgement says. "
         "Then changed bits of a log of `soter run --log`.",
+        last="damaged logs:|without a word|changed bits",
     ),
     Benchmark(
         "The mountain car: four drivers, alone and with RTA",
@@ -240,6 +263,7 @@ BENCHMARKS = (
         "The mountain car: training with and without the module",
         ("examples/mountain_car/train.py", "-o", ".soter/policy.json"),
         "The same network, seeds and cross-entropy method twice: falls during training.",
+        last="falls",
     ),
     Benchmark(
         "What people wait for",
@@ -252,6 +276,7 @@ BENCHMARKS = (
         ("bench/verify/generality.py", "--recheck"),
         "Ten small robots, cold: verify and recheck as whole processes. `standing` has no P2b and "
         "can have none: where SC stands still nothing leads back to where `safer` holds.",
+        heads="verdict|wall|recheck",
     ),
     Benchmark(
         "The surveillance drone, proved",
@@ -264,6 +289,7 @@ BENCHMARKS = (
         "Battery, planner and motion primitive in one program, cold, and the conjunction; then the "
         "certificates of all of them. Whole processes; 120 s and 300 s are asked for, 30 s is the "
         "goal.",
+        heads="verdict|wall|recheck",
     ),
     Benchmark(
         "The surveillance drone: stacks that must not be proved",
@@ -317,6 +343,7 @@ BENCHMARKS = (
         "5,000 random systems of small whole times: each quantity beside the largest value over "
         "all schedules. Exceeded: the model would be wrong. Reached: no smaller figure is sound; "
         "in the limit: short of it by units of the grid, however fine the grid is.",
+        heads="exceeded",
     ),
     Benchmark(
         "The same schedules against figures that are wrong on purpose",
@@ -336,17 +363,20 @@ BENCHMARKS = (
         "The same sets, with something hidden from the analysis",
         ("bench/verify/schedulability.py", "--blind", "--sets", "1000"),
         "A check that the comparison would see a wrong analysis.",
+        heads="accepted, and one misses|refused, instance does not",
     ),
     Benchmark(
         "P1c of deployed modules against all executions",
         ("bench/verify/p1c_phases.py",),
         "20,000 random programs: what `soter check` says that the horizon must be, beside the "
         "longest switch over all delays of releases, lengths of steps and ages of what is read.",
+        last="exceeded",
     ),
     Benchmark(
         "The same switches, with something the program does not say",
         ("bench/verify/p1c_phases.py", "--blind", "--cases", "500"),
         "A check that the comparison would see a figure that is too small.",
+        last=" of 500",
     ),
     Benchmark(
         "Changed modules that must not be proved",
@@ -361,6 +391,7 @@ BENCHMARKS = (
         "Made from five right modules that are proved; `named`: the verdict prints what is wrong "
         "with it among what it assumes or does not cover; `--demos` runs what shows them wrong: "
         "runs, tests, a simulation of their own (265 of 298).",
+        last=r"^(wrong modules|proved \(|control arms)",
     ),
     Benchmark(
         "Random problems and adversaries",
@@ -376,6 +407,8 @@ BENCHMARKS = (
         "state feedback and every lateness, response, latency, error, disturbance and drop-out at "
         "its bounds. `closest` is the largest |x| relative to the border of C, `by SC` while SC "
         "was in control; `safe only`: everything but P2b is proved.",
+        last="^all ",
+        heads="proved|safe only|violations",
     ),
     Benchmark(
         "What a shield is worth",
@@ -383,6 +416,7 @@ BENCHMARKS = (
         "The same modules with `shield 8` and without it, under an AC that brakes as late as it "
         "dares and under hostile ones, 1,000 flights each, disturbances and errors drawn within "
         "their bounds. `SC` is its share of the time; a step of AC in C, the judgement in it.",
+        last="a step of AC, ns",
     ),
     Benchmark(
         "A closed-loop adversary against shields",
@@ -391,6 +425,7 @@ BENCHMARKS = (
         "any tick, or nothing, with every lateness, latency, error and disturbance at its bound. "
         "`closest` is the largest |x| relative to the border of C; a violation is a state outside "
         "of C, or a command that acted and was not among those judged.",
+        heads="violations",
     ),
     Benchmark(
         "Shields that are wrong",
@@ -404,6 +439,7 @@ BENCHMARKS = (
         "Random modules with another one in the place of their AC, many of them wrong; an AC that "
         "pushes, one that flips, one that lures; DMs as late as declared, wind held. The outer one "
         "is claimed at all times, the inner one while the outer one is in AC.",
+        last="proved",
     ),
     Benchmark(
         "The drone's tower under faults",
@@ -413,6 +449,7 @@ BENCHMARKS = (
         ),
         "A return along the corridor inside, a stop outside. The outer module is proved (49 s) and "
         "re-checked (71 s) beside other work; of the inner one nothing is claimed.",
+        last="violations;",
     ),
     Benchmark(
         "Holes put back into the prover",
@@ -425,6 +462,7 @@ BENCHMARKS = (
         ("bench/verify/soundness.py", "--blind", "--problems", "8"),
         "A check that the adversaries would see an unsound set: what is hidden must show as "
         "escapes.",
+        heads="problems with escapes|escapes",
     ),
     Benchmark(
         "Verify, recheck and run against each other",
@@ -466,6 +504,7 @@ BENCHMARKS = (
         "What examples/rest/dive.soter leaves of flights of an aircraft that nobody here wrote: "
         "the speed is fitted to some flights, and bounds are of others. `no lag` and `one lag`: "
         "the same with a path that follows what is asked at once, or behind one lag.",
+        last="the bounds",
     ),
     Benchmark(
         "Dives of an F-16 of JSBSim",
@@ -475,6 +514,8 @@ BENCHMARKS = (
         "flies level at some hundred metres. `for nothing`: SC had control for a "
         "while, and alone this pilot would not have hit; `alarms`: dives in which a step was "
         "outside of the model. Targets: 50 or more hit alone, none with it.",
+        last="^all |left the model|^alarms",
+        heads="dives|hit alone|hit with it|alarms",
     ),
     Benchmark(
         "Certificates made wrong and sealed again",
@@ -482,6 +523,8 @@ BENCHMARKS = (
         "Sets enlarged, witnesses, bounds, times, grids and programs changed, every hash written "
         "anew; what is accepted all the same is attacked by simulation: `accepted, true` is what "
         "no run breaks.",
+        last="^all |target",
+        heads="count|accepted, FALSE",
     ),
     Benchmark(
         "Forged certificates of every kind of proof",
@@ -505,6 +548,8 @@ BENCHMARKS = (
         "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and "
         "tables of small modules, every hash written anew. What an edit is is known beforehand, or "
         "the edited program is proved anew; `written` is what `soter verify` writes of those.",
+        last="^all |target",
+        heads="count|OVERSTATED|REJECTED",
     ),
     Benchmark(
         "soter test: tests that judge nothing, and times off the grid",
@@ -521,6 +566,7 @@ BENCHMARKS = (
         "one is not proved, what is printed as tried is written into it, as it stands there, and "
         "it is asked again, four times at most. Certificates of what is proved in full are "
         "re-checked, but for those of long proofs, which the table names. `--folder`: other ones.",
+        last="^[0-9]+ of",
     ),
     Benchmark(
         "soter verify: robots made wrong",
@@ -601,6 +647,7 @@ BENCHMARKS = (
         "breadth-first search without reduction meets its first violation, of whatever property, "
         "after equally many steps; `brute`: so does the enumerator over the interpreter, where it "
         "can (200,000 transitions).",
+        last=r"^mutants|\.\.\. (found|trace)",
     ),
     Benchmark(
         "Delays of the trusted part",
@@ -636,12 +683,14 @@ BENCHMARKS = (
         ("bench/ros/ros1_clock.py",),
         "Systems with their plants inside, built as packages of ROS 1, beside a master and a node "
         "that ticks; the hash is that of `soter run`.",
+        last="equal|differ",
     ),
     Benchmark(
         "ROS 1: who dies, and what the wheels are told",
         ("bench/ros/ros1_kills.py",),
         "rosmaster, a plant, AC, and of examples/ros/shuttle_ros.soter the trusted part, its "
         "actuators and the bridge, on loopback, with SCHED_FIFO.",
+        heads="max ms|bound|over it",
     ),
     Benchmark(
         "ROS 1: what is wrong on the wire",
@@ -653,18 +702,23 @@ BENCHMARKS = (
         ("bench/ros/dds_samples.py", "--samples", "100000"),
         "The bridge of a `dds` package and the package's code, against Fast DDS and PyPI's "
         "cyclonedds, on loopback.",
+        heads="lost|misread",
     ),
     Benchmark(
         "A ground robot among walls",
         ("bench/ros/ground_robot.py",),
         "examples/ros/ground_robot_hall.soter: 500 runs of 60 s of each column, five hostile "
         "wishers, simulated.",
+        last=" all ",
+        heads="runs|collide|touches",
     ),
     Benchmark(
         "Safe exploration: a thousand worlds",
         ("bench/exploration/worlds.py", "--only", "frontier", "ramming"),
         "examples/exploration/exploration_adversaries.soter, simulated, a world a seed: frontier "
         "exploration for 5 min, and a controller that flies at the nearest wall for 100 s.",
+        last=r"^\w",
+        heads="worlds|collided|box|cells",
     ),
     Benchmark(
         "Safe exploration: other controllers, planners with bugs, and by contrast",
@@ -676,6 +730,7 @@ BENCHMARKS = (
         ),
         "The same seeds. `bare`: without a decision module; `stop zone`: it brakes while anything "
         "is measured within so many metres, and reckons with no time.",
+        heads="worlds|collided|box|cells",
     ),
     Benchmark(
         "Safe exploration: planners of others",
@@ -684,11 +739,14 @@ BENCHMARKS = (
             *("bare: learned", "boxes of an old map"),
         ),
         "The same seeds; none of these worlds was trained in. `bare`: without a decision module.",
+        heads="worlds|collided|box|cells",
     ),
     Benchmark(
         "Safe exploration: the mapper's margins",
         ("bench/exploration/mapper.py",),
         "Scenes with every error at its bound, judged in exact arithmetic.",
+        last="^all|caught",
+        heads="wrong",
     ),
     Benchmark(
         "Safe exploration: a lidar that is worse than assumed",
@@ -703,6 +761,8 @@ BENCHMARKS = (
         "errors at their bounds, 0.5 % of the rays dropped, nobody thinner than 0.2 m, cars 2 m "
         "from the middle; wheels: a velocity command; announced: others are robots that say how "
         "fast they go, or are not heard; hover: the drone.",
+        last="^Soter",
+        heads="touched",
     ),
     Benchmark(
         "A rover among people, proved",
@@ -711,6 +771,7 @@ BENCHMARKS = (
             "examples/exploration/people.soter",
         ),
         "Beside much other work. P2b is not asked; an axis without ends.",
+        heads="verdict|wall|recheck",
     ),
     Benchmark(
         "Safe exploration, proved",
@@ -719,24 +780,29 @@ BENCHMARKS = (
             "examples/exploration/exploration.soter",
         ),
         "Beside much other work. Six walls, a view each.",
+        heads="verdict|wall|recheck",
     ),
     Benchmark(
         "Betaflight below a proved geofence",
         ("bench/autopilot/flights.py",),
         "Flights of 20 s of unmodified firmware in lock-step, hostile controllers, seeds on which "
         "nothing was identified; `residual`: of its bound; `left`: the fence, after the alarm.",
+        heads="flights|violated",
     ),
     Benchmark(
         "Betaflight on the drone's laps",
         ("bench/autopilot/laps.py",),
         "The same boxes and the same AC on unmodified firmware and on the drone's own attitude "
         "loop, below the module that is proved of each, and alone; held-out seeds.",
+        last="^lap,",
+        heads="flights|touch|box|AC share",
     ),
     Benchmark(
         "MAVLink: who dies beside an autopilot's double",
         ("bench/mavlink/peer_loss.py", "-n", "20"),
         "The package of examples/mavlink/geofence.soter beside a pymavlink peer that behaves as "
         "PX4's pages say of OFFBOARD; no autopilot.",
+        heads="max ms|bound|beyond",
     ),
     Benchmark(
         "MAVLink: what is wrong on the wire",
@@ -754,12 +820,14 @@ BENCHMARKS = (
         ("bench/fleet/junction.py",),
         "Every kind of trouble with every machine, 100 runs of 60 s each. `over`, `lease` and "
         "`neither` are to be 0, and `to SC` and `news` no more than the bound.",
+        heads="over|lease|neither",
     ),
     Benchmark(
         "The junction as processes over DDS",
         ("bench/fleet/dds_junction.py",),
         "Five packages of `--target dds` on loopback, a robot or the manager killed or stopped "
         "after 20 s. `moved`: how long those whom it concerns still moved. One run a row.",
+        heads="collisions",
     ),
     Benchmark(
         "Two drones as processes over DDS",
@@ -767,6 +835,7 @@ BENCHMARKS = (
         "Two packages of `--target dds` on loopback, drone 1 killed or stopped after a third of "
         "the time. `overlaps`, `outside`: steps at which claims were nearer than APART, or a drone "
         "was not in its claim. `changes`: of claims, and of drone 0's afterwards. One run a row.",
+        heads="overlaps|outside",
     ),
 )
 
@@ -781,97 +850,69 @@ def machine() -> str:
     cc = subprocess.run(["cc", "--version"], capture_output=True, text=True, check=False)
     compiler = cc.stdout.splitlines()[0] if cc.stdout else "no cc"
     python = platform.python_version()
-    return f"{cpu}; {compiler}; Python {python}; {platform.system()} {platform.machine()}."
+    return f"{cpu}; {compiler}; Python {python}; {platform.system()} {platform.machine()}"
 
 
-def sections() -> dict[str, str]:
-    """The page as it stands, by heading, without when each section was made."""
-    text = re.sub(r"^Made .*\n\n", "", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)[1:]
-    return dict(zip(parts[::2], (text.strip() for text in parts[1::2]), strict=True))
+def file_of(name: str) -> Path:
+    """Where the output of a benchmark stands, named as a forge names the anchor of a heading."""
+    return OUTPUTS / (re.sub(r"[^\w\- ]", "", name.lower()).replace(" ", "-") + ".txt")
 
 
 def results() -> dict[str, Result]:
-    """What is kept, by section."""
-    if not RESULTS.exists():
-        return {}
+    """What is kept, by benchmark."""
     kept = json.loads(RESULTS.read_text(encoding="utf-8"))
-    return {name: Result(**fields) for name, fields in kept.items()}
+    return {
+        name: Result(
+            **fields, text=file_of(name).read_text(encoding="utf-8").split(RULE)[1].strip()
+        )
+        for name, fields in kept.items()
+    }
 
 
-def write(made: dict[str, Result], where: str) -> None:
-    """The data, and the page in the order of BENCHMARKS; `where`: the machine of the last one."""
-    kept = {name: asdict(made[name]) for name in sorted(made)}
-    RESULTS.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-    parts = [HEAD.format(machine=where)]
-    newest = max((date.fromisoformat(r.made) for r in made.values()), default=date.min)
-    parts += [section(b, made[b.name], newest) for b in BENCHMARKS if b.name in made]
-    PAGE.write_text("\n".join(parts), encoding="utf-8")
+def printed(text: str) -> str:
+    """What a command printed of a kept text: its blocks; notes stand around them."""
+    return "\n".join(m.group(2) for m in BLOCK.finditer(text)) or text
 
 
-def section(b: Benchmark, r: Result, newest: date) -> str:
-    """A section of the page: the command, when it ran, what to know, what it printed."""
-    days = (newest - date.fromisoformat(r.made)).days
-    old = f"; **old**: {days} days before the newest section" if days > OLD_DAYS else ""
+def write(made: dict[str, Result]) -> None:
+    """The data, the outputs, and the page in the order of BENCHMARKS."""
+    kept = {name: {k: v for k, v in asdict(made[name]).items() if k != "text"} for name in made}
+    text = json.dumps(kept, indent=1, ensure_ascii=False, sort_keys=True)
+    RESULTS.write_text(text + "\n", encoding="utf-8")
+    there = [b for b in BENCHMARKS if b.name in made]
+    OUTPUTS.mkdir(exist_ok=True)
+    for path in OUTPUTS.glob("*.txt"):
+        path.unlink()
+    for b in there:
+        file_of(b.name).write_text(output_file(b, made[b.name]), encoding="utf-8")
+    rows = [table_row(b, made[b.name]) for b in there]
+    PAGE.write_text("\n".join([HEAD, *rows, ""]), encoding="utf-8")
+
+
+def output_file(b: Benchmark, r: Result) -> str:
+    """The command, when and where it ran, what to know, what it printed."""
+    about = textwrap.fill(b.about, 100, break_long_words=False, break_on_hyphens=False)
+    where = r.machine or "a machine that was not written down"
     return (
-        f"## {b.name}\n\n`{r.command}`\n\nMade {r.made}, after {r.commit}{old}.\n\n"
-        f"{b.about}\n\n{r.text}\n"
+        f"{b.name}\n\n{about}\n\n{r.command}\n"
+        f"Made {r.made}, after {r.commit}, on {where}\n\n{RULE}\n{r.text}\n"
     )
 
 
-def adopted() -> dict[str, Result]:
-    """What the page says that the data do not: each section with the date of its last line."""
-    made = results()
-    text = PAGE.read_text(encoding="utf-8")
-    newest = max((date.fromisoformat(r.made) for r in made.values()), default=date.min)
-    parts = re.split(r"^## (.*)$", text, flags=re.MULTILINE)
-    line = parts[0].count("\n")
-    blame = blamed()
-    by_name = {b.name: b for b in BENCHMARKS}
-    for name, body in zip(parts[1::2], parts[2::2], strict=True):
-        size, known = body.count("\n"), by_name.get(name)
-        same = known is not None and name in made and section(known, made[name], newest)
-        if known is not None and not (same and same.strip() == f"## {name}{body}".strip()):
-            lines = zip(body.splitlines(), blame[line : line + size], strict=False)
-            made[name] = read_section(body, latest(lines))
-        line += size
-    return made
+def table_row(b: Benchmark, r: Result) -> str:
+    """A row of the page: name, target, what came of it, day and commit, machine, command."""
+    output = printed(r.text)
+    target = targets(output) or re.findall(r"Target: (.*?)\.?$", b.about)
+    last = headlines(output, b.last, b.heads) or ["see output"]
+    cells = ["; ".join(dict.fromkeys(target)), "<br>".join(map(escaped, last))]
+    link = f"[{b.name}](benchmarks/{file_of(b.name).name})"
+    when = f"{r.made}, {r.commit}"
+    return f"| {' | '.join([link, *cells, when, r.machine, f'`{r.command}`'])} |"
 
 
-def latest(lines: Iterable[tuple[str, tuple[int, str]]]) -> tuple[str, str]:
-    """Day and commit of the latest line that a command printed."""
-    printed, inside = [], False
-    for text, when in lines:
-        inside ^= text.startswith("```")
-        printed += [when] if inside and not text.startswith("```") else []
-    at, commit = max(printed)
-    return datetime.fromtimestamp(at, tz=timezone.utc).date().isoformat(), commit
-
-
-def read_section(body: str, last: tuple[str, str]) -> Result:
-    """A section as it stands in the page; `last`: day and commit of its latest line."""
-    paragraphs = body.strip().split("\n\n")
-    command = paragraphs.pop(0).strip("`")
-    if paragraphs[0].startswith("Made "):
-        paragraphs.pop(0)
-    first = next((i for i, p in enumerate(paragraphs) if p.startswith("```")), 1)
-    return Result(command, *last, "\n\n".join(paragraphs[min(first, 1) :]))
-
-
-def blamed() -> list[tuple[int, str]]:
-    """Of every line of the page when it was committed (s since 1970), and by which commit."""
-    command = ["git", "blame", "--line-porcelain", str(PAGE)]
-    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    lines, commit, at = [], "", 0
-    for text in told.splitlines():
-        head = re.match(r"([0-9a-f]{40}) ", text)
-        if head is not None:
-            commit = head[1][:8]
-        elif text.startswith("committer-time "):
-            at = int(text.split()[1])
-        elif text.startswith("\t"):
-            lines.append((at, commit))
-    return lines
+def escaped(line: str) -> str:
+    """A line of an output in a cell of Markdown."""
+    return re.sub(r"([|*_<`\[])", r"\\\1", line)
 
 
 def now() -> tuple[str, str]:
@@ -881,23 +922,14 @@ def now() -> tuple[str, str]:
     return datetime.now(tz=timezone.utc).date().isoformat(), told.stdout.strip()
 
 
-def last_machine() -> str:
-    """The machine that the page names."""
-    head = PAGE.read_text(encoding="utf-8").partition("\n## ")[0].strip()
-    return head.rpartition("\n")[2]
-
-
 def main() -> int:
-    """Run, and write each section as soon as it is there; others stay as they were."""
+    """Run, and write each output as soon as it is there; others stay as they were."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", help="run the benchmarks whose name contains this")
-    parser.add_argument(
-        "--adopt", action="store_true", help="take over what was edited in the page"
-    )
     parser.add_argument("--write", action="store_true", help="only write the page")
     arguments = parser.parse_args()
-    if arguments.adopt or arguments.write:
-        write(adopted() if arguments.adopt else results(), last_machine())
+    if arguments.write:
+        write(results())
         return 0
     made, failed = results(), 0
     for b in BENCHMARKS:
@@ -911,11 +943,12 @@ def main() -> int:
         failed += done.returncode != 0
         print(done.stdout + done.stderr, flush=True)
         if "Traceback (most recent call last)" in done.stderr:
-            print("no figures: the section stays as it was", flush=True)
+            print("no figures: what is kept stays as it was", flush=True)
             continue
         command = shlex.join(["python", *b.arguments])
-        made[b.name] = Result(command, *when, f"```\n{done.stdout.rstrip()}\n```")
-        write(made, machine())
+        text = f"```\n{done.stdout.rstrip()}\n```"
+        made[b.name] = Result(command, *when, machine(), text)
+        write(made)
     print(f"wrote {PAGE.relative_to(ROOT)}")
     return 1 if failed else 0
 

@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.run_all import sections  # noqa: E402 - needs the path
+from bench.run_all import BENCHMARKS, results  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -282,9 +282,11 @@ def page(
 def on_firmware() -> list[str]:
     """What stands in docs/benchmarks.md of flights of a real autopilot's firmware."""
     lines = [f"## {FIRMWARE}", "", *prose(f"{PAPERS_FIRMWARE} How, and what it rests on: {HOW}.")]
-    text_by_name = sections()
-    for name in ON_FIRMWARE:
-        lines += [f"### {name}", "", text_by_name[name], ""]
+    kept = results()
+    for b in BENCHMARKS:
+        if b.name in ON_FIRMWARE:
+            lines += [f"### {b.name}", "", f"`{kept[b.name].command}`", "", b.about, ""]
+            lines += [kept[b.name].text, ""]
     return lines[:-1]
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 DOCS = ROOT / "docs"
 NOT_ASKED = {"benchmarks.md", "decisions.md"}
-"""The first is asked section by section; the second is a diary."""
+"""The first is asked row by row; the second is a diary."""
 NUMBERS_OF_A_BLOCK = 4
 """A block without a language that has fewer numbers is a drawing or a formula."""
 SCRIPT = re.compile(r"(?:bench|examples)/\w+/\w+\.py")
@@ -303,7 +303,8 @@ def test_the_command_says_what_differs_and_goes_on_where_it_was_ended(
         text = texts[command]
         return made_again.Output(text or "no such module", 0 if text else 2, 1.0, "code")
 
-    kept = {n: Result(n, "2026-01-01", "0" * 8, "```\n4 robots, 0 hits\n```") for n in texts}
+    text = "```\n4 robots, 0 hits\n```"
+    kept = {n: Result(n, "2026-01-01", "0" * 8, "", text) for n in texts}
     found = [made_again.Section("benchmarks.md", n, n, 0, None, "", None) for n in texts]
     monkeypatch.setattr(made_again, "OUT", tmp_path)
     monkeypatch.setattr(made_again, "run", run)
