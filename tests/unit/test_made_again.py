@@ -23,7 +23,7 @@ if str(ROOT) not in sys.path:
 from bench import made_again  # noqa: E402 - needs the path
 from bench.made_again_compare import compared, numbers_in, sampled, stood  # noqa: E402
 from bench.made_again_sections import EXCEPT, NOT_SEEN, PAGES, SMALL  # noqa: E402
-from bench.run_all import BENCHMARKS, Result, results  # noqa: E402
+from bench.run_all import BENCHMARKS, BLOCK, Result, printed, results  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,7 +54,7 @@ def tables(text: str) -> Iterator[str]:
 
 def blocks(text: str) -> Iterator[str]:
     """Every block without a language that has many numbers."""
-    for found in made_again.BLOCK.finditer(text):
+    for found in BLOCK.finditer(text):
         if not found[1] and len(numbers_in(found[2])) >= NUMBERS_OF_A_BLOCK:
             yield "```" + found[2].lstrip("\n").split("\n")[0]
 
@@ -175,7 +175,7 @@ def test_a_row_that_the_page_leaves_out_differs() -> None:
     assert len(compared(KEPT, f"{KEPT}{row}\n", whole=True).differ) == 1, "the same row twice"
     name = "The drone's laps"
     (section,) = (s for s in made_again.sections(small=False) if s.made is None and s.name == name)
-    output = made_again.Output(f"{made_again.printed(results()[name].text)}crashes 3\n", 0, 0.0, "")
+    output = made_again.Output(f"{printed(results()[name].text)}crashes 3\n", 0, 0.0, "")
     assert len(made_again.verdict(section, output).differ) == 1
 
 
