@@ -331,7 +331,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "Axes that wrap around",
-        ("bench/verify/wrapping.py", "--systems", "60", "--wide", "6"),
+        ("bench/verify/wrapping.py", "--systems", "300", "--wide", "6"),
         "Drawn plants with a heading that turns for ever. From states of K up to 2,000 turns away "
         "SC is flown in doubles against an adversary, and has to keep safe; every sixth program is "
         "proved on an axis of five turns as well, which does not wrap; and wherever somebody "

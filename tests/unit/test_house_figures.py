@@ -6,10 +6,16 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -224,6 +230,58 @@ LONG = {
     "examples/drone/figures.py figure_12c": "one picture",
 }
 """Functions of Python that are longer, and why."""
+
+
+BUDGET = ROOT / "tests" / "unit" / "house_budget.toml"
+SPARE = 0.02
+"""Of a figure: what fell by more is written down, so that it stays there."""
+WRITTEN = {".py", ".c", ".h", ".hpp", ".js", ".css", ".html", ".in", ".soter", ".toml"}
+
+
+def sizes() -> dict[str, dict[str, int]]:
+    """Of each room: statements and lines of Python, and lines of all that is written by hand."""
+    found: dict[str, dict[str, int]] = {}
+    for path in sorted((SRC / "soter").rglob("*")):
+        parts = path.relative_to(SRC / "soter").parts
+        if path.suffix not in WRITTEN or "__pycache__" in parts:
+            continue
+        room = found.setdefault(
+            parts[0] if len(parts) > 1 else "soter", {"statements": 0, "lines": 0, "all": 0}
+        )
+        text = path.read_text(encoding="utf-8")
+        room["all"] += len(text.splitlines())
+        if path.suffix == ".py" and (tree := trees().get(path.relative_to(SRC))):
+            room["lines"] += len(text.splitlines())
+            room["statements"] += sum(isinstance(n, ast.stmt) for n in ast.walk(tree))
+    return found
+
+
+def over_or_under(budget: dict[str, dict[str, int]], rooms: dict[str, dict[str, int]]) -> list[str]:
+    """Figures that are above the budget, or so far below that the budget says nothing."""
+    told = []
+    for room, figures in rooms.items():
+        for what, n in figures.items():
+            most = budget.get(room, {}).get(what, 0)
+            if not most * (1 - SPARE) - 10 <= n <= most:
+                told.append(f"{room}: {what} {n:,}, budget {most:,}")
+    return told + [f"{room}: is no room" for room in sorted(set(budget) - set(rooms))]
+
+
+def test_every_room_keeps_to_its_budget() -> None:
+    budget = tomllib.loads(BUDGET.read_text(encoding="utf-8"))
+    assert over_or_under(budget, sizes()) == []
+
+
+def test_a_budget_that_is_passed_or_far_too_large_is_told() -> None:
+    room = {"core": {"statements": 1_000}}
+    assert over_or_under({"core": {"statements": 1_000}}, room) == []
+    assert over_or_under({"core": {"statements": 999}}, room) == [
+        "core: statements 1,000, budget 999"
+    ]
+    assert over_or_under({"core": {"statements": 1_100}}, room) != []
+    assert over_or_under({"core": {"statements": 1_000}, "attic": {}}, room) == [
+        "attic: is no room"
+    ]
 
 
 def test_a_file_is_short_or_says_why_not() -> None:
