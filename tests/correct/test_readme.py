@@ -56,9 +56,12 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.pages
-def test_the_line_that_installs_soter_gives_a_command_that_works(tmp_path: Path) -> None:
-    """Run as it stands, in a copy: what Soter needs of others comes from this environment."""
-    (line,) = re.findall(r"^python3 .*pip install.*$", README, re.MULTILINE)
+def test_the_lines_that_install_soter_give_a_command_that_works(tmp_path: Path) -> None:
+    """Run as it stands, in a copy: what Soter needs of others comes from this environment.
+
+    What builds it comes from a package index.
+    """
+    (lines,) = re.findall(r"^```sh\n(python3 -m venv.*?)```", README, re.MULTILINE | re.DOTALL)
     for part in ("src", "examples/wall"):
         shutil.copytree(ROOT / part, tmp_path / part)
     for name in ("pyproject.toml", "MANIFEST.in", "README.md", "LICENSE"):
@@ -70,21 +73,21 @@ def test_the_line_that_installs_soter_gives_a_command_that_works(tmp_path: Path)
         "PATH": f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}",
         "PYTHONPATH": sysconfig.get_path("purelib"),
         "PIP_NO_DEPS": "1",
-        "PIP_NO_INDEX": "1",
-        "PIP_NO_BUILD_ISOLATION": "0",
     }
     check = "command -v soter && soter check examples/wall/cart.soter"
     done = processes.run(
-        ["bash", "-c", f"{line} && {check}"],
+        ["bash", "-ec", f"{lines}{check}"],
         cwd=tmp_path,
         env=environment,
         capture_output=True,
         text=True,
         check=False,
     )
+    if "No matching distribution found for setuptools" in done.stderr:
+        pytest.skip("no package index can be reached from here")
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{tmp_path / '.venv' / 'bin' / 'soter'}\nok  " in done.stdout
-    extras = re.search(r"\[(.*?)\]'", line)
+    extras = re.search(r"\[(.*?)\]'", lines)
     declared = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert extras
     assert all(f"\n{extra} = [" in declared for extra in extras[1].split(","))
