@@ -69,6 +69,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "Reference",
         "look it up",
         (
+            ("language-card.md", "The language on one page"),
             ("language.md", "The controller language"),
             ("evidence.md", "Evidence clauses"),
             ("glossary.md", "Glossary"),

@@ -51,6 +51,18 @@ def test_the_schemas_of_the_page_are_those_of_the_records(monkeypatch: pytest.Mo
     assert set(MADE) == set(schemas.DOCUMENTS)
 
 
+def test_the_card_of_the_language_is_what_the_tables_of_the_language_say(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """`python docs/site/language_card.py` writes it; every word of the first circle is on it."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    card = import_module("language_card")
+    page = (ROOT / "docs" / "language-card.md").read_text(encoding="utf-8")
+    assert card.page() == page
+    items = {w for m in re.findall(r"`([^`\n]+)`", page) for w in re.findall(r"\w+", m)}
+    assert card.first_circle() - items == set()
+
+
 def test_figures_of_the_page_on_tool_qualification_are_those_of_the_benchmarks() -> None:
     """The last column of its table, and what else it quotes, are lines of docs/benchmarks/."""
     docs = ROOT / "docs"

@@ -67,7 +67,7 @@ _IN_A_MODULE = _homes(
     safe motion.x < 1.0;
     ttf motion.x > 0.5;
     safer motion.x < 0.2;
-    clean true;
+    clean 3;
     shield 8;
     rest abs(motion.v) < 0.1 moves motion.x by 0.1 within 5s;
     returns after button;
