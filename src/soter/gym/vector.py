@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    AnyArray = npt.NDArray[Any]
     Array = npt.NDArray[Any]
     Judge = Callable[[Array, Array, Array], Array]
 
@@ -83,16 +82,16 @@ class BatchedStates:
         w.applied = self._at(self.applied, "double *")
         w.room = self._at(self._room, "uint8_t *")
 
-    def _at(self, array: AnyArray, type_: str) -> Any:  # noqa: ANN401 - cdata
+    def _at(self, array: Array, type_: str) -> Any:  # noqa: ANN401 - cdata
         """Where an array (n,) or (n, m) lies."""
         return self.compiled.ffi.cast(type_, array.ctypes.data)
 
     @property
-    def observations(self) -> AnyArray:
+    def observations(self) -> Array:
         """What the worlds showed last, (count, numbers)."""
         return self._both[self._turn]
 
-    def begin(self, which: AnyArray) -> None:
+    def begin(self, which: Array) -> None:
         """Begin an episode in the worlds of a mask (count,)."""
         self._begin[:] = which
         self._worlds.observations = self._at(self.observations, "double *")
@@ -100,7 +99,7 @@ class BatchedStates:
         assert done == self.count, "nobody else is outside"
         self.begun = True
 
-    def step(self, actions: AnyArray, begin: AnyArray) -> AnyArray:
+    def step(self, actions: Array, begin: Array) -> Array:
         """Step with `actions` (count, numbers) all worlds but those that `begin` (count,).
 
         Gives what they showed before, (count, numbers).

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 
-Z3Term = Any
+Term = Any
 
 
 class SolverOperations:
@@ -68,27 +68,27 @@ class SolverOperations:
 
     negation, both, one_of = staticmethod(negation), staticmethod(both), staticmethod(one_of)
 
-    def __init__(self, facts: list[Z3Term]) -> None:
+    def __init__(self, facts: list[Term]) -> None:
         self.facts = facts
-        self.path: Z3Term = True
+        self.path: Term = True
         """Under which condition the code being read runs."""
-        self.fault: Z3Term = False
-        self.doubt: Z3Term = False
+        self.fault: Term = False
+        self.doubt: Term = False
         """That a function which is not read faults, or compares a NaN."""
 
-    def oblige(self, what: Z3Term) -> None:
+    def oblige(self, what: Term) -> None:
         """Else the step faults, wherever the code being read runs."""
         self.fault = one_of(self.fault, both(self.path, negation(what)))
 
-    def suspect(self, doubt: Z3Term) -> None:
+    def suspect(self, doubt: Term) -> None:
         """That it may fault there."""
         self.doubt = one_of(self.doubt, both(self.path, doubt))
 
-    def join(self, of: Type, c: Z3Term, a: Z3Term, b: Z3Term) -> Z3Term:
+    def join(self, of: Type, c: Term, a: Term, b: Term) -> Term:
         """`c ? a : b`."""
         return either(c, shaped(of, a, self.facts), shaped(of, b, self.facts))
 
-    def negated(self, x: Z3Term) -> Z3Term:
+    def negated(self, x: Term) -> Term:
         """Minus x."""
         if is_known(x):
             return arithmetic.neg_int(x) if isinstance(x, int) else -x
@@ -97,7 +97,7 @@ class SolverOperations:
         self.oblige(x != SMALLEST)
         return -x
 
-    def compared(self, op: str, a: Z3Term, b: Z3Term) -> Z3Term:
+    def compared(self, op: str, a: Term, b: Term) -> Term:
         """Two scalars compared."""
         if isinstance(a, Elapsed) and isinstance(b, float):
             return age_compared(op, a.ns, b)
@@ -107,7 +107,7 @@ class SolverOperations:
             return of_floats(op, a, b, z3.BoolSort())
         return COMPARED[op](a, b)
 
-    def arithmetic(self, op: str, a: Z3Term, b: Z3Term) -> Z3Term:
+    def arithmetic(self, op: str, a: Term, b: Term) -> Term:
         """+ - * / % on scalars; NotRecheckedError for a division by what is not known."""
         if is_known(a) and is_known(b):
             return INTS[op](a, b) if isinstance(a, int) else FLOATS[op](a, b)
@@ -121,7 +121,7 @@ class SolverOperations:
         self.oblige(both(value >= SMALLEST, value <= LARGEST))
         return value
 
-    def _divided(self, op: str, a: Z3Term, b: Z3Term) -> Z3Term:
+    def _divided(self, op: str, a: Term, b: Term) -> Term:
         if not isinstance(b, int) or b == 0:
             raise NotRecheckedError("a division by what is not known")
         size = z3.If(a >= 0, a, -a) / abs(b)
@@ -132,7 +132,7 @@ class SolverOperations:
             self.oblige(a != SMALLEST)
         return q
 
-    def extreme(self, name: str, a: Z3Term, b: Z3Term) -> Z3Term:
+    def extreme(self, name: str, a: Term, b: Term) -> Term:
         """`min` or `max` of two scalars."""
         if is_known(a) and is_known(b):
             return arithmetic.minimum(a, b) if name == "min" else arithmetic.maximum(a, b)
@@ -140,7 +140,7 @@ class SolverOperations:
             return applied(f"built in {name}", [a, b], FloatType(), self.facts)
         return z3.If(b < a if name == "min" else b > a, term(b), term(a))
 
-    def builtin(self, name: str, x: Z3Term) -> Z3Term:
+    def builtin(self, name: str, x: Term) -> Term:
         """A built-in function of one scalar; NotRecheckedError for a float that becomes an int."""
         if is_known(x):
             return BUILTINS[name](x)
@@ -151,7 +151,7 @@ class SolverOperations:
             raise NotRecheckedError(f"`{name}` outside of a function")
         return applied(f"built in {name}", [x], FloatType(), self.facts)
 
-    def narrowed(self, x: Z3Term, low: int, high: int) -> Z3Term:
+    def narrowed(self, x: Term, low: int, high: int) -> Term:
         """X, which faults unless it lies there."""
         if is_known(x):
             return arithmetic.narrow(x, low, high)
@@ -159,17 +159,17 @@ class SolverOperations:
         return x
 
 
-def is_float(x: Z3Term) -> bool:
+def is_float(x: Term) -> bool:
     """Whether a scalar is one."""
     return isinstance(x, (float, Elapsed)) or (z3.is_expr(x) and x.sort() == OPAQUE)
 
 
-def of_floats(op: str, a: Z3Term, b: Z3Term, sort: Any) -> Z3Term:  # noqa: ANN401 - a sort
+def of_floats(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN401 - a sort
     """What a machine operation gives: the same for the same."""
     return z3.Function(f"floats {op}", OPAQUE, OPAQUE, sort)(term(a), term(b))
 
 
-def is_nan(x: Z3Term) -> Z3Term:
+def is_nan(x: Term) -> Term:
     """Whether a float is none."""
     if isinstance(x, float):
         return x != x  # noqa: PLR0124 - NaN
@@ -179,7 +179,7 @@ def is_nan(x: Z3Term) -> Z3Term:
 # ---------------------------------------------------------------- ages
 
 
-def age_compared(op: str, ns: Z3Term, limit: float) -> Z3Term:
+def age_compared(op: str, ns: Term, limit: float) -> Term:
     """`float(ns) / 1e9 op limit`, by the least whole nanoseconds that reach it, and exceed it."""
     if limit != limit:  # noqa: PLR0124 - NaN
         return op == "!="
@@ -196,7 +196,6 @@ def _first(there: Callable[[int], bool]) -> int:
     return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=there)
 
 
-Term = Any
 Published = dict[typed.TopicSymbol, tuple[Term, Term]]
 
 

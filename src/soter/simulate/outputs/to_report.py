@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from soter.simulate.result import Run
 
 
-TIMES_SIGN = "\N{MULTIPLICATION SIGN}"
+TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def towers(system: System) -> list[tuple[Module, ...]]:
@@ -146,7 +146,6 @@ SAMPLES_MAX = 20_000
 SIGNAL_SHARE_MIN = 20
 """A signal keeps at least this part of its panel's height."""
 AXES = {"x", "y", "z"}
-TIMES = "\N{MULTIPLICATION SIGN}"
 
 
 def require_report_package() -> None:

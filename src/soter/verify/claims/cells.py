@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Axis, Group, Interval, Problem
 
     Bools = NDArray[np.bool_]
-    BoolCells = NDArray[np.bool_]
 
 
 def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
@@ -190,9 +189,9 @@ def refined(case: Case) -> tuple[Group, ...] | None:
     return tuple(groups)
 
 
-def _failing(case: Case) -> dict[int, BoolCells] | None:
+def _failing(case: Case) -> dict[int, Bools] | None:
     """By identity of a group's proof the cells on which some claim fails; None: also elsewhere."""
-    wrong: dict[int, BoolCells] = {}
+    wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:
             continue  # nothing is known of it
@@ -206,7 +205,7 @@ def _failing(case: Case) -> dict[int, BoolCells] | None:
     return wrong
 
 
-def _split(group: Group, cells: BoolCells) -> Group | None:
+def _split(group: Group, cells: Bools) -> Group | None:
     """Every interval near a failing cell in two."""
     axes = []
     for k, axis in enumerate(group.axes):
@@ -220,7 +219,7 @@ def _split(group: Group, cells: BoolCells) -> Group | None:
     return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
 
 
-def halved(axis: Axis, near: BoolCells) -> Axis:
+def halved(axis: Axis, near: Bools) -> Axis:
     """The axis with those of its intervals in two; never an outer one of an axis without ends."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()

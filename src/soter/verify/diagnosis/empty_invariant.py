@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.problem.problem import Problem
 
-    FloatArray = NDArray[np.float64]
     Floats = NDArray[np.float64]
 
 
@@ -96,10 +95,10 @@ def adds_up(proof: PolytopeProof, problem: Problem) -> Iterator[Cause]:
         yield Cause("adds_up", text, hint, (("rate", rate),))
 
 
-def _still(closed: FloatArray) -> FloatArray:
+def _still(closed: Floats) -> Floats:
     """Rows l with l closed = 0, (k, n), in echelon form: each of as few states as can be."""
     left, sizes, _ = np.linalg.svd(closed)
-    rows: FloatArray = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
+    rows: Floats = left.T[sizes <= SINGULAR * max(1.0, float(sizes.max(initial=0.0)))].copy()
     for i in range(len(rows)):
         k, at = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
         rows[[i, i + k]] = rows[[i + k, i]]
@@ -110,7 +109,7 @@ def _still(closed: FloatArray) -> FloatArray:
     return rows
 
 
-def _sum(row: FloatArray, names: list[str]) -> str:
+def _sum(row: Floats, names: list[str]) -> str:
     """The sum of states, its first coefficient 1."""
     there = [i for i in range(len(row)) if row[i] != 0.0]
     text = names[there[0]]
@@ -121,7 +120,7 @@ def _sum(row: FloatArray, names: list[str]) -> str:
     return text if len(there) == 1 else f"`{text}`"
 
 
-def no_pull(model: PointModel, middle: FloatArray, budget: CpuBudget) -> Iterator[Cause]:
+def no_pull(model: PointModel, middle: Floats, budget: CpuBudget) -> Iterator[Cause]:
     """States that SC lets stay wherever they are. `middle`: (states,), inside C."""
     if not model.problem.controls:
         return
@@ -142,7 +141,7 @@ def no_pull(model: PointModel, middle: FloatArray, budget: CpuBudget) -> Iterato
             yield Cause("no_pull", text, "", (("low_ends", ends[0]), ("high_ends", ends[1])))
 
 
-def _end(model: PointModel, start: FloatArray, axis: int, budget: CpuBudget) -> float | None:
+def _end(model: PointModel, start: Floats, axis: int, budget: CpuBudget) -> float | None:
     """Where a state ends; None where the run leaves, does not come to rest, or time is over."""
     if not model.safe(start) & TRUE or not budget.goes_on():
         return None

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Interval, Problem
 
-    BoolCells = NDArray[np.bool_]
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
@@ -119,7 +118,7 @@ def _outside(case: Case, engine: GridGroup, axes: list[int]) -> Cause:
 def _apart(
     case: Case,
     engine: GridGroup,
-    cells: BoolCells,
+    cells: Bools,
     at: list[list[int]],
     names: list[str],
     ends: list[Interval],
@@ -156,7 +155,7 @@ def _apart(
     return Cause("start_not_in_core", text, hint, numbers)
 
 
-def _nearest(case: Case, engine: GridGroup, core: BoolCells) -> Cause:
+def _nearest(case: Case, engine: GridGroup, core: Bools) -> Cause:
     """No one state brings it there: the nearest state, in widths of the grid."""
     cells = np.argwhere(core)
     if not len(cells):

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import Cause, LeavingRun, ModuleResult
     from soter.verify.problem.problem import Axis, Problem
 
-    TellShare = Callable[[str, float], None]
     Tell = Callable[[str, float], None]
     Attempt = Callable[[Problem, Tell], list[Case]]
 
@@ -152,7 +151,7 @@ def _changed(flat: System, problem: Problem, remedied: Problem) -> System:
     return with_changed_topics(flat, younger)
 
 
-def _flown(flat: System, tried: Problem, until_ns: int, tell: TellShare) -> FlownFigures | None:
+def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigures | None:
     """A run, with predicates computed on the cells and levels of `tried`; None: there are none."""
     (module,) = _instances(flat, tried)
     count = 0

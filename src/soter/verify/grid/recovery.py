@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Group
 
-    BoolCells = NDArray[np.bool_]
     Bools = NDArray[np.bool_]
     Lengths = Sequence[Sequence[int]]
 
@@ -54,7 +53,7 @@ class FinerHome:
     """As an index of a set of declared cells: that set on the cells of `engine`."""
     home: NDArray[np.uint8]
 
-    def declared(self, cells: BoolCells) -> BoolCells:
+    def declared(self, cells: Bools) -> Bools:
         """The declared cells that some of these smaller ones are part of."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
@@ -97,13 +96,13 @@ def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
 
 def target_on(
     case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
-) -> BoolCells:
+) -> Bools:
     """The smaller cells of C every estimate of which the DM gives back."""
     assert part.deployed is not None
     return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
 
 
-def led_back(part: GroupSets) -> BoolCells:
+def led_back(part: GroupSets) -> Bools:
     """The declared cells all of which W holds."""
     assert part.rank is not None
     if part.finer is None:
@@ -120,7 +119,7 @@ def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
     )
 
 
-def _halved(group: Group, declared: Group, inner: BoolCells) -> Group:
+def _halved(group: Group, declared: Group, inner: Bools) -> Group:
     """Every interval that cells of a set of declared ones lie in, cut in two."""
     axes = []
     for k, axis in enumerate(group.axes):
