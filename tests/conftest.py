@@ -40,7 +40,7 @@ if not NONE_OF_TEMPORARY.exists():
     NONE_OF_TEMPORARY.parent.mkdir(parents=True, exist_ok=True)
     NONE_OF_TEMPORARY.touch()
 
-pytest_plugins = ("golden", "examples_changed", "long_tests", "tables")
+pytest_plugins = ("golden", "examples_changed", "long_tests", "tables", "changed_tests")
 
 # `make test` hands its own settings to every `make` below it: a test's `make` starts afresh.
 # readline, which pytest loads, leaves the size of a terminal to the workers.
