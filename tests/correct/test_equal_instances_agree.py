@@ -1,8 +1,7 @@
 """Equal instances: as many configurations are stored as there are orbits, and nothing is missed.
 
 The orbits are counted over the configurations of the brute-force enumerator, with instances
-swapped by their names; see tests/generators/symmetry_agreement.py. More programs:
-bench/testing/soundness.py --equal.
+swapped by their names; see tests/generators/symmetry_agreement.py. More programs: `make soak`.
 
     SOTER_EQUAL_PROGRAMS=300 pytest tests/correct/test_equal_instances_agree.py -n 2
 """

@@ -1,7 +1,7 @@
 """Small random programs: the explorer and the brute-force enumerator say the same.
 
 The enumerator walks over the reference interpreter and knows nothing of the explorer; see
-tests/generators/brute_force.py. More programs: bench/testing/soundness.py.
+tests/generators/brute_force.py. More programs: `make soak`.
 
     SOTER_EXPLORED_PROGRAMS=500 pytest tests/correct/test_explorer_agrees.py -n 2
     SOTER_EXPLORED_ONLY=17 pytest tests/correct/test_explorer_agrees.py       one, by its number
