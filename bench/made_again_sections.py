@@ -497,7 +497,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("testing.md", "an aircraft that nobody here wrote"): DEFINED,
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,
     ("testing.md", "`bench/tubes/dives.py` flies"): ELSEWHERE,
-    ("testing.md", "| | variable"): f"{HELD}unit/test_long_tests.py",
+    ("testing.md", "| | examples"): DEFINED,
     ("timing.md", "```thread"): f"{HELD}unit/cli/test_cli_timing.py",
     ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
     ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",
