@@ -20,7 +20,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 # tests that say which package of others they need
 THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
-.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format fuzz playground docs proofs bench bench-quick figures vscode clean
+.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -64,8 +64,8 @@ test-newest:  ## tests that touch packages of others, with the newest versions, 
 durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which decides what `make test` takes
 	$(PY) -m pytest $(PARALLEL) --long --write-durations
 
-fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
-	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py
+soak: $(VENV)/.dev  ## N=600 seconds of random tests on fresh programs; what fails is told with its seed
+	$(PY) tests/soak.py --seconds $(or $(N),600) --jobs $(JOBS)
 
 lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
 	$(BIN)/ruff format --check $(LINTED)

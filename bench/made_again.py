@@ -119,9 +119,7 @@ def sections(*, small: bool) -> list[Section]:
     kept, found = results(), []
     for b in BENCHMARKS:
         s = SMALL[b.name]
-        whole = shlex.join(b.arguments)
-        if b.name in kept:
-            whole = kept[b.name].command.removeprefix("python ")
+        whole = kept[b.name].command.removeprefix("python ") if b.name in kept else b.arguments
         reduced = small and bool(s.arguments or s.instead)
         command = (s.instead or f"{whole} {s.arguments}") if reduced else whole
         flights = s.flights if reduced else 0
@@ -408,8 +406,9 @@ def written(s: Section, output: Output) -> None:
     """Put an output of a whole run into docs/benchmarks.md, where notes stay as they are."""
     kept = results()
     block = f"```\n{output.text.rstrip()}\n```"
-    text = BLOCK.sub(lambda _: block, kept[s.name].text, count=1)
-    kept[s.name] = Result(f"python {s.command}", *now(), machine(), text)
+    old = kept[s.name]
+    text = BLOCK.sub(lambda _: block, old.text, count=1)
+    kept[s.name] = Result(f"python {s.command}", *now(), machine(), text, old.about)
     write(kept)
 
 

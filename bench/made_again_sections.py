@@ -72,7 +72,6 @@ SMALL = {
     "The drone's laps": Small("--laps 30 --jobs 1", flights=30, times=SIMULATED),
     "Hostile advanced controllers": Small("--laps 6 --jobs 1", flights=6, times=SIMULATED),
     "The drone's laps with a shield": Small("--laps 10 --jobs 1", flights=10, times=SIMULATED),
-    "The drone in corridors of boxes": Small("--hours 0.3", flights=2, times=SIMULATED),
     "The surveillance drone, whole": Small("--missions 40 --rrt-hours 0.02", flights=2),
     "The drone against the plant of its proof": Small(
         "--laps 5 --hostile 1 --jobs 1", flights=1, times=SIMULATED
@@ -121,7 +120,6 @@ SMALL = {
     "The same sets, with something hidden from the analysis": Small("--sets 50"),
     "P1c of deployed modules against all executions": Small("--cases 30", flights=30),
     "The same switches, with something the program does not say": Small("--cases 20"),
-    "Changed modules that must not be proved": Small("--only tank", part=True),
     "Wrong modules that must not be proved without a word": Small(apart=MINUTES),
     "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
     "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
@@ -143,7 +141,6 @@ SMALL = {
     "Forged certificates of every kind of proof": Small("--count 2 --jobs 1"),
     "Mutants of the re-checker's core": Small(apart=MINUTES),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
-    "soter test: tests that judge nothing, and times off the grid": Small("--random 5"),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
     "soter verify: honest robots with a rest in the place of a grid": Small(apart=MINUTES),
     "soter verify: polytopes of drawn systems": Small("--systems 3", apart=MINUTES),
@@ -151,11 +148,6 @@ SMALL = {
     "K against what survives an adversary": Small("--chains 1 none", apart=MINUTES),
     "soter verify: robots made wrong": Small(apart=MINUTES),
     "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),
-    "soter test against the brute-force enumerator": Small("--programs 12"),
-    "soter test and parts that share only time": Small("--programs 6"),
-    "soter test and groups of actors within an instant": Small("--programs 6"),
-    "soter test and parts that only properties join": Small("--programs 4"),
-    "soter test and instances that are equal, or nearly": Small("--programs 10"),
     "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(
@@ -213,7 +205,6 @@ NOT_SEEN = frozenset(
     {
         "Bad files and options",
         "The surveillance drone: stacks that must not be proved",
-        "Changed modules that must not be proved",
         "Shields that are wrong",
         "Certificates made wrong and sealed again",
         "Forged certificates of every kind of proof",
@@ -506,7 +497,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("testing.md", "an aircraft that nobody here wrote"): DEFINED,
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,
     ("testing.md", "`bench/tubes/dives.py` flies"): ELSEWHERE,
-    ("testing.md", "| | variable"): f"{HELD}unit/test_long_tests.py",
+    ("testing.md", "| | examples"): DEFINED,
     ("timing.md", "```thread"): f"{HELD}unit/cli/test_cli_timing.py",
     ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
     ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",

@@ -5,8 +5,9 @@ Purpose: tests marked `long`, and lines of tables beyond what `durations.py` has
 left out is told when a run begins and when it ends. Tests marked `pages`, which do what a page of
 the documents does, run with `--long` too, and with `-m pages`. Tests marked `real_time`, which a
 machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named.
-`examples` is how many programs a random test draws: more in a long run. `some`: of a long table the
-first lines. `--write-durations` measures what is run.
+`examples` is how many programs a random test draws: more in a long run, and $SOTER_TEST_SCALE times
+as many. `seeds` and `seed_of` are which: others for every $SOTER_TEST_SEED. `some`: of a long table
+the first lines. `--write-durations` measures what is run.
 Enclosures that a test compiles in its own process are optimised as shipped in a long run, else
 compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from _pytest.terminal import TerminalReporter
 
 COMMAND = "make test-long"
+SCALE, SEED = "SOTER_TEST_SCALE", "SOTER_TEST_SEED"
 PAGES = "make test-pages"
 REAL_TIME = "make test-real-time"
 MARKERS = ("long", "pages", "real_time")
@@ -41,10 +43,20 @@ _marked: set[str] = set()
 _measured: dict[str, dict[str, dict[int, float]]] = {}
 
 
-def examples(variable: str, *, quick: int, long: int) -> int:
-    """How many examples a random test tries: what the environment says, if it says anything."""
-    told = os.environ.get(variable)
-    return int(told) if told else (long if _asked["long"] else quick)
+def examples(*, quick: int, long: int) -> int:
+    """How many examples a random test tries: at least one."""
+    return max(1, round((long if _asked["long"] else quick) * float(os.environ.get(SCALE, "1"))))
+
+
+def seed_of(number: int) -> int:
+    """The seed of a random example."""
+    return number + int(os.environ.get(SEED, "0"))
+
+
+def seeds(*bounds: int) -> range:
+    """The seeds of the examples in `range(*bounds)`."""
+    numbers = range(*bounds)
+    return range(seed_of(numbers.start), seed_of(numbers.stop), numbers.step)
 
 
 def some(these: Iterable[Any], quick: int) -> list[Any]:
@@ -98,7 +110,13 @@ def pytest_report_header(config: pytest.Config) -> list[str]:
         long = "all, and more examples of the random ones"
     real_time = "all" if _wanted(config, "real_time") else f"left out, {REAL_TIME} runs them"
     pages = "all" if _wanted(config, "pages") else f"left out, {PAGES} runs them"
-    return [f"long tests: {long}", f"pages: {pages}", f"real-time tests: {real_time}"]
+    drawn = " ".join(f"{name}={os.environ[name]}" for name in (SCALE, SEED) if name in os.environ)
+    return [
+        f"long tests: {long}",
+        f"pages: {pages}",
+        f"real-time tests: {real_time}",
+        f"random tests: {drawn or 'the same examples every time, make soak draws fresh ones'}",
+    ]
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -6,7 +6,7 @@ Purpose: missions that end in a landing, from whatever place and charge, with mi
 charge, planners that lie, ACs that ram, wind at its bounds: how many ran empty, how many were not
 in a dock in time, the charge at touch-down; violations and the share of AC by module. The planners
 of these arms are Soter, so flights are compiled; two shorter arms have RRT* itself.
-Non-goals: the motion primitive alone (`corridors.py`), plans alone (`plans.py`).
+Non-goals: the motion primitive alone (`laps.py`), plans alone (`plans.py`).
 """
 
 from __future__ import annotations

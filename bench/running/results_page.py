@@ -285,7 +285,7 @@ def on_firmware() -> list[str]:
     kept = results()
     for b in BENCHMARKS:
         if b.name in ON_FIRMWARE:
-            lines += [f"### {b.name}", "", f"`{kept[b.name].command}`", "", b.about, ""]
+            lines += [f"### {b.name}", "", f"`{kept[b.name].command}`", "", kept[b.name].about, ""]
             lines += [kept[b.name].text, ""]
     return lines[:-1]
 

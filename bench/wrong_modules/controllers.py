@@ -3,7 +3,7 @@
 Purpose: `CONTROLLERS`: queues, `on takeover`, modes and clocks, faults, contracts, locals, and SCs
 that do not always publish. A node that is latched publishes no more: the plant keeps AC's last
 command, and the run counts as violated.
-Non-goals: laws that are too weak or too slow (`bench/verify/mutant_models.py`).
+Non-goals: laws that are too weak or too slow (`tests/generators/changed_modules.py`).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ is *refused* with a code, *undecided*, *refuted*, proved with the reason *named*
 wrong ones are made from must be proved (control arms). With `--demos` every demonstration is run,
 too: a violation in the interpreter's own run, in `soter test`, or in a simulation of its own.
 Without `--refute` no counterexample is looked for, which turns *undecided* into *refuted* at best.
-Non-goals: mutants of laws and predicates (`bench/verify/mutants.py`), of certificates.
+Non-goals: mutants of laws and predicates (`tests/generators/changed_modules.py`), of certificates.
 """
 
 from __future__ import annotations

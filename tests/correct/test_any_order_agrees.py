@@ -14,19 +14,20 @@ import pytest
 from generators.any_order_driver import first_disagreement
 from generators.engine_comparison import compile_library, subject
 from generators.random_programs import program
-from long_tests import examples
+from long_tests import examples, seeds
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 CHUNKS = 4
-EACH = examples("SOTER_ANY_ORDER_PROGRAMS", quick=3, long=30)
+EACH = examples(quick=3, long=30)
 STEPS = 400
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_the_engines_agree_in_any_order_with_any_answers(chunk: int, tmp_path: Path) -> None:
-    numbers = [30_000 + chunk + CHUNKS * i for i in range(EACH)]
+    numbers = list(seeds(30_000 + chunk, 30_000 + chunk + CHUNKS * EACH, CHUNKS))
     subjects = [subject(f"p{n}", program(n), n * 0x9E3779B97F4A7C15 % 2**56, 10) for n in numbers]
     library = compile_library(subjects, tmp_path, "-O1")
     for s in subjects:

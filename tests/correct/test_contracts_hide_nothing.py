@@ -1,7 +1,6 @@
 """Modules replaced by their contracts: what the whole violates is found where one of them runs.
 
 Judged by the brute-force enumerator, over random programs with two modules that read each other.
-More of them: SOTER_CONTRACTED_PROGRAMS=400 pytest tests/correct/test_contracts_hide_nothing.py
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ import pytest
 from generators.brute_force import TooLargeError
 from generators.contract_programs import VARIANTS, contracted
 from generators.explorer_agreement import compared, enumerated
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.language.elaborate.tests_and_faults import stand_ins
 from soter.language.model import typed
 
@@ -22,8 +21,8 @@ if TYPE_CHECKING:
     from generators.brute_force import Broken
 
 CHUNKS = 4
-PROGRAMS = examples("SOTER_CONTRACTED_PROGRAMS", quick=20, long=100)
-COMPARED = examples("SOTER_CONTRACTED_COMPARED", quick=2, long=18)
+PROGRAMS = examples(quick=20, long=100)
+COMPARED = examples(quick=2, long=18)
 """Programs on which the explorer is compared with the enumerator, a variant."""
 MOST = 3_000
 TELLING = (46, 40, 42, 44)
@@ -65,9 +64,10 @@ def hidden(seed: int) -> tuple[list[str], bool]:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_what_the_whole_violates_is_found_one_module_at_a_time(chunk: int) -> None:
     told = 0
-    for seed in [*range(chunk, PROGRAMS, CHUNKS), *TELLING[chunk::CHUNKS]]:
+    for seed in [*seeds(chunk, PROGRAMS, CHUNKS), *TELLING[chunk::CHUNKS]]:
         some, tells = hidden(seed)
         told += tells
         assert not some, "\n".join([*some, contracted(seed).variant("concrete", asked=True)])
@@ -90,7 +90,7 @@ def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.Monk
 @pytest.mark.long
 def test_explorer_and_enumerator_agree_on_what_stands_for_modules(variant: str) -> None:
     seen = 0
-    for seed in range(20 + 5 * COMPARED):
+    for seed in seeds(20 + 5 * COMPARED):
         try:
             s = enumerated(seed, contracted(seed).variant(variant, asked=True), MOST)
         except TooLargeError:

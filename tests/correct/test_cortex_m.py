@@ -22,7 +22,7 @@ import soter
 from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
-from long_tests import examples, some
+from long_tests import examples, seeds, some
 from soter.api.deploying import recorded_inputs, recording_text, replayed_sha256
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
@@ -51,7 +51,7 @@ EXAMPLES = {  # of the surveillance the system that answers its own planner
     "drone": "examples/drone/motion_primitive.soter",
     "surveillance": "examples/drone/campaign.soter",
 }
-PROGRAMS = examples("SOTER_CORTEX_M_PROGRAMS", quick=2, long=100)
+PROGRAMS = examples(quick=2, long=100)
 CHUNKS = 2
 TEST = re.compile(
     r"(soter_arithmetic_is_right|is_right|are_(compared_)?right|nearest|right_of_\w+|here_of_\w+|"
@@ -330,10 +330,11 @@ def test_the_trusted_cart_is_small_beside_the_test_of_the_arithmetic(
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_random_programs_have_the_trace_of_the_host(
     chunk: int, board: Board, tmp_path: Path
 ) -> None:
-    for number in range(chunk, PROGRAMS, CHUNKS):
+    for number in seeds(chunk, PROGRAMS, CHUNKS):
         s = subject(f"p{number}", program(number), number, INSTANTS)
         assert image_of(s, board, tmp_path / s.name).same_as_host, number
 

@@ -1,7 +1,4 @@
-"""`order deployed;` of a test: the explorer and the brute-force enumerator say the same.
-
-More programs: SOTER_ORDERED_PROGRAMS=500 pytest tests/correct/test_deployed_order.py -n 2
-"""
+"""`order deployed;` of a test: the explorer and the brute-force enumerator say the same."""
 
 from __future__ import annotations
 
@@ -13,13 +10,13 @@ from generators.explorer_agreement import compared, enumerated, small
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.explore.engine.explorer_library import Engine, EngineSettings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PROGRAMS = examples("SOTER_ORDERED_PROGRAMS", quick=3, long=24)
+PROGRAMS = examples(quick=3, long=24)
 MAKERS = (program_in_instants, program_joined, program_apart, small_program)
 
 
@@ -29,9 +26,10 @@ def ordered(make: Callable[[int], str]) -> Callable[[int], str]:
 
 
 @pytest.mark.parametrize("make", MAKERS)
+@pytest.mark.random
 def test_explorer_and_enumerator_agree_on_the_deployed_order(make: Callable[[int], str]) -> None:
     seen = fewer = 0
-    for seed in range(PROGRAMS * 20):
+    for seed in seeds(PROGRAMS * 20):
         s = small(seed, make=ordered(make))
         if s is None:
             continue

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from long_tests import examples
+from long_tests import examples, seed_of
 from soter.api import load
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
@@ -56,9 +56,10 @@ def read_at_random(topic: Topic, chance: random.Random) -> Any:
     "file",
     ["wall/cart.soter", "drone/motion_primitive.soter", "drone/corridor.soter", "drone/goto.soter"],
 )
+@pytest.mark.random
 def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
     flat_ = load(EXAMPLES / file).flat()
-    chance = random.Random(7)  # noqa: S311
+    chance = random.Random(seed_of(7))  # noqa: S311
     for module in flat_.modules:
         evaluator = Evaluator.of(module.scope)
         for predicate in module.symbol.predicates:
@@ -67,7 +68,7 @@ def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
                 evaluator.expression(predicate),
             )
             both = set()
-            for _ in range(examples("SOTER_MARGINS", quick=300, long=5000)):
+            for _ in range(examples(quick=300, long=5000)):
                 env = Environment(topics=[read_at_random(t, chance) for t in flat_.topics])
                 try:
                     holds = truth(env)
@@ -108,11 +109,11 @@ def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> N
     module = flat_.modules[0]
     at = flat_.topic("seen").index
     evaluator = Evaluator.of(module.scope)
-    chance = random.Random(3)  # noqa: S311
+    chance = random.Random(seed_of(3))  # noqa: S311
     tried = 0
     for predicate in module.symbol.predicates:
         margin, truth = PredicateMargins(evaluator).of(predicate), evaluator.expression(predicate)
-        for _ in range(examples("SOTER_MARGINS", quick=400, long=5000)):
+        for _ in range(examples(quick=400, long=5000)):
             x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
             n, b = chance.randint(0, 4), chance.random() < 0.5
             env = env_of(flat_, at, (x, y, n, b))

@@ -6,18 +6,15 @@ locals, modes, OE, latches, counters, random draws.
 
     make test                                   40 programs, always the same
     make test-long                              1000, these among them
-    make fuzz N=5000                            fresh ones
-    SOTER_EQUALITY_PROGRAMS=1000 pytest tests/correct/test_engines_agree.py -n 2
-    SOTER_EQUALITY_ONLY=4711 pytest tests/correct/test_engines_agree.py     one, by its number
+    make soak N=600                             fresh ones, ten minutes long
+    SOTER_TEST_SEED=4711 SOTER_TEST_SCALE=0 pytest tests/correct/test_engines_agree.py   one
 
 A failure prints the program, made smaller, and the first differing instant and member.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import secrets
 from collections import Counter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -37,7 +34,7 @@ from generators.engine_comparison import (
 from generators.program_reducer import reduced
 from generators.random_programs import program
 from generators.run_statistics import happened, table
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.language.evaluate.arithmetic import FaultKind
@@ -51,20 +48,8 @@ INSTANTS = 500
 BATCH = 15
 LEVELS = ("-O0", "-O2")
 REFUSALS = (FaultKind.NONFINITE, FaultKind.RANGE, FaultKind.EXTERN)
-PROGRAMS = examples("SOTER_EQUALITY_PROGRAMS", quick=40, long=1000)
+PROGRAMS = examples(quick=40, long=1000)
 CHUNKS = min(20, max(3, PROGRAMS // BATCH))
-ONLY = os.environ.get("SOTER_EQUALITY_ONLY")
-FUZZ = bool(os.environ.get("SOTER_FUZZ"))
-
-
-def numbers(chunk: int) -> list[int]:
-    """The programs of one chunk; every chunk has as many."""
-    if ONLY:
-        return [int(ONLY)] if chunk == 0 else []
-    count = -(-PROGRAMS // CHUNKS)
-    if FUZZ:
-        return [1_000_000 + secrets.randbelow(2**48) for _ in range(count)]
-    return [chunk + CHUNKS * i for i in range(count)]
 
 
 def first_of_four(quick: int) -> list[object]:
@@ -126,13 +111,14 @@ def report(number: int, s: Subject, words: str) -> str:
     smaller = complaint_of_any([make(number, text)])
     return (
         f"the engines differ on program {number}\n{words}\n\nmade smaller:\n\n{text}\n"
-        f"{smaller[1] if smaller else ''}\nagain: SOTER_EQUALITY_ONLY={number}"
+        f"{smaller[1] if smaller else ''}\nagain: SOTER_TEST_SEED={number} SOTER_TEST_SCALE=0"
     )
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_engines_agree_on_every_byte(chunk: int) -> None:
-    todo = numbers(chunk)
+    todo = seeds(chunk, PROGRAMS, CHUNKS)
     for start in range(0, len(todo), BATCH):
         batch = {n: make(n) for n in todo[start : start + BATCH]}
         failure = complaint_of_any(list(batch.values()))

@@ -1,10 +1,7 @@
 """Equal instances: as many configurations are stored as there are orbits, and nothing is missed.
 
 The orbits are counted over the configurations of the brute-force enumerator, with instances
-swapped by their names; see tests/generators/symmetry_agreement.py. More programs:
-bench/testing/soundness.py --equal.
-
-    SOTER_EQUAL_PROGRAMS=300 pytest tests/correct/test_equal_instances_agree.py -n 2
+swapped by their names; see tests/generators/symmetry_agreement.py. More programs: `make soak`.
 """
 
 from __future__ import annotations
@@ -14,18 +11,19 @@ import pytest
 from generators.equal_instance_programs import equal_instances
 from generators.explorer_agreement import enumerated, small
 from generators.symmetry_agreement import compared_as_equals
-from long_tests import examples
+from long_tests import examples, seeds
 
-PROGRAMS = examples("SOTER_EQUAL_PROGRAMS", quick=12, long=108)
+PROGRAMS = examples(quick=12, long=108)
 CHUNKS = 6 if PROGRAMS >= 36 else 2
 MOST = 2_500
 FAST = ("-O0",)
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_equal_instances_are_stored_once(chunk: int) -> None:
     equal = 0
-    for seed in range(chunk, PROGRAMS, CHUNKS):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         s = small(seed, MOST, equal_instances)
         if s is None:
             continue

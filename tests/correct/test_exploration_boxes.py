@@ -14,7 +14,7 @@ import pytest
 import soter
 from generators.exploration_mappers import EXAMPLES, edited
 from generators.exploration_referee import Grid, met_cells, rectangle
-from long_tests import examples
+from long_tests import examples, seeds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -159,7 +159,7 @@ def test_a_flight_with_a_lidar_at_its_worst_ends_with_a_true_map(
     worlds.write_text(edited(worlds.read_text(encoding="utf-8"), HARMFUL), encoding="utf-8")
     program = soter.load(folder / "exploration_adversaries.soter")
     grid = Grid.of(program.constant)
-    for seed in range(1, 1 + examples("SOTER_WORLDS", quick=4, long=40)):
+    for seed in seeds(1, 1 + examples(quick=4, long=40)):
         run = program.simulate(
             system=system,
             seed=seed,

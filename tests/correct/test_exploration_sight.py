@@ -24,7 +24,7 @@ from generators.exploration_mappers import EXAMPLES, edited
 from generators.sight_referee import is_nearer, passes
 from generators.sight_scenes import Aim, Declared, Sampler
 from generators.sight_variants import Sights
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.language.model.values import ValueShapeError
 
 if TYPE_CHECKING:
@@ -206,9 +206,10 @@ def court(tmp_path_factory: pytest.TempPathFactory) -> Court:
 # ---------------------------------------------------------------- what is certain
 
 
+@pytest.mark.random
 def test_nobody_is_nearer_than_one_scan_makes_certain(court: Court) -> None:
     some = 0
-    for number in range(examples("SOTER_SIGHTS", quick=300, long=20000)):
+    for number in seeds(examples(quick=300, long=20000)):
         scene = court.scene("people", number)
         for name in (RIGHT, SILENT):
             assert not court.lies(name, scene), number
@@ -230,9 +231,10 @@ def test_nobody_behind_a_fast_rover_is_nearer_if_it_is_told_at_once(court: Court
     assert (caught > 0) == (v >= 4.0)
 
 
+@pytest.mark.random
 def test_nobody_could_be_nearer_unseen(court: Court) -> None:
     farther = 0
-    for number in range(examples("SOTER_UNSEEN", quick=40, long=3000)):
+    for number in seeds(examples(quick=40, long=3000)):
         scene = court.scene("things", number)
         draw = random.Random(number)  # noqa: S311 - draws, not secrets
         for name in (RIGHT, SILENT):
@@ -244,9 +246,10 @@ def test_nobody_could_be_nearer_unseen(court: Court) -> None:
     assert farther > 10, "nobody can hide anywhere"
 
 
+@pytest.mark.random
 def test_nobody_who_gives_no_echo_is_nearer_where_silence_says_nothing(court: Court) -> None:
     silent = 0
-    for number in range(examples("SOTER_BLACK", quick=100, long=5000)):
+    for number in seeds(examples(quick=100, long=5000)):
         scene = court.scene("people in black", number)
         assert not court.lies(RIGHT, scene), number
         silent += court.lies(SILENT, scene)
@@ -254,7 +257,7 @@ def test_nobody_who_gives_no_echo_is_nearer_where_silence_says_nothing(court: Co
 
 
 def test_no_climb_comes_to_where_somebody_is_nearer(court: Court) -> None:
-    climbs = examples("SOTER_CLIMBS", quick=8, long=400)
+    climbs = examples(quick=8, long=400)
     assert court.climbed_to(SILENT, climbs) is None
 
 

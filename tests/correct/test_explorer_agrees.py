@@ -1,15 +1,11 @@
 """Small random programs: the explorer and the brute-force enumerator say the same.
 
 The enumerator walks over the reference interpreter and knows nothing of the explorer; see
-tests/generators/brute_force.py. More programs: bench/testing/soundness.py.
-
-    SOTER_EXPLORED_PROGRAMS=500 pytest tests/correct/test_explorer_agrees.py -n 2
-    SOTER_EXPLORED_ONLY=17 pytest tests/correct/test_explorer_agrees.py       one, by its number
+tests/generators/brute_force.py. More programs: `make soak`.
 """
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -20,16 +16,15 @@ from generators.lasting_step_programs import lasting_program
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_fleets import small_fleet
-from long_tests import examples
+from long_tests import examples, seeds
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 CHUNKS = 6
-PROGRAMS = examples("SOTER_EXPLORED_PROGRAMS", quick=12, long=180)
-ONLY = os.environ.get("SOTER_EXPLORED_ONLY")
-INSTANTS = examples("SOTER_EXPLORED_INSTANTS", quick=6, long=108)
-ONES_APART = examples("SOTER_EXPLORED_APART", quick=6, long=90)
+PROGRAMS = examples(quick=12, long=180)
+INSTANTS = examples(quick=6, long=108)
+ONES_APART = examples(quick=6, long=90)
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)
 """Programs that a wrong reduction of ours got wrong."""
@@ -37,16 +32,10 @@ BROKEN = (108, 20076)
 """A contract is broken where others move in the same instant; two properties fail at once."""
 
 
-def seeds(chunk: int) -> list[int]:
-    """The programs of one chunk."""
-    if ONLY:
-        return [int(ONLY)] if chunk == 0 else []
-    return list(range(chunk, PROGRAMS, CHUNKS))
-
-
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_explorer_and_enumerator_agree(chunk: int) -> None:
-    for seed in seeds(chunk):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         s = small(seed)
         if s is None:
             continue
@@ -62,10 +51,11 @@ def test_they_agree_on_what_is_violated_first_and_with_what(seed: int) -> None:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_they_agree_on_steps_that_take_time(chunk: int) -> None:
     tried = 0
-    wanted = seeds(chunk)
-    for seed in [*wanted, *([] if ONLY else range(PROGRAMS + chunk, 5_000, CHUNKS))]:
+    wanted = seeds(chunk, PROGRAMS, CHUNKS)
+    for seed in [*wanted, *seeds(PROGRAMS + chunk, 5_000, CHUNKS)]:
         if tried and seed not in wanted:
             break  # few programs have such a node: go on until one of them was compared
         s = small(seed, make=lasting_program)
@@ -74,12 +64,13 @@ def test_they_agree_on_steps_that_take_time(chunk: int) -> None:
         tried += 1
         told = compared(s, FAST)
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
-    assert tried or ONLY
+    assert tried
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_they_agree_on_parts_that_share_only_time(chunk: int) -> None:
-    for seed in (*range(chunk, ONES_APART, CHUNKS), *APART[chunk::CHUNKS]):
+    for seed in (*seeds(chunk, ONES_APART, CHUNKS), *APART[chunk::CHUNKS]):
         s = small(seed, make=program_apart)
         if s is None:
             continue
@@ -88,8 +79,9 @@ def test_they_agree_on_parts_that_share_only_time(chunk: int) -> None:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_they_agree_on_instances_with_parameters_and_wires(chunk: int) -> None:
-    for seed in seeds(chunk):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         s = small(seed, make=small_fleet)
         if s is None:
             continue
@@ -99,10 +91,11 @@ def test_they_agree_on_instances_with_parameters_and_wires(chunk: int) -> None:
 
 @pytest.mark.parametrize("make", [program_in_instants, program_joined])
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_they_agree_where_actors_fall_into_groups_within_an_instant(
     chunk: int, make: Callable[[int], str]
 ) -> None:
-    for seed in range(chunk, INSTANTS, CHUNKS):
+    for seed in seeds(chunk, INSTANTS, CHUNKS):
         s = small(seed, make=make)
         if s is None:
             continue
@@ -111,10 +104,11 @@ def test_they_agree_where_actors_fall_into_groups_within_an_instant(
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_they_agree_on_latches(chunk: int) -> None:
     tried = 0
-    wanted = seeds(chunk)
-    for seed in [*wanted, *([] if ONLY else range(PROGRAMS + chunk, 5_000, CHUNKS))]:
+    wanted = seeds(chunk, PROGRAMS, CHUNKS)
+    for seed in [*wanted, *seeds(PROGRAMS + chunk, 5_000, CHUNKS)]:
         if tried and seed not in wanted:
             break  # not every program has a latch: go on until one of them was compared
         s = small(seed)
@@ -123,7 +117,7 @@ def test_they_agree_on_latches(chunk: int) -> None:
         tried += 1
         told = compared(s, FAST)
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
-    assert tried or ONLY
+    assert tried
 
 
 @pytest.mark.parametrize(("returns", "unpressed"), [("after button", False), ("never", True)])

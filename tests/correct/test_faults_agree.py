@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from long_tests import examples
+from long_tests import examples, seed_of
 from soter import SoterError, load, recheck
 from soter.language.elaborate.derived_systems import faultless, with_faults
 from soter.language.front_end import check_file, system_of
@@ -76,7 +76,7 @@ TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
 VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
 LASTING = ("M.Fast", "Other", "Ear")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
-RANDOM_PROGRAMS = examples("SOTER_FAULTY_PROGRAMS", quick=5, long=120)
+RANDOM_PROGRAMS = examples(quick=5, long=120)
 
 
 def flat_of(folder: Path, faults: str) -> System:
@@ -129,8 +129,9 @@ def random_faults(rng: random.Random) -> str:
 
 
 @pytest.mark.parametrize("number", range(RANDOM_PROGRAMS))
+@pytest.mark.random
 def test_both_engines_do_the_same(number: int, tmp_path: Path) -> None:
-    faults = random_faults(random.Random(number))  # noqa: S311 - it draws programs
+    faults = random_faults(random.Random(seed_of(number)))  # noqa: S311 - it draws programs
     flat = flat_of(tmp_path, faults)
     native = NativeProgram(flat)
     for seed in range(2):
@@ -141,8 +142,9 @@ def test_both_engines_do_the_same(number: int, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(RANDOM_PROGRAMS))
+@pytest.mark.random
 def test_both_engines_do_the_same_where_steps_take_time(number: int, tmp_path: Path) -> None:
-    rng = random.Random(number)  # noqa: S311 - it draws programs
+    rng = random.Random(seed_of(number))  # noqa: S311 - it draws programs
     faults = random_faults(rng)
     nodes = rng.sample(LASTING, rng.randint(1, len(LASTING)))
     lasts = ("[1us, 2us]", "[1ms, 9ms]", "[3ms, 3ms]", "[7ms, 10ms]", "[2ms, 45ms]")

@@ -14,7 +14,7 @@ import pytest
 import processes
 import soter
 from generators.c_packages import EXAMPLES, make, package
-from long_tests import examples
+from long_tests import examples, seeds
 from processes import PIPE
 from soter.api.deploying import stack_bound
 from soter.core.layout import state_layout
@@ -34,7 +34,7 @@ FILES = Path(__file__).parent / "files"
 SCRIPT = FILES / "firmware_script.c"
 LIBRARY = 256
 """Bytes that `memset` and `strcmp` may take."""
-LOOPS = examples("SOTER_FIRMWARE_LOOPS", quick=12, long=400)
+LOOPS = examples(quick=12, long=400)
 MS = 1_000_000
 RAN, BEHIND, LATE, TIME_BACKWARDS, UNHEARD, LATCHED, REFUSED = 1, 2, 4, 8, 16, 32, 64
 STALE = 256
@@ -308,7 +308,8 @@ def script(seed: int) -> list[tuple[str, tuple[float, ...], int, int]]:
     return [("start", (), origin, origin), *calls]
 
 
-@all_rows("seed", range(LOOPS))
+@all_rows("seed", seeds(LOOPS))
+@pytest.mark.random
 def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: int) -> None:
     lines: list[str] = []
     wanted: list[int | str | None] = []

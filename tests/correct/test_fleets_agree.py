@@ -3,8 +3,6 @@
 A fleet is a program with parameters in every place where they may stand, set for instances, in
 loops, with wires from one robot to the next; beside it stands the same with a declaration and a
 number for each robot. Every state after every instant is the same, of interpreter and C of both.
-
-    SOTER_FLEETS=500 pytest tests/correct/test_fleets_agree.py -n 2
 """
 
 from __future__ import annotations
@@ -21,24 +19,27 @@ from generators.engine_comparison import (
     subject,
 )
 from generators.random_fleets import fleet
-from long_tests import examples
+from long_tests import examples, seeds
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-FLEETS = examples("SOTER_FLEETS", quick=8, long=96)
+FLEETS = examples(quick=8, long=96)
 CHUNKS = max(2, FLEETS // 6)
 INSTANTS = 150
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_a_fleet_is_what_it_is_written_out_as(chunk: int, tmp_path: Path) -> None:
-    seeds = list(range(chunk, FLEETS, CHUNKS))
-    made = [fleet(seed) for seed in seeds]
+    numbers = seeds(chunk, FLEETS, CHUNKS)
+    made = [fleet(seed) for seed in numbers]
     arrays = [
-        subject(f"a{n}", f.array, n, INSTANTS, "Fleet") for n, f in zip(seeds, made, strict=True)
+        subject(f"a{n}", f.array, n, INSTANTS, "Fleet") for n, f in zip(numbers, made, strict=True)
     ]
-    plain = [subject(f"w{n}", f.written_out, n, INSTANTS) for n, f in zip(seeds, made, strict=True)]
+    plain = [
+        subject(f"w{n}", f.written_out, n, INSTANTS) for n, f in zip(numbers, made, strict=True)
+    ]
     library = compile_library([*arrays, *plain], tmp_path, "-O1")
     for array, out in zip(arrays, plain, strict=True):
         told = f"{array.text}\n{out.text}"

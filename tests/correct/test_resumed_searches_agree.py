@@ -1,13 +1,8 @@
-"""A search that is ended anywhere, again and again, says in the end what one in one piece says.
-
-SOTER_RESUMED_PROGRAMS=500 pytest tests/correct/test_resumed_searches_agree.py -n 2
-SOTER_RESUMED_ONLY=17 pytest tests/correct/test_resumed_searches_agree.py    one, by its number
-"""
+"""A search that is ended anywhere, again and again, says in the end what one in one piece says."""
 
 from __future__ import annotations
 
 import math
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,7 +20,7 @@ from generators.interrupted_searches import (
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.checkpoint_options import CheckpointOptions
 from soter.explore.search_options import SearchOptions
@@ -37,8 +32,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 CHUNKS = 4
-PROGRAMS = examples("SOTER_RESUMED_PROGRAMS", quick=12, long=108)
-ONLY = os.environ.get("SOTER_RESUMED_ONLY")
+PROGRAMS = examples(quick=12, long=108)
 MAKERS = (small_program, program_apart, program_in_instants)
 MOST = 20_000
 """Configurations of a program that is compared."""
@@ -127,9 +121,10 @@ def test_in_pieces_a_search_sees_nearly_as_soon_that_it_holds_for_ever(
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_in_pieces_a_search_says_the_same(chunk: int, tmp_path: Path) -> None:
     pieces = middles = 0
-    for seed in [int(ONLY)] if ONLY else range(chunk, PROGRAMS, CHUNKS):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         text, system = program(seed)
         if system is None:
             continue
@@ -145,7 +140,7 @@ def test_in_pieces_a_search_says_the_same(chunk: int, tmp_path: Path) -> None:
                 middles += said.middles
                 assert said == whole, f"{way}\n{said}\n{whole}\nprogram {seed}:\n{text}"
     print(f"{pieces} pieces, {middles} ended in the middle of a layer")
-    assert ONLY or middles > PROGRAMS // 4
+    assert middles > PROGRAMS // 4
 
 
 @pytest.mark.parametrize("threads", [2, 3])

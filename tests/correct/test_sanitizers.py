@@ -21,7 +21,7 @@ from generators.engine_comparison import (
 )
 from generators.random_programs import program
 from generators.shipped_programs import files, subjects_of
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.native.compiler import find
 from soter.native.shared_library import RUNTIME
 
@@ -35,7 +35,7 @@ FLAGS = (
     "-fno-sanitize-recover=all",
 )  # fmt: skip
 INSTANTS = 400
-PROGRAMS = examples("SOTER_SANITIZED_PROGRAMS", quick=8, long=84)
+PROGRAMS = examples(quick=8, long=84)
 CHUNKS = max(2, PROGRAMS // 7)
 
 
@@ -59,8 +59,9 @@ def compare(subjects: list[Subject], folder: Path) -> None:
 
 @pytest.mark.usefixtures("_sanitizers")
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_random_programs_run_clean(chunk: int, tmp_path: Path) -> None:
-    numbers = range(30_000 + chunk, 30_000 + PROGRAMS, CHUNKS)
+    numbers = seeds(30_000 + chunk, 30_000 + PROGRAMS, CHUNKS)
     compare([subject(f"p{n}", program(n), n, INSTANTS) for n in numbers], tmp_path)
 
 

@@ -21,7 +21,7 @@ import soter
 from correct.test_shield import COMMANDS, SMALL, STEPS, everywhere, tables_of, written
 from correct.test_shield_attacks import LAST_MOMENT, LOOP, VEHICLE
 from generators.c_packages import make
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.core import steps
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.front_end import check_file, system_of
@@ -41,7 +41,7 @@ TOWARD = ("shield 8;", "shield 8 toward sc;")
 PUSHES = COMMANDS["pushes at the wall"]
 SMALL_TOWARD = SMALL.replace("shield 4;", "shield 4 toward sc;")
 RARELY = "if sin(13.0 * time) > 0.95 { publish accel = A; }"
-PROGRAMS = examples("SOTER_SHIELD_PROGRAMS", quick=4, long=60)
+PROGRAMS = examples(quick=4, long=60)
 
 
 @pytest.mark.parametrize("step", COMMANDS.values(), ids=COMMANDS.keys())
@@ -229,9 +229,10 @@ system S {{
 """
 
 
+@pytest.mark.random
 def test_random_programs_move_alike_in_both_engines(tmp_path: Path) -> None:
     moved = refused = 0
-    for seed in range(PROGRAMS):
+    for seed in seeds(PROGRAMS):
         path = tmp_path / "drawn.soter"
         path.write_text(drawn(random.Random(seed)), "utf-8")  # noqa: S311 - inputs of a test
         program = soter.load(path)

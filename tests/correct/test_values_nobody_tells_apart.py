@@ -2,7 +2,6 @@
 
 Judged by the brute-force enumerator, over random programs of which a stand-in publishes every value
 that its contract permits, then one of each that somebody can tell apart (docs/testing.md).
-More of them: SOTER_READER_PROGRAMS=10000 pytest tests/correct/test_values_nobody_tells_apart.py
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ import pytest
 from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.language.elaborate.tests_and_faults import distinguishable_values, stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
-PROGRAMS = examples("SOTER_READER_PROGRAMS", quick=200, long=2_000)
+PROGRAMS = examples(quick=200, long=2_000)
 MOST = 5_000
 
 
@@ -66,11 +65,12 @@ def differs(seed: int, monkeypatch: pytest.MonkeyPatch) -> bool:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_one_of_each_violates_what_all_of_them_violate(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     compared = fewer = violated = 0
-    for seed in range(chunk, PROGRAMS, CHUNKS):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         found = both(seed, monkeypatch)
         if found is None:
             continue

@@ -1,7 +1,7 @@
 """Tests of programs that would be clean for want of looking: nothing judged, or times left out.
 
 Purpose: small programs, each with one `test T`, by what is wrong with them.
-Non-goals: exploring them (`tests/unit/explore/test_empty_tests.py`, `bench/testing/vacuous.py`).
+Non-goals: exploring them (`tests/unit/explore/test_empty_tests.py`).
 """
 
 from __future__ import annotations

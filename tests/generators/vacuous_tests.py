@@ -2,7 +2,7 @@
 
 Purpose: small programs, each with one `test T`: of `VACUOUS` each has to be told as such, of
 `TELLING` none.
-Non-goals: exploring them (`tests/unit/explore/test_vacuous.py`, `bench/testing/vacuous.py`).
+Non-goals: exploring them (`tests/unit/explore/test_vacuous.py`).
 """
 
 from __future__ import annotations

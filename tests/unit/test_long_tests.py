@@ -1,4 +1,4 @@
-"""No test is left out in silence, and the page says how many examples the random ones draw."""
+"""No test is left out in silence, and one scale and one seed are for all random ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import pytest
 import processes
 from durations import BUDGET_S, SHARED, TOTAL_S, Known, entered, quick_lines, read, text
 from generators.file_listing import files_below
-from long_tests import COMMAND, PAGES, examples
+from long_tests import COMMAND, PAGES, SCALE, SEED, examples, seed_of, seeds
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent
@@ -69,7 +69,17 @@ def test_cheap(shared):
 def test_page(shared):
     busy(0.4)
 """
-CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)')
+DRAWN = """
+import pytest
+from long_tests import seed_of
+
+@pytest.mark.random
+def test_drawn():
+    raise AssertionError(f"drew {seed_of(3)}")
+
+def test_other():
+    raise AssertionError
+"""
 
 
 @pytest.mark.parametrize(
@@ -192,27 +202,47 @@ def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, 
     assert tests["table"][0] < 0.4 <= tests["table"][1] <= tests["table"][2]
 
 
-def test_the_environment_decides_how_many_examples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("long_tests._asked", {"long": True})
-    assert examples("SOTER_OF_THIS_TEST", quick=3, long=40) == 40
-    monkeypatch.setattr("long_tests._asked", {"long": False})
-    assert examples("SOTER_OF_THIS_TEST", quick=3, long=40) == 3
-    monkeypatch.setenv("SOTER_OF_THIS_TEST", "7")
-    assert examples("SOTER_OF_THIS_TEST", quick=3, long=40) == 7
+@pytest.mark.parametrize(("scale", "counts"), [(None, (3, 40)), ("7", (21, 280)), ("0", (1, 1))])
+def test_one_scale_is_for_all_counts(
+    monkeypatch: pytest.MonkeyPatch, scale: str | None, counts: tuple[int, int]
+) -> None:
+    monkeypatch.delenv(SCALE, raising=False)
+    if scale is not None:
+        monkeypatch.setenv(SCALE, scale)
+    for long in (False, True):
+        monkeypatch.setattr("long_tests._asked", {"long": long})
+        assert examples(quick=3, long=40) == counts[long]
 
 
-def test_the_page_says_how_many_examples_are_tried() -> None:
-    drawn = {
-        variable: (int(quick), int(long))
-        for path in files_below(TESTS, "test_*.py")
-        if path != Path(__file__)
-        for variable, quick, long in CALL.findall(path.read_text(encoding="utf-8"))
-    }
-    page = (ROOT / "docs" / "testing.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| .* \| `(SOTER_\w+)` \| ([\d,]+) \| ([\d,]+) \|$", page, re.MULTILINE)
-    told = {v: (int(q.replace(",", "")), int(n.replace(",", ""))) for v, q, n in rows}
-    assert told == drawn
-    assert len(drawn) > 20
+def test_one_seed_is_for_all_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(SEED, raising=False)
+    assert (seed_of(7), seeds(1, 9, 3)) == (7, range(1, 9, 3))
+    monkeypatch.setenv(SEED, "100")
+    assert (seed_of(7), [*seeds(1, 9, 3)]) == (107, [101, 104, 107])
+
+
+def test_what_a_soak_finds_is_told_with_its_seed(tmp_path: Path) -> None:
+    file = tmp_path / "test_drawn.py"
+    file.write_text(DRAWN, encoding="utf-8")
+    (tmp_path / "pytest.ini").write_text(f"{MARKERS} random: draws\n", encoding="utf-8")
+    done = processes.run(
+        [sys.executable, TESTS / "soak.py", "--jobs", "1", file],
+        env={**os.environ, "PYTHONPATH": str(TESTS)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert done.stdout.endswith("0 files passed, 1 failed\n")
+    again = next(x for x in done.stdout.splitlines() if x.startswith("again: "))
+    assert again.endswith("test_drawn.py::test_drawn'")
+    seed = again.partition("=")[2].split()[0]
+    assert f"drew {int(seed) + 3}" in done.stdout
+
+
+def test_no_test_has_a_variable_of_its_own() -> None:
+    own = re.compile(r"environ(?:\.get\(|\[)\s*\"SOTER_(?!CACHE|CC|PYODIDE|CODE_SERVER|AUTOPILOT)")
+    paths = [p for p in files_below(TESTS, "*.py") if p != Path(__file__)]
+    assert [p.name for p in paths if own.search(p.read_text(encoding="utf-8"))] == []
 
 
 def test_the_command_for_everything_asks_for_it() -> None:

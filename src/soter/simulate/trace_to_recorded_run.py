@@ -80,11 +80,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
         t = types.get(channel)
         if t is None:
             continue
-        try:
-            given = message if isinstance(t, RecordType) else message["value"]
-            value = from_json(t, given, channel)
-        except (ValueShapeError, LookupError, TypeError) as error:
-            raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+        value = _value(path, system, channel, t, message)
         if not record.times_ns or time_ns > record.times_ns[-1]:
             _keep(record, topics, states, since)
             record.times_ns.append(time_ns)
@@ -99,6 +95,13 @@ def read_log(path: Path, system: System) -> RecordedRun:
     _keep(record, topics, states, since)
     _begin(record, system)
     return record
+
+
+def _value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
+    try:
+        return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
+    except (ValueShapeError, LookupError, TypeError) as error:
+        raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
 
 
 def _keep(

@@ -18,7 +18,7 @@ import pytest
 from generators import random_programs, stateful_externs, straight_programs
 from generators.engine_comparison import until_of
 from generators.flights_of_runs import alone, figures, figures_of
-from long_tests import examples
+from long_tests import examples, seed_of
 from soter import SoterError, load
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import flights_of
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from soter import Program
     from soter.language.model.system import System
 
-PROGRAMS = examples("SOTER_FLOWN_PROGRAMS", quick=8, long=200)
-EXTERNS = examples("SOTER_FLOWN_EXTERNS", quick=1, long=20)
+PROGRAMS = examples(quick=8, long=200)
+EXTERNS = examples(quick=1, long=20)
 WALL = Path(__file__).resolve().parents[3] / "examples" / "wall"
 FLIGHTS = (9, 17, 64, 1)
 INSTANTS = 150
@@ -72,8 +72,9 @@ def compared(system: System, number: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("number", range(PROGRAMS))
+@pytest.mark.random
 def test_flights_of_random_systems(number: int, tmp_path: Path) -> None:
-    compared(random_system(tmp_path, number), number, FLIGHTS[number % 4])
+    compared(random_system(tmp_path, seed_of(number)), number, FLIGHTS[number % 4])
 
 
 @all_rows("kind", stateful_externs.KINDS)

@@ -23,7 +23,7 @@ from bench.hostile.bad_input_samples import (
 )
 
 import processes
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.cli.main import main
 from soter.report.mcap_log import MAGIC
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     Soter = Callable[..., Any]
 
-EACH = examples("SOTER_BAD_FILES", quick=6, long=100)
+EACH = examples(quick=6, long=100)
 NAMES = (
     "data_csv",
     "data_json",
@@ -69,11 +69,12 @@ def files(here: Path) -> Iterator[Path]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="of /dev/zero and /proc")
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.random
 def test_a_file_that_is_wrong_is_told_so(files: Path, soter: Soter, name: str) -> None:
     one: Format = formats()[name]
     (path,) = (files / f for f in one.files)
     raw = path.read_bytes()
-    for k in range(EACH):
+    for k in seeds(EACH):
         chance = Random(f"{name} {k}")  # noqa: S311 - a test
         how = placed(one, k, chance, files)
         done = soter(*chance.choice(one.commands))

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.changed_modules import BASES
 from generators.damaged_json import MISSING, damaged
 from unit.cli.test_cli_test import CORRIDOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     Soter = Callable[..., Any]
     Golden = Callable[[str, str], None]
 
-ROOT = Path(__file__).resolve().parents[3]
 WRONG: tuple[Any, ...] = (None, True, -1, 1.5, 10**30, "x", [], {}, MISSING)
 TRACE = ".soter/corridor-Far.trace.json"
 
@@ -186,13 +186,8 @@ def test_other_files_are_no_traces(soter: Soter, here: Path) -> None:
 
 
 @pytest.fixture
-def counterexample(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.syspath_prepend(str(ROOT))
-    from bench.verify.mutant_models import BASES
-
-    tank = {b.name: b for b in BASES}["tank"]
-    wrong = {**tank.defaults, **dict(tank.mutants)["ttf is constant false"]}
-    (here / "tank.soter").write_text(tank.text(wrong))
+def counterexample(soter: Soter, here: Path) -> Path:
+    (here / "tank.soter").write_text(BASES["tank"].changed("ttf is constant false"))
     assert soter("verify", "tank.soter").exit == 3
     return here / ".soter" / "tank-SafeTank.counterexample.json"
 

@@ -18,7 +18,7 @@ from generators.empty_tests import (
     watching,
     with_item,
 )
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
 from soter.language.elaborate.time_grid import quantum_of, times_read
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.explore.results import TestResult
     from soter.language.model.system import System
 
-PROGRAMS = examples("SOTER_GRIDDED_PROGRAMS", quick=8, long=96)
+PROGRAMS = examples(quick=8, long=96)
 MS = 1_000_000
 FINE = "quantum 250us; "
 
@@ -125,13 +125,14 @@ def test_thresholds_are_in_the_grid_and_something_lies_between_them(
 
 
 @pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.random
 def test_a_quarter_of_a_millisecond_finds_no_more(chunk: int) -> None:
     """On random programs that compare times with whole milliseconds, and do nothing else.
 
     Number 97 asks for an age between zero and its first threshold, through a local with an offset:
     on a grid of one millisecond it was clean.
     """
-    for seed in (*range(chunk, PROGRAMS, 4), 97 + chunk):
+    for seed in (*seeds(chunk, PROGRAMS, 4), 97 + chunk):
         text = watching(seed)
         first = found(text)
         if first.bound == "grid":  # it says itself that the grid may miss something

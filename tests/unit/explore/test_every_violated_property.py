@@ -9,7 +9,7 @@ import pytest
 
 from generators.brute_force import BruteForce, TooLargeError
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, save
 from soter.explore.replay import replay
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from soter.explore.results import TestResult
 
-PROGRAMS = examples("SOTER_VIOLATED_PROGRAMS", quick=14, long=120)
+PROGRAMS = examples(quick=14, long=120)
 THREE = """
 soter 1;
 topic x: int in [0, 9];
@@ -135,10 +135,11 @@ def test_each_has_a_file_of_its_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.random
 def test_random_programs_violate_what_the_enumerator_says() -> None:
     """Without reduction exactly that; with all of it nothing else."""
     several = 0
-    for number in range(PROGRAMS):
+    for number in seeds(PROGRAMS):
         try:
             system = system_of_text(small_program(number), "T")
             least = set(BruteForce(system).run(6_000).least)

@@ -8,13 +8,13 @@ import pytest
 
 from generators.programs_in_instants import program_in_instants
 from generators.small_test_programs import TICK
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
-PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
+PROGRAMS = examples(quick=20, long=180)
 CHUNKS = 4 if PROGRAMS >= 60 else 2
 MS = 1_000_000
 COUNTS = """soter 1;
@@ -136,10 +136,11 @@ def test_other_searches_go_to_the_horizon(settings: dict[str, str]) -> None:
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 @pytest.mark.long
+@pytest.mark.random
 def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
     """On random programs: where a search says that it is at an end, longer ones find nothing."""
     ended = 0
-    for seed in range(chunk, PROGRAMS, CHUNKS):
+    for seed in seeds(chunk, PROGRAMS, CHUNKS):
         checked = check_file("p.soter", program_in_instants(seed))
         if not checked.ok:  # as in every test of such programs
             continue

@@ -9,14 +9,14 @@ import pytest
 
 from generators.programs_in_instants import program_in_instants
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seed_of
 from soter.explore.engine import reductions
 from soter.explore.engine.explorer_library import Engine, EngineSettings, Searched
 from soter.explore.engine.reductions import between, explored, may_choose
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
-PROGRAMS = examples("SOTER_CHOICE_PROGRAMS", quick=12, long=200)
+PROGRAMS = examples(quick=12, long=200)
 DEFAULT = EngineSettings(closes=True)
 
 
@@ -103,12 +103,13 @@ def test_threads_change_nothing_of_the_choice(
 
 
 @pytest.mark.parametrize("seed", range(PROGRAMS))
+@pytest.mark.random
 def test_random_programs_are_told_the_same_either_way(
     seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(reductions, "RUN", 1)  # nothing ends in the beginnings
     make = program_in_instants if seed % 2 else small_program
-    checked = check_file("random.soter", make(seed))
+    checked = check_file("random.soter", make(seed_of(seed)))
     if not checked.ok:
         pytest.skip("the checker refuses this program (one in 200)")
     engine = Engine(system_of_test(checked, next(iter(checked.tests))))

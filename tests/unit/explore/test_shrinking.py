@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test, trace_of
 from soter.explore.engine.search import Search
@@ -50,7 +50,7 @@ node Stay period 20ms {
 system S { p: Cart; n: Stay; until 20s; }
 test Drifts { system S; horizon 20s; always abs(p.truth.x) < 0.3; }
 """
-PROGRAMS = examples("SOTER_SHRUNK_PROGRAMS", quick=12, long=72)
+PROGRAMS = examples(quick=12, long=72)
 CHUNKS = 4 if PROGRAMS >= 24 else 2
 
 
@@ -127,9 +127,10 @@ def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
+@pytest.mark.random
 def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int) -> None:
     shrunk_some = 0
-    for number in range(chunk, PROGRAMS, CHUNKS):
+    for number in seeds(chunk, PROGRAMS, CHUNKS):
         try:
             system = system_of_text(small_program(number), "T")
         except (SoterError, AssertionError):

@@ -10,7 +10,7 @@ import pytest
 
 from generators.programs_apart import program_apart
 from generators.small_test_programs import small_program
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.engine.explorer_library import Engine
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 TOLD = TraceHeader("small.soter", {})
-PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=32, long=96)
+PROGRAMS = examples(quick=32, long=96)
 TRIES = 40
 TALK = """
 soter 1;
@@ -104,11 +104,12 @@ def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("make", [small_program, program_apart])
+@pytest.mark.random
 def test_what_does_not_matter_may_choose_otherwise_in_random_programs(
     make: Callable[[int], str],
 ) -> None:
     free = removed = 0
-    for number in range(PROGRAMS):
+    for number in seeds(PROGRAMS):
         try:
             system = system_of_text(make(number), "T")
         except (SoterError, AssertionError):

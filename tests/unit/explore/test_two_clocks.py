@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.brute_force import enumerate_all
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
 from soter.language.elaborate.tests_and_faults.clock_comparisons import FINEST
@@ -18,7 +18,7 @@ from soter.language.front_end import check_file, system_of_test
 if TYPE_CHECKING:
     from soter.explore.results import TestResult
 
-PROGRAMS = examples("SOTER_CLOCK_PROGRAMS", quick=16, long=300)
+PROGRAMS = examples(quick=16, long=300)
 MS = 1_000_000
 
 PROGRAM = """soter 1;
@@ -84,9 +84,10 @@ def comparing(seed: int, quantum: str = "") -> str:
 
 
 @pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.random
 def test_a_finer_grid_finds_no_more(chunk: int) -> None:
     verdicts = []
-    for seed in range(chunk, PROGRAMS, 4):
+    for seed in seeds(chunk, PROGRAMS, 4):
         own = comparing(seed)
         flat = system_of_test(check_file("small.soter", own), "T")
         assert times_read(flat).together <= FINEST

@@ -1,6 +1,6 @@
 """The checker against programs that are a few tokens away from meaning something.
 
-`SOTER_MUTANTS=100000 pytest tests/unit/language/test_check_mutants.py` looks longer.
+`SOTER_TEST_SCALE=200 pytest tests/unit/language/test_check_mutants.py` looks longer.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from work import work_of
 TESTS = Path(__file__).parents[2]
 FOLDERS = ("correct", "dynamic_error", "static_error", "../examples/wall", "../examples/drone")
 PATHS = [p for f in FOLDERS for p in files_in(TESTS / f, "*.soter")]
-MUTANTS = examples("SOTER_MUTANTS", quick=500, long=10_000)
+MUTANTS = examples(quick=500, long=10_000)
 CALLS_MAX = 20_000_000
 """Twenty times what a mutant takes; a constant may compute for as long as its budget."""
 

@@ -7,7 +7,6 @@ sweep; with `-s` each function shows its worst error and where it was found.
 from __future__ import annotations
 
 import math
-import os
 
 import mpmath
 import pytest
@@ -24,10 +23,11 @@ from exact_functions import (  # type: ignore[import-not-found]
 from mpmath import mp, mpf
 from soter_functions import SCALARS, soter_function  # type: ignore[import-not-found]
 
+from long_tests import examples
 from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
 from tables import all_rows
 
-SAMPLES = int(os.environ.get("SOTER_PRELUDE_SAMPLES", "250"))
+SAMPLES = examples(quick=250, long=250)
 
 
 def _allowed(name: str, bound: ErrorBound, arguments: tuple[float, ...], value: mpf) -> mpf:

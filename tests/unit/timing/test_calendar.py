@@ -6,17 +6,15 @@ The simulator (tests/generators/simulated_thread.py) goes tick by tick and knows
 from __future__ import annotations
 
 import random
-from typing import TYPE_CHECKING
+
+import pytest
 
 from generators.simulated_thread import Job, at_worst, drawn, spans, turn
-from long_tests import examples
+from long_tests import examples, seed_of
 from soter.timing import response_times
 from soter.timing.response_times import Analysis, Task, WorstResponse, analyse
 
-if TYPE_CHECKING:
-    import pytest
-
-SETS = examples("SOTER_THREADS", quick=300, long=5_000)
+SETS = examples(quick=300, long=5_000)
 
 
 def tasks_of(jobs: list[Job]) -> list[Task]:
@@ -38,8 +36,9 @@ def latest(jobs: list[Job], ticks: int) -> list[tuple[int, int]]:
     return spans(jobs, ticks, lambda k, _: jobs[k].hold, lambda k, _: jobs[k].cost)
 
 
+@pytest.mark.random
 def test_nothing_is_later_than_computed_and_the_computed_is_reached() -> None:
-    rng = random.Random(20261122)  # noqa: S311 - schedules, not secrets
+    rng = random.Random(seed_of(20261122))  # noqa: S311 - schedules, not secrets
     kept = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.3, 1.0))
@@ -65,8 +64,9 @@ def test_nothing_is_later_than_computed_and_the_computed_is_reached() -> None:
     assert kept >= SETS // 5
 
 
+@pytest.mark.random
 def test_what_is_refused_has_an_execution_that_misses_first_there() -> None:
-    rng = random.Random(7)  # noqa: S311 - schedules, not secrets
+    rng = random.Random(seed_of(7))  # noqa: S311 - schedules, not secrets
     refused = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.6, 1.2))
@@ -126,8 +126,9 @@ def test_hyperperiods_that_only_add_to_the_backlog_are_left_out_of_the_search() 
     assert s.end - s.release == 10**12 + 1
 
 
+@pytest.mark.random
 def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = random.Random(3)  # noqa: S311 - schedules, not secrets
+    rng = random.Random(seed_of(3))  # noqa: S311 - schedules, not secrets
     decided = 0
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.2, 0.8))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.explore.model.actors import TIME, Footprints
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from soter.core.core import CoreSystem
     from soter.explore.model.exploration_plan import ExplorationPlan, Label
@@ -55,65 +55,46 @@ def loose_parts_of(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> IndependentParts | None:
     """The parts that only properties join; None where none does, or windows are no points."""
-    assert system.test is not None
-    footprints = Footprints(system, lowered)
-    if system.test.timed or TIME in footprints.read_by_properties():
-        return None
-    if any(a.window_ns or a.overrun_ns for a in plan.actors):
-        return None
-    properties = [footprints.read_by(p) for p in range(len(system.properties))]
-    if max(len(plan.actors), len(properties)) > WIDTH:
+    properties = _reads_of_properties(system, lowered, plan)
+    if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
     groups = _depending(plan)
-    roots = list(dict.fromkeys(groups.of(i) for i in range(len(plan.actors))))
+    roots = groups.roots()
     homes = [sorted({groups.of(i) for i in _movers(plan, reads)}) for reads in properties]
-    joined = [p for p, home in enumerate(homes) if len(home) > 1]
+    joined = {p: home for p, home in enumerate(homes) if len(home) > 1}
     if not joined or any(system.properties[p].component is not None for p in joined):
         return None
-    own = [home[0] if home else roots[0] for home in homes]
-    parts = tuple(
-        IndependentPart(
-            _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
-            _mask(p for p in range(len(properties)) if own[p] == root and p not in joined),
-            0,
-        )
-        for root in roots
-    )
-    return IndependentParts(
-        parts, tuple(SharedProperty(p, tuple(roots.index(r) for r in homes[p])) for p in joined)
-    )
+    own = {p: (*home, roots[0])[0] for p, home in enumerate(homes) if p not in joined}
+    shared = [SharedProperty(p, tuple(map(roots.index, home))) for p, home in joined.items()]
+    return IndependentParts(groups.parts(own), tuple(shared))
 
 
 def parts_of(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> tuple[IndependentPart, ...]:
     """The parts, in the order of their first actors; a single one where masks are too narrow."""
-    assert system.test is not None
-    footprints = Footprints(system, lowered)
-    if system.test.timed or TIME in footprints.read_by_properties():
-        return (IndependentPart(0, 0, 0),)
+    properties = _reads_of_properties(system, lowered, plan)
     times = [t for a in plan.actors for t in (a.period_ns, a.phase_ns)]
-    if plan.timely and any(t % plan.quantum_ns for t in times):
-        return (
-            IndependentPart(0, 0, 0),
-        )  # a step may happen when another part's did, off the grid
-    properties = [footprints.read_by(p) for p in range(len(system.properties))]
-    if max(len(plan.actors), len(properties)) > WIDTH:
+    off_the_grid = plan.timely and any(t % plan.quantum_ns for t in times)
+    if properties is None or off_the_grid:  # a step may happen when another part's did
         return (IndependentPart(0, 0, 0),)
     groups = _depending(plan)
     movers = [_movers(plan, reads) for reads in properties]
     for some in movers:
         groups.join(some)
-    homes = [groups.of(some[0]) if some else groups.of(0) for some in movers]
-    roots = dict.fromkeys(groups.of(i) for i in range(len(plan.actors)))
-    return tuple(
-        IndependentPart(
-            _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
-            _mask(p for p in range(len(properties)) if homes[p] == root),
-            0,
-        )
-        for root in roots
-    )
+    return groups.parts({p: groups.of(some[0] if some else 0) for p, some in enumerate(movers)})
+
+
+def _reads_of_properties(
+    system: System, lowered: CoreSystem, plan: ExplorationPlan
+) -> list[set[Label]] | None:
+    """What each property reads; None where one reads the time, or masks are too narrow."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    if system.test.timed or TIME in footprints.read_by_properties():
+        return None
+    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    return None if max(len(plan.actors), len(properties)) > WIDTH else properties
 
 
 def _depending(plan: ExplorationPlan) -> _Groups:
@@ -150,3 +131,19 @@ class _Groups:
         roots = sorted({self.of(i) for i in members})
         for r in roots[1:]:
             self._root[r] = roots[0]
+
+    def roots(self) -> list[int]:
+        """The least members of all sets."""
+        return [i for i, root in enumerate(self._root) if i == root]
+
+    def parts(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
+        """A part for each set of actors; `judged_by`: property -> the least member of its set."""
+        members = range(len(self._root))
+        return tuple(
+            IndependentPart(
+                _mask(i for i in members if self.of(i) == root),
+                _mask(p for p, own in judged_by.items() if own == root),
+                0,
+            )
+            for root in self.roots()
+        )

@@ -296,24 +296,19 @@ class RenamingCheck:
 
     def _read_by(self, x: Component) -> tuple[tuple[str, int], ...]:
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
-        texts: list[object] = []
-        resources: list[tuple[str, int]] = []
-        if isinstance(step, core.NodeStep):
-            texts += [step.takeover, step.body, step.shield.body if step.shield else ()]
-        elif step is not None:
-            texts += [step.choose, step.integrate, step.publish]
+        texts, topics = _texts(step), list[int]()
         if x.role == "dm":
             assert x.module is not None
             d, m = self.core.decisions[x.module], self.system.modules[x.module]
             texts += [d.ttf.body, d.ttf.value, d.safer.body, d.safer.value]
-            resources += [("topic", t) for t in (*m.reads, *m.outputs)]
-            resources += [] if m.latch is None else [("topic", m.latch)]
-        resources += [("topic", o.topic) for o in (step.outputs if step else ())]
-        resources += [("topic", t) for t in x.failsafe]
+            topics += (*m.reads, *m.outputs, *(() if m.latch is None else (m.latch,)))
+        topics += [o.topic for o in (step.outputs if step else ())]
+        topics += x.failsafe
         if x.plant is not None:
-            resources += [("topic", x.scope.topics[t]) for t in x.plant.reads]
+            topics += [x.scope.topics[t] for t in x.plant.reads]
         elif x.node is not None:
-            resources += [("topic", x.scope.topics[s.topic]) for s in x.node.subscribes]
+            topics += [x.scope.topics[s.topic] for s in x.node.subscribes]
+        resources = [("topic", t) for t in topics]
         for n in walk(tuple(texts)):
             if isinstance(n, core.Get) and n.cell.kind == "topic":
                 resources.append(("topic", n.cell.owner))
@@ -325,6 +320,12 @@ class RenamingCheck:
         """Whether its code names nothing that is renamed."""
         of = {"topic": r.topics, "module": r.modules}
         return all(of[kind].get(i, i) == i for kind, i in self._reads[x.index])
+
+
+def _texts(step: core.NodeStep | core.PlantStep | None) -> list[object]:
+    if isinstance(step, core.NodeStep):
+        return [step.takeover, step.body, step.shield.body if step.shield else ()]
+    return [] if step is None else [step.choose, step.integrate, step.publish]
 
 
 def _is_apart(x: Component) -> bool:

@@ -7,6 +7,7 @@ Non-goals: proving (`verify/`).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
@@ -16,7 +17,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, Module, System
@@ -39,8 +40,20 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
 
     `proofs`: by module, where exactly this system was verified.
     """
-    proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
+    assumptions = _of_proofs(system, free, proofs or {})
+    for what_of in (_at_once, _unshown, partial(_free_for_ever, system)):
+        assumptions += [text for m in free for text in what_of(m)]
+    trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
+    if trusted:
+        assumptions.append(
+            f"{', '.join(trusted)}: extern and trusted, nothing is known about the code"
+        )
+    return [*assumptions, *(text for m in free for text in _computed(m))]
+
+
+def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
+    """What is proved of modules, claimed of none, or assumed."""
     assumptions = [
         _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
         for m in free
@@ -56,31 +69,6 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
         assumptions.append(
             f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
         )
-    assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
-    assumptions += [
-        f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
-    ]
-    assumptions += [
-        f"{m.name}: what {system.topics[m.scope.topics[t]].name} calls free stays free, for ever"
-        for m in free
-        for t in topic_reads(m.symbol.safe)
-        if t.static
-    ]
-    trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
-    if trusted:
-        assumptions.append(
-            f"{', '.join(trusted)}: extern and trusted, nothing is known about the code"
-        )
-    for m in free:
-        missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
-        if missing:
-            whence = "from the plants and the grid of its `verify` block"
-            if m.symbol.rest is not None:
-                whence = "SC is followed from each estimate to where it rests"
-            assumptions.append(
-                f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
-                f"{whence}; where they cannot be, its AC never gets control"
-            )
     return assumptions
 
 
@@ -90,9 +78,35 @@ def _acts_ns(m: Module) -> int:
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
 
 
-def _at_once(m: Module) -> str:
-    late = show_ns(_acts_ns(m))
-    return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
+def _at_once(m: Module) -> Iterator[str]:
+    late = _acts_ns(m)
+    if late > m.period_ns:
+        count = f"{show_ns(late)} of `acts within` count in its proof"
+        yield f"{m.name}: commands act at once in a run; {count}"
+
+
+def _unshown(m: Module) -> Iterator[str]:
+    if m.unshown:
+        yield f"{m.name}: not shown, and taken for true: {m.unshown}"
+
+
+def _free_for_ever(system: System, m: Module) -> Iterator[str]:
+    for t in topic_reads(m.symbol.safe):
+        if t.static:
+            name = system.topics[m.scope.topics[t]].name
+            yield f"{m.name}: what {name} calls free stays free, for ever"
+
+
+def _computed(m: Module) -> Iterator[str]:
+    missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
+    if missing:
+        whence = "from the plants and the grid of its `verify` block"
+        if m.symbol.rest is not None:
+            whence = "SC is followed from each estimate to where it rests"
+        yield (
+            f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
+            f"{whence}; where they cannot be, its AC never gets control"
+        )
 
 
 def _whilst(system: System, m: Module) -> str:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.verify.mutant_models import BASES
 
 import json_documents
+from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
 from soter.semantics.chosen_draws import AdverseDraws
 from soter.semantics.externs import UnboundExternError
@@ -28,21 +28,17 @@ from soter.verify.problem.verification_system import place
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from bench.verify.mutant_models import Base
-
+    from generators.changed_modules import Base
     from soter.language.model.system import System
 
-BY_NAME = {b.name: b for b in BASES}
 
-
-def system_with(base: Base, changes: dict[str, object]) -> System:
-    text = base.text({**base.defaults, **changes})
-    return system_of(check_file(f"{base.name}.soter", text), "Protected")
+def sound(base: Base) -> System:
+    return system_of(check_file(f"{base.name}.soter", base.text), "Protected")
 
 
 def mutant(base_name: str, name: str) -> tuple[Base, System]:
-    base = BY_NAME[base_name]
-    return base, system_with(base, dict(base.mutants)[name])
+    base = BASES[base_name]
+    return base, system_of(check_file(f"{base_name}.soter", base.changed(name)), "Protected")
 
 
 @pytest.mark.parametrize(
@@ -65,14 +61,12 @@ def test_a_bad_module_is_refuted(base: str, name: str) -> None:
     again = replay(counterexample, system)
     assert again is not None
     assert again.time_ns == counterexample.time_ns
-    assert replay(counterexample, system_with(chosen, {})) is None, (
-        "the sound module survives the same run"
-    )
+    assert replay(counterexample, sound(chosen)) is None, "the sound module survives the same run"
 
 
-@pytest.mark.parametrize("base", BASES, ids=lambda b: b.name)
+@pytest.mark.parametrize("base", BASES.values(), ids=list(BASES))
 def test_a_sound_module_is_not(base: Base) -> None:
-    system = system_with(base, {})
+    system = sound(base)
     search = refute(system, base.module, 0.5)
     assert search.found is None
     assert search.runs > 100
@@ -95,7 +89,7 @@ def test_a_dm_that_never_returns_is_refuted() -> None:
     )
     early = replace(counterexample, time_ns=counterexample.cycle_ns)
     assert replay(early, system) is None, "at the start the state does not repeat itself"
-    assert replay(counterexample, system_with(base, {})) is None
+    assert replay(counterexample, sound(base)) is None
 
 
 def test_a_file_says_it_all(tmp_path: Path) -> None:
@@ -160,8 +154,8 @@ def test_a_faulting_safe_is_no_refutation() -> None:
 
 
 def test_the_given_system_stays_as_it_is() -> None:
-    base = BY_NAME["cart"]
-    system = system_with(base, {})
+    base = BASES["cart"]
+    system = sound(base)
     before = (system.topics, system.components, system.inputs, system.properties)
     variant = attacked(system, 0)
     assert (system.topics, system.components, system.inputs, system.properties) == before

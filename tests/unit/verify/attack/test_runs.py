@@ -6,16 +6,14 @@ import json
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.verify.mutant_models import BASES
 
+from generators.changed_modules import BASES
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.attack.counterexample import replay_file
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-TANK = {b.name: b for b in BASES}["tank"]
 
 
 @pytest.fixture
@@ -25,7 +23,7 @@ def refuted(
     """The program, and the counterexample's file as the command's JSON names it."""
     monkeypatch.chdir(tmp_path)
     program = tmp_path / "tank.soter"
-    program.write_text(TANK.text({**TANK.defaults, **dict(TANK.mutants)["ttf is constant false"]}))
+    program.write_text(BASES["tank"].changed("ttf is constant false"))
     assert main(["verify", "tank.soter", "--json"]) == 3
     document = json.loads(capsys.readouterr().out)
     ttf = document["modules"]["SafeTank"]["properties"]["ttf"]

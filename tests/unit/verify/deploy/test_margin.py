@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import soter
-from long_tests import examples
+from long_tests import examples, seeds
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import looks_of
 from soter.verify.polytope.tables import Facets
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Times = npt.NDArray[np.int64]
 
-RUNS = examples("SOTER_MARGIN_RUNS", quick=16, long=300)
+RUNS = examples(quick=16, long=300)
 PERIOD_NS = 50_000_000
 AFTER = 10**18
 """No take-over any more."""
@@ -109,12 +109,13 @@ def slack(run: Run, above_ns: int = 0) -> Times:
 @pytest.mark.parametrize(
     ("command", "tight_ns"), [(RUSH, 0), (LURK, PERIOD_NS)], ids=["rushes", "lurks"]
 )
+@pytest.mark.random
 def test_nobody_takes_over_before_the_margin_said(
     tmp_path: Path, command: str, tight_ns: int
 ) -> None:
     least, longest = AFTER, 0.0
     program = cart(tmp_path, levels=3, command=command)
-    for seed in range(RUNS):
+    for seed in seeds(RUNS):
         run = program.simulate(seed=seed, sha256=False)
         assert run.violations == 0
         slacks = slack(run)

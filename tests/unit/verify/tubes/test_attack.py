@@ -9,7 +9,7 @@ from bench.tubes import smaller_constants, wrong_rests
 from bench.tubes.small_rests import drawn
 from bench.tubes.tube_module import Loop, module_of
 
-from long_tests import examples, some
+from long_tests import examples, seed_of, some
 
 FOLLOW = Path(__file__).parents[4] / "examples" / "evidence" / "follow.soter"
 BY_TUBE, BY_POINT, ALWAYS_AC = range(3)
@@ -42,9 +42,10 @@ def test_ac_is_stopped_before_the_last_moment_and_by_points_after_it(follow: Loo
     assert told.late < 0
 
 
-@pytest.mark.parametrize("number", range(examples("SOTER_TUBES", quick=2, long=60)))
+@pytest.mark.parametrize("number", range(examples(quick=2, long=60)))
+@pytest.mark.random
 def test_small_programs_stay_in_their_tubes(number: int) -> None:
-    module = module_of("small.soter", drawn(number), claimed=number % 3 == 0)
+    module = module_of("small.soter", drawn(seed_of(number)), claimed=number % 3 == 0)
     told = Loop(module, "-O1").run("contain", number, 4_000, 0)
     assert told.outside == 0
     assert not (module.kept and told.violated)
@@ -77,7 +78,8 @@ def test_runs_leave_the_tube_of_a_check_with_a_smaller_constant(kind: str) -> No
     assert found
 
 
-@pytest.mark.parametrize("number", range(examples("SOTER_WRONG_RESTS", quick=2, long=60)))
+@pytest.mark.parametrize("number", range(examples(quick=2, long=60)))
+@pytest.mark.random
 def test_a_wrong_rest_is_not_proved(number: int) -> None:
-    why, text = wrong_rests.drawn(5 * number)
+    why, text = wrong_rests.drawn(seed_of(5 * number))
     assert not wrong_rests.proved(text), why
