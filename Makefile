@@ -20,7 +20,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 # tests that say which package of others they need
 THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
-.PHONY: help setup demo test test-pages test-real-time test-long test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode clean
+.PHONY: help setup demo test test-changed test-all test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -44,17 +44,17 @@ setup: $(VENV)/.dev  ## make .venv with everything for running, testing and lint
 demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the reports
 	$(PY) examples/drone/demo.py
 
-test: $(VENV)/.dev  ## the tests, a quarter of an hour to forty minutes on two cores; says how many long ones it left out
+test: $(VENV)/.dev  ## the quick tests, before a commit; says how many it left out
 	$(PY) -m pytest $(PARALLEL)
 
-test-pages: $(VENV)/.dev  ## what the pages of the documents do and show
-	$(PY) -m pytest $(PARALLEL) -m pages
+test-changed: $(VENV)/.dev  ## SINCE=main: quick tests of what has changed since that revision, HEAD unless said
+	$(PY) -m pytest $(PARALLEL) --changed-since $(or $(SINCE),HEAD)
+
+test-all: $(VENV)/.dev  ## every test but those of real time: proofs, toolchains, what the pages do and show
+	$(PY) -m pytest $(PARALLEL) --all
 
 test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after the other; a busy one may fail them
 	$(PY) -m pytest -n 0 -m real_time
-
-test-long: $(VENV)/.dev  ## every test but those of real time, the long ones too, with many more random programs
-	$(PY) -m pytest $(PARALLEL) --long
 
 test-newest:  ## tests that touch packages of others, with the newest versions, in .venv-newest
 	$(MAKE) --no-print-directory setup VENV=.venv-newest VERSIONS=newest
@@ -62,7 +62,7 @@ test-newest:  ## tests that touch packages of others, with the newest versions, 
 	.venv-newest/bin/python -m pytest $(PARALLEL) $(THIRD_PARTIES)
 
 durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which decides what `make test` takes
-	$(PY) -m pytest $(PARALLEL) --long --write-durations
+	$(PY) -m pytest $(PARALLEL) --all --write-durations
 
 soak: $(VENV)/.dev  ## N=600 seconds of random tests on fresh programs; what fails is told with its seed
 	$(PY) tests/soak.py --seconds $(or $(N),600) --jobs $(JOBS)

@@ -42,7 +42,7 @@ class Small:
     `arguments` come behind the section's own; `instead` in place of them. None of both: there is no
     smaller one than the whole. `times`: headings of columns of times, where those that
     made_again_compare knows are times of the simulated world. `machine`: why its figures are
-    another machine's or another moment's: only what is 0 is compared. `apart`: why `make test-long`
+    another machine's or another moment's: only what is 0 is compared. `apart`: why `make test-all`
     does not make it. `part`: the smaller run has fewer rows, and they are those of the whole one.
     """
 
@@ -225,10 +225,10 @@ LIDAR = "@Safe exploration: a lidar that is worse than assumed"
 LEARNED = "@Safe exploration: planners of others"
 DEATHS = "@MAVLink: who dies beside an autopilot's double"
 READING = "-m pytest -q -p no:cacheprovider -n 0 tests/unit/certificate/test_reading_order.py"
-GALLERY = "-m pytest -q -p no:cacheprovider -n 0 --long tests/correct/test_gallery.py"
+GALLERY = "-m pytest -q -p no:cacheprovider -n 0 --all tests/correct/test_gallery.py"
 RHYTHM = "@The rhythm that the drone follows worst"
 PAGE_OF_RESULTS = "bench/running/results_page.py --out build/made-again --page build/results.md"
-DESIGN = "-m pytest -q -p no:cacheprovider -n 0 --long tests/correct/test_drone_design.py"
+DESIGN = "-m pytest -q -p no:cacheprovider -n 0 --all tests/correct/test_drone_design.py"
 
 PAGES = (
     Made("autopilot.md", "| flights of 20 s", FENCE, given="10 2.5 30 70 6 1.5 20 10,001"),

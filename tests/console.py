@@ -4,7 +4,7 @@ Purpose: ```` ```console ```` blocks of a page as sessions; `differs` compares w
 what a page shows, `shown` makes the text for a page. A line `…` stands for any lines, `…` in a line
 for any letters; a last line `(exit code N)` for an exit code that is not 0. Lengths of gaps do not
 count. Blocks of ```` ```soter file=NAME ```` are files of the session. With `long` behind the word
-a block is run by `make test-long` only.
+a block is run by `make test-all` only.
 Non-goals: commands that wait for input.
 """
 

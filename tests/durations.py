@@ -3,10 +3,11 @@
 Purpose: `durations.json` has the CPU seconds of each line of a test, in the order of its table: its
 own, and those of processes that were waited for. Tests of less than `TOLD_S` are not told; null is
 where nothing was measured, neither of this line nor of those after it. A quick run takes the first
-line of a test, and as many more, in order, as fit into `BUDGET_S` or cost nothing (0.0); all of
-them where the test is marked `whole`, or the file does not know it. What tests of a file share
-(fixtures of a module or of the session) stands beside them, under `SHARED`. Tests that a marker
-leaves out (`long`, `pages`, `real_time`) are not told.
+line of a test if it costs at most `FIRST_S`, and as many more, in order, as fit into `BUDGET_S` or
+cost nothing (0.0); all of them where the test is marked `whole`, or the file does not know it. What
+tests of a file share (fixtures of a module or of the session) stands beside them, under `SHARED`:
+none of them is quick where that is more than `SHARED_S`. Tests that a marker leaves out (`long`,
+`pages`, `real_time`) are not told.
 `pytest --write-durations` enters what it runs; `make durations` runs all of it.
 Non-goals: time by the clock, which others have a part in; which tests are long by their nature:
 the marker `long` stands beside them.
@@ -23,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Mapping, Sequence
+    from collections.abc import Generator, Mapping
 
 Lines = list[float | None]
 Known = dict[str, dict[str, Lines]]
@@ -31,8 +32,11 @@ Known = dict[str, dict[str, Lines]]
 
 FILE = Path(__file__).with_suffix(".json")
 BUDGET_S = 1.0
-"""What one test, with all its lines, may take of a quick run."""
-TOTAL_S = 580.0
+"""What one test, with all its lines, may take of a quick run; its first line alone:"""
+FIRST_S = 1.5
+SHARED_S = 4.0
+"""What tests of a file may share in a quick run."""
+TOTAL_S = 800.0
 """What all tests that are told may take of a quick run, and what they share."""
 TOLD_S = 0.3
 SHARED = ""
@@ -44,12 +48,14 @@ def read() -> Known:
     return known
 
 
-def quick_lines(lines: Sequence[float | None], count: int) -> int:
-    """How many of the `count` lines of a test a quick run takes."""
+def quick_lines(tests: Mapping[str, Lines], name: str, count: int) -> int:
+    """How many of the `count` lines of a test a quick run takes; `tests`: what its file has."""
+    if (tests.get(SHARED, [0.0])[0] or 0.0) > SHARED_S:
+        return 0
     seconds = 0.0
-    for taken, line in enumerate(lines[:count]):
+    for taken, line in enumerate(tests.get(name, [])[:count]):
         seconds += line or 0.0
-        if taken and (line is None or (line and seconds > BUDGET_S)):
+        if (taken and line is None) or (line and seconds > (BUDGET_S if taken else FIRST_S)):
             return taken
     return count
 

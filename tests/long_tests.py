@@ -1,15 +1,14 @@
-"""What `make test` leaves to `make test-long`, `make test-pages` and `make test-real-time`.
+"""What `make test` leaves to `make test-all` and `make test-real-time`.
 
-Purpose: tests marked `long`, and lines of tables beyond what `durations.py` has room for, run with
-`pytest --long`, with an `-m` that speaks of them, or where one is named (`FILE::TEST`); what is
-left out is told when a run begins and when it ends. Tests marked `pages`, which do what a page of
-the documents does, run with `--long` too, and with `-m pages`. Tests marked `real_time`, which a
-machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named.
-`examples` is how many programs a random test draws: more in a long run, and $SOTER_TEST_SCALE times
-as many. `seeds` and `seed_of` are which: others for every $SOTER_TEST_SEED. `some`: of a long table
-the first lines. `--write-durations` measures what is run.
-Enclosures that a test compiles in its own process are optimised as shipped in a long run, else
-compiled quickly.
+Purpose: tests marked `long`, tests and lines of tables that `durations.py` has no room for, and
+tests marked `pages`, which do what a page of the documents does, run with `pytest --all`, with an
+`-m` that speaks of them, or where one is named (`FILE::TEST`). Tests marked `real_time`, which a
+machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named. What is
+left out is told when a run begins and when it ends.
+`examples` is how many programs a random test draws: $SOTER_TEST_SCALE times as many. `seeds` and
+`seed_of` are which: others for every $SOTER_TEST_SEED. `some`: of a long table the first lines.
+`--write-durations` measures what is run. Enclosures that a test compiles in its own process are
+compiled quickly, not as shipped.
 Non-goals: which tests are long; the marker stands beside them.
 """
 
@@ -28,14 +27,12 @@ if TYPE_CHECKING:
 
     from _pytest.terminal import TerminalReporter
 
-COMMAND = "make test-long"
+COMMAND = "make test-all"
 SCALE, SEED = "SOTER_TEST_SCALE", "SOTER_TEST_SEED"
-PAGES = "make test-pages"
 REAL_TIME = "make test-real-time"
 MARKERS = ("long", "pages", "real_time")
 """What may leave a test out; of several the last one counts."""
 _LEFT_OUT, _COUNTS, _MEASURED = "tests left out", "lines of tests", "seconds of tests"
-_asked = {"long": False}
 _left_out: Counter[str] = Counter()
 _counts: dict[str, dict[str, int]] = {}
 _lines: dict[str, tuple[str, str, int]] = {}
@@ -43,9 +40,9 @@ _marked: set[str] = set()
 _measured: dict[str, dict[str, dict[int, float]]] = {}
 
 
-def examples(*, quick: int, long: int) -> int:
-    """How many examples a random test tries: at least one."""
-    return max(1, round((long if _asked["long"] else quick) * float(os.environ.get(SCALE, "1"))))
+def examples(count: int) -> int:
+    """How many examples a random test tries: `count` at a scale of 1, and at least one."""
+    return max(1, round(count * float(os.environ.get(SCALE, "1"))))
 
 
 def seed_of(number: int) -> int:
@@ -72,16 +69,15 @@ def some(these: Iterable[Any], quick: int) -> list[Any]:
 @pytest.fixture(scope="session", autouse=True)
 def _enclosures_are_compiled_quickly() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        if not _asked["long"]:
-            patch.setattr("soter.verify.enclose.compiled_enclosures.UNIT_LEVEL", "-O1")
+        patch.setattr("soter.verify.enclose.compiled_enclosures.UNIT_LEVEL", "-O1")
         yield
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
-        "--long",
+        "--all",
         action="store_true",
-        help="the tests marked `long` as well, and more examples of the random ones",
+        help="long tests and those of pages as well, every test but those of real time",
     )
     parser.addoption(
         "--write-durations",
@@ -91,7 +87,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    _asked["long"] = bool(config.getoption("--long"))
     if config.getoption("--write-durations"):
         if any("::" in argument for argument in config.args):
             raise pytest.UsageError("--write-durations measures whole files")
@@ -100,21 +95,19 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def _wanted(config: pytest.Config, marker: str) -> bool:
     named = any("::" in argument for argument in config.args)
-    long = marker in {"long", "pages"} and config.getoption("--long")
-    return bool(long or marker in config.option.markexpr or named)
+    asked = marker != "real_time" and config.getoption("--all")
+    return bool(asked or marker in config.option.markexpr or named)
 
 
 def pytest_report_header(config: pytest.Config) -> list[str]:
-    long = f"{'all' if _wanted(config, 'long') else 'left out'}, {COMMAND} runs everything"
-    if config.getoption("--long"):
-        long = "all, and more examples of the random ones"
-    real_time = "all" if _wanted(config, "real_time") else f"left out, {REAL_TIME} runs them"
-    pages = "all" if _wanted(config, "pages") else f"left out, {PAGES} runs them"
+    def told(marker: str, command: str) -> str:
+        return "all" if _wanted(config, marker) else f"left out, {command} runs them"
+
     drawn = " ".join(f"{name}={os.environ[name]}" for name in (SCALE, SEED) if name in os.environ)
     return [
-        f"long tests: {long}",
-        f"pages: {pages}",
-        f"real-time tests: {real_time}",
+        f"long tests: {told('long', COMMAND)}",
+        f"pages: {told('pages', COMMAND)}",
+        f"real-time tests: {told('real_time', REAL_TIME)}",
         f"random tests: {drawn or 'the same examples every time, make soak draws fresh ones'}",
     ]
 
@@ -129,8 +122,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         file, test, line = _lines[item.nodeid]
         marks = {mark.name for mark in item.iter_markers()}
         has = marks.intersection(MARKERS)
-        took, count = known.get(file, {}).get(test, ()), _counts[file][test]
-        if "whole" not in marks and line >= durations.quick_lines(took, count):
+        room = durations.quick_lines(known.get(file, {}), test, _counts[file][test])
+        if "whole" not in marks and line >= room:
             has.add("long")
         why = [m for m in MARKERS if m in has and not _wanted(config, m)]
         _left_out.update(why[-1:])
@@ -196,16 +189,11 @@ def pytest_testnodedown(node: Any) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
-    if _left_out["long"]:
-        terminalreporter.write_line(
-            f"long tests left out: {_left_out['long']}, and the random ones drew fewer programs;"
-            f" `{COMMAND}` runs everything",
-            yellow=True,
-        )
-    if _left_out["pages"]:
-        terminalreporter.write_line(
-            f"tests of pages left out: {_left_out['pages']}; `{PAGES}` runs them", yellow=True
-        )
+    for marker, which in (("long", "long tests"), ("pages", "tests of pages")):
+        if _left_out[marker]:
+            terminalreporter.write_line(
+                f"{which} left out: {_left_out[marker]}; `{COMMAND}` runs them", yellow=True
+            )
     if _left_out["real_time"]:
         terminalreporter.write_line(
             f"real-time tests left out: {_left_out['real_time']}; `{REAL_TIME}` runs them",

@@ -6,7 +6,7 @@
 Purpose: each process is one file's tests marked `random`, with a seed of its own (`long_tests.py`,
 `seeds`); what fails is told with the command that has it again, and the exit code is then 1. With
 $SOTER_TEST_SCALE each test tries so many times as many examples.
-Non-goals: `--long`; how often a test meets what it looks for: with few examples such a count, which
+Non-goals: how often a test meets what it looks for: with few examples such a count, which
 some tests hold, may fall short by chance.
 """
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 CHUNKS = 4
-EACH = examples(quick=3, long=30)
+EACH = examples(3)
 STEPS = 400
 
 

@@ -44,7 +44,7 @@ assert complex ctype errno fenv float inttypes limits math setjmp signal stdarg 
 stdint stdio stdlib string time unistd wchar
 """
 WORDS = [w for w in (*KEYWORDS.split(), *OTHERS.split()) if w not in RESERVED]
-NAMES = examples(quick=10, long=10_000)
+NAMES = examples(10)
 INCLUDED = "".join(f"#include <{h}.h>\n" for h in HEADERS.split() if h != "complex")
 ONE = """soter 1;
 topic x: float in [0.0, 1.0] max_age 20ms;

@@ -1,6 +1,6 @@
 """What pages show below a command is what the command prints (tests/console.py says how).
 
-`pytest tests/correct/test_console_blocks.py --update-golden [--long]` writes it into the pages.
+`pytest tests/correct/test_console_blocks.py --update-golden [--all]` writes it into the pages.
 """
 
 from __future__ import annotations

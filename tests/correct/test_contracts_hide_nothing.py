@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from generators.brute_force import Broken
 
 CHUNKS = 4
-PROGRAMS = examples(quick=20, long=100)
-COMPARED = examples(quick=2, long=18)
+PROGRAMS = examples(20)
+COMPARED = examples(2)
 """Programs on which the explorer is compared with the enumerator, a variant."""
 MOST = 3_000
 TELLING = (46, 40, 42, 44)

@@ -27,7 +27,7 @@ from tables import all_rows
 if TYPE_CHECKING:
     from pathlib import Path
 
-INSTANTS = examples(quick=150, long=500)
+INSTANTS = examples(150)
 NOTHING_TO_RUN = {
     f"examples/{name}.soter"
     for name in (

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     Show = Callable[[Block], Iterator[Block]]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
-BLOCKS = examples(quick=15, long=150)
+BLOCKS = examples(15)
 """Of nine cells, of each claim of each view."""
 WALLS = ("east", "west", "north", "south", "above", "below")
 

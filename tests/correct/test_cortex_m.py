@@ -51,7 +51,7 @@ EXAMPLES = {  # of the surveillance the system that answers its own planner
     "drone": "examples/drone/motion_primitive.soter",
     "surveillance": "examples/drone/campaign.soter",
 }
-PROGRAMS = examples(quick=2, long=100)
+PROGRAMS = examples(2)
 CHUNKS = 2
 TEST = re.compile(
     r"(soter_arithmetic_is_right|is_right|are_(compared_)?right|nearest|right_of_\w+|here_of_\w+|"

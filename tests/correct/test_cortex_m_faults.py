@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 KINDS = ("endless", "wild writes", "stack", "division by zero", "runs data", "protection")
 EARLY = frozenset((1, 2, 3, 4, 5))
 """What the core notices at once; an endless step is noticed when its budget ends."""
-LIMITS = examples(quick=2, long=50)
+LIMITS = examples(2)
 UNTIL_NS = 1_500_000_000
 MARK = (0x600DF00D).to_bytes(4, "little")
 RUNS = count(1)

@@ -16,7 +16,7 @@ from soter.explore.engine.explorer_library import Engine, EngineSettings
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PROGRAMS = examples(quick=3, long=24)
+PROGRAMS = examples(3)
 MAKERS = (program_in_instants, program_joined, program_apart, small_program)
 
 

@@ -68,7 +68,7 @@ def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
                 evaluator.expression(predicate),
             )
             both = set()
-            for _ in range(examples(quick=300, long=5000)):
+            for _ in range(examples(300)):
                 env = Environment(topics=[read_at_random(t, chance) for t in flat_.topics])
                 try:
                     holds = truth(env)
@@ -113,7 +113,7 @@ def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> N
     tried = 0
     for predicate in module.symbol.predicates:
         margin, truth = PredicateMargins(evaluator).of(predicate), evaluator.expression(predicate)
-        for _ in range(examples(quick=400, long=5000)):
+        for _ in range(examples(400)):
             x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
             n, b = chance.randint(0, 4), chance.random() < 0.5
             env = env_of(flat_, at, (x, y, n, b))

@@ -5,7 +5,7 @@ compiled with every warning an error, and every state after every instant is com
 locals, modes, OE, latches, counters, random draws.
 
     make test                                   40 programs, always the same
-    make test-long                              1000, these among them
+    SOTER_TEST_SCALE=25 make test               1000, these among them
     make soak N=600                             fresh ones, ten minutes long
     SOTER_TEST_SEED=4711 SOTER_TEST_SCALE=0 pytest tests/correct/test_engines_agree.py   one
 
@@ -48,7 +48,7 @@ INSTANTS = 500
 BATCH = 15
 LEVELS = ("-O0", "-O2")
 REFUSALS = (FaultKind.NONFINITE, FaultKind.RANGE, FaultKind.EXTERN)
-PROGRAMS = examples(quick=40, long=1000)
+PROGRAMS = examples(40)
 CHUNKS = min(20, max(3, PROGRAMS // BATCH))
 
 

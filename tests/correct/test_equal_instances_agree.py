@@ -13,7 +13,7 @@ from generators.explorer_agreement import enumerated, small
 from generators.symmetry_agreement import compared_as_equals
 from long_tests import examples, seeds
 
-PROGRAMS = examples(quick=12, long=108)
+PROGRAMS = examples(12)
 CHUNKS = 6 if PROGRAMS >= 36 else 2
 MOST = 2_500
 FAST = ("-O0",)

@@ -159,7 +159,7 @@ def test_a_flight_with_a_lidar_at_its_worst_ends_with_a_true_map(
     worlds.write_text(edited(worlds.read_text(encoding="utf-8"), HARMFUL), encoding="utf-8")
     program = soter.load(folder / "exploration_adversaries.soter")
     grid = Grid.of(program.constant)
-    for seed in seeds(1, 1 + examples(quick=4, long=40)):
+    for seed in seeds(1, 1 + examples(4)):
         run = program.simulate(
             system=system,
             seed=seed,

@@ -52,7 +52,7 @@ def courts(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Court]:
 @pytest.mark.random
 def test_every_freed_cell_is_free(court: Court, kind: str) -> None:
     freed: Counter[str] = Counter()
-    for number in seeds(examples(quick=25, long=6000)):
+    for number in seeds(examples(25)):
         scene = court.scene(kind, number)
         for name in ALL_OF_THEM if scene.silence else (RIGHT,):
             cells = court.freed(name, scene)
@@ -87,7 +87,7 @@ def test_a_margin_that_is_said_to_be_spare_is(courts: dict[str, Court], name: st
 def test_within_what_is_declared_nothing_contradicts_a_true_map(court: Court, kind: str) -> None:
     count = court.grid.count
     everything = {(i, j) for i in range(count) for j in range(count)}
-    for number in seeds(examples(quick=8, long=1500)):
+    for number in seeds(examples(8)):
         scene = court.scene(kind, number)
         free = np.ones((count, count), dtype=bool)
         for i, j in court.taken(scene, everything):
@@ -143,7 +143,7 @@ def test_a_box_of_known_cells_keeps_the_vehicle_over_them() -> None:
     grid = Grid(*(program.constant(name) for name in names))
     radius = Fraction(program.constant("city.RADIUS"))
     draw = random.Random(seed_of(7))  # noqa: S311 - draws, not secrets
-    for _ in range(examples(quick=60, long=3000)):
+    for _ in range(examples(60)):
         i0, j0 = draw.randrange(grid.count - 12), draw.randrange(grid.count - 12)
         asked = SimpleNamespace(
             i0=i0, j0=j0, i1=i0 + draw.randint(4, 11), j1=j0 + draw.randint(4, 11)

@@ -209,7 +209,7 @@ def court(tmp_path_factory: pytest.TempPathFactory) -> Court:
 @pytest.mark.random
 def test_nobody_is_nearer_than_one_scan_makes_certain(court: Court) -> None:
     some = 0
-    for number in seeds(examples(quick=300, long=20000)):
+    for number in seeds(examples(300)):
         scene = court.scene("people", number)
         for name in (RIGHT, SILENT):
             assert not court.lies(name, scene), number
@@ -234,7 +234,7 @@ def test_nobody_behind_a_fast_rover_is_nearer_if_it_is_told_at_once(court: Court
 @pytest.mark.random
 def test_nobody_could_be_nearer_unseen(court: Court) -> None:
     farther = 0
-    for number in seeds(examples(quick=40, long=3000)):
+    for number in seeds(examples(40)):
         scene = court.scene("things", number)
         draw = random.Random(number)  # noqa: S311 - draws, not secrets
         for name in (RIGHT, SILENT):
@@ -249,7 +249,7 @@ def test_nobody_could_be_nearer_unseen(court: Court) -> None:
 @pytest.mark.random
 def test_nobody_who_gives_no_echo_is_nearer_where_silence_says_nothing(court: Court) -> None:
     silent = 0
-    for number in seeds(examples(quick=100, long=5000)):
+    for number in seeds(examples(100)):
         scene = court.scene("people in black", number)
         assert not court.lies(RIGHT, scene), number
         silent += court.lies(SILENT, scene)
@@ -257,7 +257,7 @@ def test_nobody_who_gives_no_echo_is_nearer_where_silence_says_nothing(court: Co
 
 
 def test_no_climb_comes_to_where_somebody_is_nearer(court: Court) -> None:
-    climbs = examples(quick=8, long=400)
+    climbs = examples(8)
     assert court.climbed_to(SILENT, climbs) is None
 
 

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 CHUNKS = 6
-PROGRAMS = examples(quick=12, long=180)
-INSTANTS = examples(quick=6, long=108)
-ONES_APART = examples(quick=6, long=90)
+PROGRAMS = examples(12)
+INSTANTS = examples(6)
+ONES_APART = examples(6)
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)
 """Programs that a wrong reduction of ours got wrong."""

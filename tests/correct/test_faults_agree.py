@@ -76,7 +76,7 @@ TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
 VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
 LASTING = ("M.Fast", "Other", "Ear")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
-RANDOM_PROGRAMS = examples(quick=5, long=120)
+RANDOM_PROGRAMS = examples(5)
 
 
 def flat_of(folder: Path, faults: str) -> System:

@@ -34,7 +34,7 @@ FILES = Path(__file__).parent / "files"
 SCRIPT = FILES / "firmware_script.c"
 LIBRARY = 256
 """Bytes that `memset` and `strcmp` may take."""
-LOOPS = examples(quick=12, long=400)
+LOOPS = examples(12)
 MS = 1_000_000
 RAN, BEHIND, LATE, TIME_BACKWARDS, UNHEARD, LATCHED, REFUSED = 1, 2, 4, 8, 16, 32, 64
 STALE = 256

@@ -24,7 +24,7 @@ from long_tests import examples, seeds
 if TYPE_CHECKING:
     from pathlib import Path
 
-FLEETS = examples(quick=8, long=96)
+FLEETS = examples(8)
 CHUNKS = max(2, FLEETS // 6)
 INSTANTS = 150
 

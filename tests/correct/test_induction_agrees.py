@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 pytest.importorskip("z3")
 
-PLANNERS = examples(quick=16, long=60)
+PLANNERS = examples(16)
 """Without lateness; with it there are twice as many, of which few are clean."""
 HORIZON_NS = {False: 120_000_000, True: 60_000_000}
 OPTIONS = SearchOptions(time=30, minimise=0, memory=2**29)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 CHUNKS = 4
-PROGRAMS = examples(quick=12, long=108)
+PROGRAMS = examples(12)
 MAKERS = (small_program, program_apart, program_in_instants)
 MOST = 20_000
 """Configurations of a program that is compared."""

@@ -35,7 +35,7 @@ FLAGS = (
     "-fno-sanitize-recover=all",
 )  # fmt: skip
 INSTANTS = 400
-PROGRAMS = examples(quick=8, long=84)
+PROGRAMS = examples(8)
 CHUNKS = max(2, PROGRAMS // 7)
 
 

@@ -41,7 +41,7 @@ TOWARD = ("shield 8;", "shield 8 toward sc;")
 PUSHES = COMMANDS["pushes at the wall"]
 SMALL_TOWARD = SMALL.replace("shield 4;", "shield 4 toward sc;")
 RARELY = "if sin(13.0 * time) > 0.95 { publish accel = A; }"
-PROGRAMS = examples(quick=4, long=60)
+PROGRAMS = examples(4)
 
 
 @pytest.mark.parametrize("step", COMMANDS.values(), ids=COMMANDS.keys())

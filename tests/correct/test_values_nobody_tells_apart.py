@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
-PROGRAMS = examples(quick=200, long=2_000)
+PROGRAMS = examples(200)
 MOST = 5_000
 
 

@@ -13,9 +13,20 @@ from pathlib import Path
 import pytest
 
 import processes
-from durations import BUDGET_S, SHARED, TOTAL_S, Known, entered, quick_lines, read, text
+from durations import (
+    BUDGET_S,
+    FIRST_S,
+    SHARED,
+    SHARED_S,
+    TOTAL_S,
+    Known,
+    entered,
+    quick_lines,
+    read,
+    text,
+)
 from generators.file_listing import files_below
-from long_tests import COMMAND, PAGES, SCALE, SEED, examples, seed_of, seeds
+from long_tests import COMMAND, SCALE, SEED, examples, seed_of, seeds
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent
@@ -87,7 +98,7 @@ def test_other():
     [
         (("test_two.py",), 1),
         (("test_two.py", "-n", "2"), 1),
-        (("test_two.py", "--long"), 3),
+        (("test_two.py", "--all"), 3),
         (("test_two.py", "-m", "pages"), 1),
         (("test_two.py", "-m", "long"), 1),
         (("test_two.py", "-m", "real_time"), 1),
@@ -108,11 +119,11 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{ran} passed" in done.stdout
     left_out = {"long", "pages", "real_time"} if arguments[0] == "test_two.py" else set()
-    left_out -= {*arguments, *(["long", "pages"] if "--long" in arguments else [])}
-    assert ("long tests left out: 1, and" in done.stdout) == ("long" in left_out)
+    left_out -= {*arguments, *(["long", "pages"] if "--all" in arguments else [])}
+    assert ("long tests left out: 1; " in done.stdout) == ("long" in left_out)
     assert ("tests of pages left out: 1; " in done.stdout) == ("pages" in left_out)
     assert ("real-time tests left out: 1; " in done.stdout) == ("real_time" in left_out)
-    assert (COMMAND in done.stdout) == ("--long" not in arguments)
+    assert (COMMAND in done.stdout) == ("--all" not in arguments)
 
 
 @pytest.mark.parametrize(
@@ -121,8 +132,9 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
         ((), 7, 7),
         ((BUDGET_S, 0.1), 2, 1),
         ((BUDGET_S - 0.1, 0.1, 0.1), 3, 2),
-        ((2 * BUDGET_S,), 1, 1),
-        ((2 * BUDGET_S, 0.0, 0.0, 0.1, 0.0), 5, 3),
+        ((FIRST_S,), 1, 1),
+        ((FIRST_S + 0.1,), 1, 0),
+        ((FIRST_S, 0.0, 0.0, 0.1, 0.0), 5, 3),
         ((0.1, 0.1, None), 9, 2),
         ((0.1, 0.1), 3, 3),
         ((None,), 1, 1),
@@ -131,7 +143,8 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
 def test_a_quick_run_takes_a_first_line_and_what_fits(
     lines: tuple[float | None, ...], count: int, taken: int
 ) -> None:
-    assert quick_lines(lines, count) == taken
+    for shared, told in ((0.0, taken), (SHARED_S, taken), (SHARED_S + 0.1, 0)):
+        assert quick_lines({"table": [*lines], SHARED: [shared]}, "table", count) == told
 
 
 def test_a_table_has_as_many_lines_in_a_quick_run_as_were_measured_to_fit() -> None:
@@ -139,12 +152,12 @@ def test_a_table_has_as_many_lines_in_a_quick_run_as_were_measured_to_fit() -> N
     command = [sys.executable, "-m", "pytest", "--collect-only", "-q", f"tests/{name}"]
     done = [
         processes.run([*command, *more], cwd=ROOT, capture_output=True, text=True).stdout
-        for more in ((), ("--long",))
+        for more in ((), ("--all",))
     ]
     counts = {t: [out.count(f"::test_{t}[") for out in done] for t in read()[name] if t != SHARED}
     assert any(quick < every for quick, every in counts.values())
     for test, (quick, every) in counts.items():
-        assert quick == quick_lines(read()[name][test], every), test
+        assert quick == quick_lines(read()[name], test, every), test
 
 
 def test_every_test_that_was_measured_is_there() -> None:
@@ -157,7 +170,7 @@ def test_every_test_that_was_measured_is_there() -> None:
 def test_what_was_measured_fits_into_a_quick_run() -> None:
     """Of a test that is too dear for it, mark what is `long`, or make it cheaper."""
     kept = [
-        (sum(x or 0.0 for x in lines[: quick_lines(lines, len(lines))]), file, test)
+        (sum(x or 0.0 for x in lines[: quick_lines(tests, test, len(lines))]), file, test)
         for file, tests in read().items()
         for test, lines in tests.items()
     ]
@@ -188,7 +201,7 @@ def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, 
     (tmp_path / "pytest.ini").write_text(MARKERS, encoding="utf-8")
     (tmp_path / "test_busy.py").write_text(BUSY, encoding="utf-8")
     done = processes.run(
-        [sys.executable, "-m", "pytest", "-p", "long_tests", "--write-durations", "--long", *more],
+        [sys.executable, "-m", "pytest", "-p", "long_tests", "--write-durations", "--all", *more],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(tmp_path)},
         capture_output=True,
@@ -202,16 +215,14 @@ def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, 
     assert tests["table"][0] < 0.4 <= tests["table"][1] <= tests["table"][2]
 
 
-@pytest.mark.parametrize(("scale", "counts"), [(None, (3, 40)), ("7", (21, 280)), ("0", (1, 1))])
+@pytest.mark.parametrize(("scale", "count"), [(None, 3), ("7", 21), ("0", 1)])
 def test_one_scale_is_for_all_counts(
-    monkeypatch: pytest.MonkeyPatch, scale: str | None, counts: tuple[int, int]
+    monkeypatch: pytest.MonkeyPatch, scale: str | None, count: int
 ) -> None:
     monkeypatch.delenv(SCALE, raising=False)
     if scale is not None:
         monkeypatch.setenv(SCALE, scale)
-    for long in (False, True):
-        monkeypatch.setattr("long_tests._asked", {"long": long})
-        assert examples(quick=3, long=40) == counts[long]
+    assert examples(3) == count
 
 
 def test_one_seed_is_for_all_examples(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,16 +256,11 @@ def test_no_test_has_a_variable_of_its_own() -> None:
     assert [p.name for p in paths if own.search(p.read_text(encoding="utf-8"))] == []
 
 
-def test_the_command_for_everything_asks_for_it() -> None:
+def test_the_command_for_everything_asks_for_it_and_ci_runs_it_too() -> None:
     recipes = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert re.search(rf"^{COMMAND.split()[1]}:.*\n\t.*pytest.* --long$", recipes, re.MULTILINE)
-
-
-def test_the_command_for_pages_asks_for_them_and_ci_runs_it_too() -> None:
-    recipes = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert re.search(rf"^{PAGES.split()[1]}:.*\n\t.*pytest.* -m pages$", recipes, re.MULTILINE)
+    assert re.search(rf"^{COMMAND.split()[1]}:.*\n\t.*pytest.* --all$", recipes, re.MULTILINE)
     run = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert {"make lint", "make test", PAGES} <= set(run)
+    assert {"make lint", "make test", COMMAND} <= set(run)
 
 
 @pytest.mark.parametrize("more", [("-n", "1"), ()])

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.report.assurance.safety_case import ExpandedPredicate
 
 ROOT = Path(__file__).resolve().parents[3]
-POINTS = examples(quick=60, long=3000)
+POINTS = examples(60)
 CORNERS = """soter 1;
 const A: float = 3.0;
 const LOW: int = -2;

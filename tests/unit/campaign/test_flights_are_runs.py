@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from soter import Program
     from soter.language.model.system import System
 
-PROGRAMS = examples(quick=8, long=200)
-EXTERNS = examples(quick=1, long=20)
+PROGRAMS = examples(8)
+EXTERNS = examples(1)
 WALL = Path(__file__).resolve().parents[3] / "examples" / "wall"
 FLIGHTS = (9, 17, 64, 1)
 INSTANTS = 150

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     Change = Callable[[Callable[[dict[str, Any]], None]], Path]
 
-CORRUPTIONS = examples(quick=6, long=64)
+CORRUPTIONS = examples(6)
 
 
 def reason_of(folder: Path) -> str:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     Soter = Callable[..., Any]
 
-EACH = examples(quick=6, long=100)
+EACH = examples(6)
 NAMES = (
     "data_csv",
     "data_json",

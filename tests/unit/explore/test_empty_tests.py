@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.explore.results import TestResult
     from soter.language.model.system import System
 
-PROGRAMS = examples(quick=8, long=96)
+PROGRAMS = examples(8)
 MS = 1_000_000
 FINE = "quantum 250us; "
 

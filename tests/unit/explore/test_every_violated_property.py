@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from soter.explore.results import TestResult
 
-PROGRAMS = examples(quick=14, long=120)
+PROGRAMS = examples(14)
 THREE = """
 soter 1;
 topic x: int in [0, 9];

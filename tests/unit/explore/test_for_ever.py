@@ -14,7 +14,7 @@ from soter.explore.engine.explorer_library import Engine, EngineSettings, Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 
-PROGRAMS = examples(quick=20, long=180)
+PROGRAMS = examples(20)
 CHUNKS = 4 if PROGRAMS >= 60 else 2
 MS = 1_000_000
 COUNTS = """soter 1;

@@ -21,7 +21,7 @@ from soter.language.front_end import check_file, system_of_test
 if TYPE_CHECKING:
     from soter.language.model.system import System
 
-CONDITIONS = examples(quick=200, long=8_000)
+CONDITIONS = examples(200)
 INTS = ("x", "u", "late", "Half(x)", "LIMIT", "3", "9", "0", "-1", "1", "min(x, u)", "abs(u)")
 FLOATS = ("f", "g", "0.0", "1.0", "0.5", "sqrt(g)", "f * f", "float(x)", "max(f, g)", "abs(g)")
 AT = (0.0, 1.0, 0.5, 5e-324, -1.0, MOST, -MOST, 1e200, -1e-300, 0.1)

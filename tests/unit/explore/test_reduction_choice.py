@@ -16,7 +16,7 @@ from soter.explore.engine.reductions import between, explored, may_choose
 from soter.language.front_end import check_file, system_of_test
 
 ROOT = Path(__file__).resolve().parents[3]
-PROGRAMS = examples(quick=12, long=200)
+PROGRAMS = examples(12)
 DEFAULT = EngineSettings(closes=True)
 
 

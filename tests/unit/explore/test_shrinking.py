@@ -50,7 +50,7 @@ node Stay period 20ms {
 system S { p: Cart; n: Stay; until 20s; }
 test Drifts { system S; horizon 20s; always abs(p.truth.x) < 0.3; }
 """
-PROGRAMS = examples(quick=12, long=72)
+PROGRAMS = examples(12)
 CHUNKS = 4 if PROGRAMS >= 24 else 2
 
 

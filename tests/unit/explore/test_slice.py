@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
 TOLD = TraceHeader("small.soter", {})
-PROGRAMS = examples(quick=32, long=96)
+PROGRAMS = examples(32)
 TRIES = 40
 TALK = """
 soter 1;

@@ -18,7 +18,7 @@ from soter.language.front_end import check_file, system_of_test
 if TYPE_CHECKING:
     from soter.explore.results import TestResult
 
-PROGRAMS = examples(quick=16, long=300)
+PROGRAMS = examples(16)
 MS = 1_000_000
 
 PROGRAM = """soter 1;

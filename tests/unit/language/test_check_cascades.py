@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 CORRECT = Path(__file__).parents[2] / "correct"
 PROGRAMS = files_in(CORRECT, "*.soter")
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|/\*.*?\*/|\w+(?:\.\d\w*)?|\s+|.', re.DOTALL)
-EVERY = max(1, 100 // examples(quick=10, long=100))
+EVERY = max(1, 100 // examples(10))
 """Every how manyth name is misspelt; 1 takes a minute."""
 
 

@@ -25,7 +25,7 @@ from work import work_of
 TESTS = Path(__file__).parents[2]
 FOLDERS = ("correct", "dynamic_error", "static_error", "../examples/wall", "../examples/drone")
 PATHS = [p for f in FOLDERS for p in files_in(TESTS / f, "*.soter")]
-MUTANTS = examples(quick=500, long=10_000)
+MUTANTS = examples(500)
 CALLS_MAX = 20_000_000
 """Twenty times what a mutant takes; a constant may compute for as long as its budget."""
 

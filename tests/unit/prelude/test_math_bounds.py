@@ -27,7 +27,7 @@ from long_tests import examples
 from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
 from tables import all_rows
 
-SAMPLES = examples(quick=250, long=250)
+SAMPLES = examples(250)
 
 
 def _allowed(name: str, bound: ErrorBound, arguments: tuple[float, ...], value: mpf) -> mpf:

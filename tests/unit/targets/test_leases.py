@@ -274,7 +274,7 @@ def outcome(timing: Timing, delay: Delay | None, chance: Random, *, watchdog: bo
 def test_in_time_or_the_law_before_h_runs_out() -> None:
     """No third outcome, and none of the bounds is longer than it has to be."""
     kept = lawful = tight = fed = 0
-    cases = examples(quick=1_500, long=30_000)
+    cases = examples(1_500)
     for _, timing, chance in schedules(cases, seed_of(2)):
         factor = chance.choice(FACTORS)
         node = chance.choice((0, 1))
@@ -295,7 +295,7 @@ def test_in_time_or_the_law_before_h_runs_out() -> None:
     assert fed > lawful // 2, "a watchdog that is fed by late outputs never bites"
 
 
-FLIGHTS = examples(quick=1, long=4)
+FLIGHTS = examples(1)
 
 
 @pytest.mark.long

@@ -14,7 +14,7 @@ from long_tests import examples, seed_of
 from soter.timing import response_times
 from soter.timing.response_times import Analysis, Task, WorstResponse, analyse
 
-SETS = examples(quick=300, long=5_000)
+SETS = examples(300)
 
 
 def tasks_of(jobs: list[Job]) -> list[Task]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     Times = npt.NDArray[np.int64]
 
-RUNS = examples(quick=16, long=300)
+RUNS = examples(16)
 PERIOD_NS = 50_000_000
 AFTER = 10**18
 """No take-over any more."""

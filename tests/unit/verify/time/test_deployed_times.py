@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 CORRIDOR = Path(__file__).parents[4] / "examples" / "drone" / "corridor.soter"
-DRAWS = examples(quick=60, long=1_000)
+DRAWS = examples(60)
 DECLARED = {
     "Estimate": "node Estimate period 10ms {",
     "Driver": "node Driver period 5ms {",

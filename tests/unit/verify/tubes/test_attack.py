@@ -42,7 +42,7 @@ def test_ac_is_stopped_before_the_last_moment_and_by_points_after_it(follow: Loo
     assert told.late < 0
 
 
-@pytest.mark.parametrize("number", range(examples(quick=2, long=60)))
+@pytest.mark.parametrize("number", range(examples(2)))
 @pytest.mark.random
 def test_small_programs_stay_in_their_tubes(number: int) -> None:
     module = module_of("small.soter", drawn(seed_of(number)), claimed=number % 3 == 0)
@@ -78,7 +78,7 @@ def test_runs_leave_the_tube_of_a_check_with_a_smaller_constant(kind: str) -> No
     assert found
 
 
-@pytest.mark.parametrize("number", range(examples(quick=2, long=60)))
+@pytest.mark.parametrize("number", range(examples(2)))
 @pytest.mark.random
 def test_a_wrong_rest_is_not_proved(number: int) -> None:
     why, text = wrong_rests.drawn(seed_of(5 * number))
