@@ -67,11 +67,12 @@ durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which deci
 fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
 	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py
 
-lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
+lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, complexity, C format
 	$(BIN)/ruff format --check $(LINTED)
 	$(BIN)/ruff check $(LINTED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(PY) tests/unit/test_house_figures.py
 	$(BIN)/clang-format --dry-run -Werror $(shell find src/soter -name templates -prune -o \( -name "*.[ch]" -o -name "*.hpp" \) -print)
 	$(BIN)/soter fmt --check examples/*/*.soter src/soter/language/prelude/*.soter
 
