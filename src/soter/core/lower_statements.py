@@ -35,6 +35,20 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
+def _with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
+    """An `if` with what follows it in the one arm that does not return; None where several do not.
+
+    None as well where that arm returns sometimes.
+    """
+    arms = [*(b for _, b in s.arms), s.otherwise]
+    falling = [i for i, b in enumerate(arms) if not always_returns(b)]
+    if len(falling) > 1 or any(may_return(x) for i in falling for x in arms[i]):
+        return None
+    *appended, otherwise = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
+    conditions = [condition for condition, _ in s.arms]
+    return typed.TypedIf(s.span, tuple(zip(conditions, appended, strict=True)), otherwise)
+
+
 class Builder(ExpressionBuilder):
     """Lowers the body of one function, step or predicate."""
 
@@ -66,19 +80,9 @@ class Builder(ExpressionBuilder):
         if isinstance(s, typed.TypedReturn):
             self.statement(s)
             return
-        if isinstance(s, typed.TypedIf):
-            arms = [*(b for _, b in s.arms), s.otherwise]
-            falling = [i for i, b in enumerate(arms) if not always_returns(b)]
-            partly = [i for i in falling if any(may_return(x) for x in arms[i])]
-            if len(falling) <= 1 and not partly:
-                appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
-                new = typed.TypedIf(
-                    s.span,
-                    tuple((c, b) for (c, _), b in zip(s.arms, appended[:-1], strict=True)),
-                    appended[-1],
-                )
-                self._if(new)
-                return
+        if isinstance(s, typed.TypedIf) and (whole := _with_rest(s, rest)) is not None:
+            self._if(whole)
+            return
         if self.leave is None:
             self.leave = self.fresh("done")
             self._blocks[0].insert(
