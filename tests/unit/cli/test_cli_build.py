@@ -8,6 +8,7 @@ import pytest
 
 import processes
 from generators import c_packages
+from soter.addons import by_name
 from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 from soter.targets.c99 import c99_package
@@ -208,6 +209,11 @@ def test_another_target_is_called_by_its_own_name(
     assert (here / "out" / "TOY.txt").read_text() == "a toy"
     done = soter("build", "cart.soter", "--target", "toy", "-o", "out", "--json")
     assert done.document["target"] == "toy"
+
+
+def test_every_target_is_made_by_a_function() -> None:
+    makers = [path.partition(":") for path in TARGETS.values()]
+    assert all(callable(getattr(by_name(module), name)) for module, _, name in makers)
 
 
 def test_no_target_is_there_and_still_to_come() -> None:
