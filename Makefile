@@ -67,11 +67,12 @@ durations: $(VENV)/.dev  ## measure every test: tests/durations.json, which deci
 soak: $(VENV)/.dev  ## N=600 seconds of random tests on fresh programs; what fails is told with its seed
 	$(PY) tests/soak.py --seconds $(or $(N),600) --jobs $(JOBS)
 
-lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
+lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, complexity, C format
 	$(BIN)/ruff format --check $(LINTED)
 	$(BIN)/ruff check $(LINTED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(PY) tests/unit/test_house_figures.py
 	$(BIN)/clang-format --dry-run -Werror $(shell find src/soter -name templates -prune -o \( -name "*.[ch]" -o -name "*.hpp" \) -print)
 	$(BIN)/soter fmt --check examples/*/*.soter src/soter/language/prelude/*.soter
 

@@ -1,11 +1,14 @@
-"""The figures of the house: circles of imports, sizes, calls that nobody can read.
+"""The figures of the house: circles of imports, sizes, complexity, calls that nobody can read.
 
-`python tests/unit/test_house_figures.py` lists what is over a figure, asserted here or not yet.
+`python tests/unit/test_house_figures.py` lists the functions whose complexity by radon is over
+`SIMPLE`, with the sizes of the core and of each add-on, and fails where one is over `WORST`.
 """
 
 from __future__ import annotations
 
 import ast
+import configparser
+import sys
 from collections import Counter
 from functools import cache
 from importlib import import_module
@@ -13,8 +16,15 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from radon.complexity import cc_visit_ast
+from radon.visitors import Class
+
+from soter.addons import ADD_ONS, add_on_of
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+
+    from radon.visitors import Function
 
 ROOT = Path(__file__).resolve().parents[2]
 SRC = ROOT / "src"
@@ -27,6 +37,8 @@ LINES_OF_A_FILE = 500
 LINES_OF_A_FUNCTION = 70
 POSITIONAL = 7
 """Arguments without names that one call may have."""
+SIMPLE, WORST = 15, 25
+"""Complexity of a function that is read at once, and what none may have: ways through it."""
 
 
 @cache
@@ -127,6 +139,23 @@ def test_circles_are_seen() -> None:
 
 def test_files_do_not_import_each_other_in_circles() -> None:
     assert circles(imports()) == []
+
+
+def test_the_contract_of_add_ons_has_all_of_their_table() -> None:
+    contracts = configparser.ConfigParser()
+    contracts.read(ROOT / ".importlinter")
+    contract = contracts["importlinter:contract:add_ons"]
+    parts = [part for a in ADD_ONS.values() for part in a.parts]
+    assert contract["protected_modules"].split() == contract["allowed_importers"].split() == parts
+    assert all((SRC / p.replace(".", "/")).is_dir() or p in imports() for p in parts)
+
+
+def test_an_add_on_imports_the_core_and_what_it_says_it_needs() -> None:
+    used: dict[str, set[str]] = {name: set() for name in ADD_ONS}
+    for module, others in imports().items():
+        if name := add_on_of(module):
+            used[name] |= {o for m in others if (o := add_on_of(m)) not in {None, name}}
+    assert used == {name: set(a.needs) for name, a in ADD_ONS.items()}
 
 
 ROOMS = {
@@ -251,6 +280,39 @@ def sizes() -> dict[str, dict[str, int]]:
     return found
 
 
+def functions_in(blocks: Iterable[Class | Function]) -> Iterator[Function]:
+    """The functions of a file as radon sees them, those of classes and of functions among them."""
+    for block in blocks:
+        if isinstance(block, Class):
+            yield from functions_in([*block.methods, *block.inner_classes])
+        else:
+            yield block
+            yield from functions_in(block.closures)
+
+
+@cache
+def complex_functions() -> list[tuple[int, str]]:
+    """Each function over `SIMPLE`: its complexity and where it is, the worst first."""
+    found = {
+        (f.complexity, f"{path}:{f.lineno} {f.name}")
+        for path, tree in trees().items()
+        for f in functions_in(cc_visit_ast(tree))
+        if f.complexity > SIMPLE
+    }
+    return sorted(found, reverse=True)
+
+
+def sums() -> dict[str, dict[str, int]]:
+    """Figures of many rooms, as the budget has them: the core, each add-on, complex functions."""
+    parts = dict.fromkeys(("core_rooms", *ADD_ONS))
+    sums: dict[str, dict[str, int]] = {p: {"statements": 0, "lines": 0} for p in parts}
+    for path, tree in trees().items():
+        of = sums[add_on_of(name_of(path)) or "core_rooms"]
+        of["statements"] += sum(isinstance(n, ast.stmt) for n in ast.walk(tree))
+        of["lines"] += len((SRC / path).read_text(encoding="utf-8").splitlines())
+    return {**sums, "complexity": {"functions_over": len(complex_functions())}}
+
+
 def over_or_under(budget: dict[str, dict[str, int]], rooms: dict[str, dict[str, int]]) -> list[str]:
     """Figures that are above the budget, or so far below that the budget says nothing."""
     told = []
@@ -265,7 +327,14 @@ def over_or_under(budget: dict[str, dict[str, int]], rooms: dict[str, dict[str, 
 def test_every_room_keeps_to_its_budget() -> None:
     toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
     budget = toml.loads(BUDGET.read_text(encoding="utf-8"))
-    assert over_or_under(budget, sizes()) == []
+    summed = {name: figures for name, figures in sums().items() if name in budget}
+    assert over_or_under(budget, sizes() | summed) == []
+
+
+def test_a_function_of_many_ways_is_found() -> None:
+    ways = "\n".join(f"  if x == {k}: return {k}" for k in range(SIMPLE))
+    tree = ast.parse(f"class A:\n def f(self, x):\n{ways}")
+    assert {f.complexity for f in functions_in(cc_visit_ast(tree))} == {SIMPLE + 1}
 
 
 def test_a_budget_that_is_passed_or_far_too_large_is_told() -> None:
@@ -286,3 +355,18 @@ def test_a_file_is_short_or_says_why_not() -> None:
 
 def test_a_function_fits_on_a_page_or_says_why_not() -> None:
     assert {x.partition(":")[0] for x in long_functions()} == set(LONG)
+
+
+def main() -> int:
+    """Print what is over a figure; 1 where a function is over `WORST`."""
+    for ways, place in complex_functions():
+        print(f"{ways:3} {place}")
+    for name, figures in sums().items():
+        print(name, ", ".join(f"{n:,} {what}" for what, n in figures.items()))
+    worst = [place for ways, place in complex_functions() if ways > WORST]
+    print(f"{len(worst)} functions over {WORST}")
+    return int(bool(worst))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -15,6 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.diagnostics.os_error_text import utf8_text
 from soter.version import VERSION
@@ -104,9 +105,7 @@ def add_stale_monitors(checked: CheckResult) -> None:
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
-        from soter.monitor.outdated_monitor_files import stale_monitors  # noqa: PLC0415 - needs NumPy
-
-        for wrong in stale_monitors(checked):
+        for wrong in by_name("soter.monitor.outdated_monitor_files").stale_monitors(checked):
             checked.diagnostics.add(wrong)
 
 

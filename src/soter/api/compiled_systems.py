@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.addons import by_name
 from soter.api.arguments import complete
 from soter.language.front_end import system_of
 
@@ -98,18 +99,12 @@ class PreparedSystems:
 
         SoterError U001 for a name that is none, D006 where that arm needs the folder.
         """
-        from soter.campaign.arms import OURS, PAPER, arm_of  # noqa: PLC0415 - see `soter.api`
-        from soter.campaign.store import measured_lateness  # noqa: PLC0415 - the same
-
-        if name == OURS:
+        system = prepared.system
+        named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
+        if named is system:
             return prepared
-        flat = prepared.system
-        lateness: tuple[int, ...] = ()
-        if name == PAPER:
-            lateness = measured_lateness(Path(folder or "."), flat.program.sha256, flat.name)
-        system = arm_of(flat, name, lateness).system
-        bindings = replace(prepared.bindings, system=system)
-        return PreparedSystem(system, prepared.computed, bindings, arm=name)
+        bindings = replace(prepared.bindings, system=named)
+        return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
     def native(self, prepared: PreparedSystem) -> NativeProgram:
         """The compiled system; compiled again where the C of an extern is another."""

@@ -18,6 +18,7 @@ from functools import cached_property
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
+from soter.addons import by_name
 from soter.api.rechecking import recheck
 from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
@@ -27,7 +28,6 @@ from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
 from soter.language.model.system import environment_topics
-from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.cortex_m.board import read_board
 from soter.targets.cortex_m.cortex_m_package import Replay, replayed_until
@@ -109,6 +109,7 @@ def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, 
     return digest.hexdigest()
 
 
+MAPPINGS = "soter.mapping.read_mapping"
 FILE = "inherited.json"
 SCHEMA = 1
 SETS_CONFIRMED = ("P2a", "P3", "ttf", "safer")
@@ -237,12 +238,12 @@ def build(
     read, beside = _read(mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     if read is not None:  # before anything takes long
-        mapping_of(read, fresh, folder=beside, file=file)
+        _fitted(read, fresh, beside, file)
     inherits = deployed(fresh, cert, progress)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)
-    fits = None if read is None else mapping_of(read, bindings.system, None, beside, file)
+    fits = None if read is None else _fitted(read, bindings.system, beside, file)
     onto = None if place is None else (place, _replay(bindings))
     package = build_package(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
@@ -277,8 +278,16 @@ def _read(
 ) -> tuple[Mapping[str, Any] | None, Path | None]:
     """What a mapping says, and the folder from which it names files."""
     if isinstance(mapping, (str, Path)):
-        return read_mapping(Path(mapping)), Path(mapping).parent
+        return by_name(MAPPINGS).read_mapping(Path(mapping)), Path(mapping).parent
     return mapping, None
+
+
+def _fitted(
+    read: Mapping[str, Any], system: System, folder: Path | None, file: Path | None
+) -> object:
+    """A mapping as records of the topics of a system; SoterError D015."""
+    fitted: object = by_name(MAPPINGS).mapping_of(read, system, None, folder, file)
+    return fitted
 
 
 def _not_carried(bindings: Bindings) -> list[str]:

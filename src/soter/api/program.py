@@ -9,8 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+from soter.addons import by_name
 from soter.api.arguments import (
     add_stale_monitors,
     chosen_modules,
@@ -213,10 +214,11 @@ class Program:
 
     def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
         """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
-        from soter.api.campaigning import campaign  # noqa: PLC0415 - see the docstring
-
         require_utf8(how.get("output"))
-        return campaign(self._bindings(self._completed(system, params)[0]), self.path, **how)
+        bindings = self._bindings(self._completed(system, params)[0])
+        return cast(
+            "Campaign", by_name("soter.api.campaigning").campaign(bindings, self.path, **how)
+        )
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
@@ -279,25 +281,22 @@ class Program:
         `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge what
         was measured instead of the true states. `SoterError` U001 where a plant is not affine.
         """
-        from soter.api.monitoring import judged  # noqa: PLC0415 - needs NumPy
-
         require_utf8(log)
         flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
-        return judged(flat, log, run, module, estimates=estimates)
+        judged = by_name("soter.api.monitoring").judged(flat, log, run, module, estimates=estimates)
+        return cast("list[Judgement]", judged)
 
     def judge_log(self, log: str | Path, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
         """A log of somebody else, and what is what in it: see `soter.api.monitoring.log_judged`."""
-        from soter.api.monitoring import log_judged  # noqa: PLC0415 - needs NumPy
-
-        return log_judged(self.flat, log, mapping, **how)
+        judged = by_name("soter.api.monitoring").log_judged(self.flat, log, mapping, **how)
+        return cast("LogJudgement", judged)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
         """Write a safety case: see `soter.api.assurance.safety_case.assure`."""
-        from soter.api.assurance.safety_case import assure  # noqa: PLC0415 - see the docstring
-
         require_utf8(output, *how.values())
-        return assure(self, output, **how)
+        case = by_name("soter.api.assurance.safety_case").assure(self, output, **how)
+        return cast("Assurance", case)
 
     def emit_monitor(
         self,
@@ -312,12 +311,12 @@ class Program:
 
         `alarm`: a bool topic of the program to publish; by default one of its own. SoterError D006.
         """
-        from soter.monitor.emit_monitor import write_monitor  # noqa: PLC0415 - needs NumPy
-
         require_utf8(path)
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
-        return write_monitor(flat, chosen, self.path, Path(path), alarm=alarm, params=params)
+        how: dict[str, Any] = {"alarm": alarm, "params": params}
+        write = by_name("soter.monitor.emit_monitor").write_monitor
+        return cast("Path", write(flat, chosen, self.path, Path(path), **how))
 
     def verify(
         self,

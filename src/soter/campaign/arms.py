@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING
 
+from soter.campaign.store import measured_lateness
 from soter.campaign.tables import listed
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import forced, with_faults
@@ -23,6 +24,7 @@ from soter.language.model.system import Fault
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from soter.language.model.system import Component, System
 
@@ -66,16 +68,21 @@ def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> li
     return arms
 
 
-def arm_of(system: System, name: str, lateness: Sequence[int]) -> Arm:
-    """The arm of this name, as campaigns list it; SoterError U001 for a name that is none.
+def system_of_arm(system: System, name: str, folder: Path) -> System:
+    """The system by the rules of an arm of a campaign, as it was flown; itself for `ours`.
 
-    `lateness` as of `arms_of`; it matters for the paper's rules alone.
+    SoterError U001 for a name that is none, D006 where `folder` has no lateness that it needs.
     """
-    arm_by_name = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], lateness or (0, 0))}
+    if name == OURS:
+        return system
+    times: tuple[int, ...] = (0, 0)
+    if name == PAPER:
+        times = measured_lateness(folder, system.program.sha256, system.name)
+    arm_by_name = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], times)}
     if name not in arm_by_name:
         helps = (f"there are {listed(list(arm_by_name))}",)
         raise SoterError((Diagnostic("U001", f"there is no arm `{name}`", helps=helps),))
-    return arm_by_name[name]
+    return arm_by_name[name].system
 
 
 def _alone(system: System) -> System:

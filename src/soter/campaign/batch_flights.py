@@ -349,15 +349,19 @@ def _compiled_instead(outside: Sequence[Component]) -> tuple[str, ...]:
 
 def _without_externs(system: System, core: CoreSystem) -> None:
     """SoterError U003 for what only Python answers, or nobody."""
-    linked = [c for c in system.components if c.node and (c.binding or "").startswith("c:")]
+
+    def in_c(binding: str | None) -> bool:
+        return (binding or "").startswith("c:")
+
+    linked = [c for c in system.components if c.node and in_c(c.binding)]
     outside = [c for c in system.components if c.extern and c not in linked]
     names = [c.name for c in outside]
     kind, helps = "node", _compiled_instead(outside)
     if outside and outside[0].plant is not None:
         kind, helps = "plant", (IN_C,)
     if not names:
-        asked = [f for f in core.functions if f.result is None]
-        names = [f.source_name for f in asked if not (f.source or "").startswith("c:")]
+        functions = [f for f in core.functions if f.result is None]
+        names = [f.source_name for f in functions if not in_c(f.source)]
         kind, helps = "function", ("bind it to C: `--bind NAME=c:file.c:function`",)
     if names:
         message = f"{kind} `{names[0]}` is extern: a campaign flies what is compiled"

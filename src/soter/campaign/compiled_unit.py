@@ -267,8 +267,8 @@ def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
         for t, n in made.parameters
         if n not in {"fault", "made"}
     ]
-    faults = any(n == "fault" for _, n in made.parameters)
-    large = any(n == "made" for _, n in made.parameters)
+    names = {n for _, n in made.parameters}
+    faults, large = "fault" in names, "made" in names
     members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
     members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
     members.append(c.StructMember(result, "result"))

@@ -270,11 +270,11 @@ def result_of(
     hours = sum(f.seconds for f in flights) / 3600.0
     told = Counter(what for f in flights for what in f.broken)
     bad = [f for f in flights if f.violations]
+    of_bad = [blames[f.number] for f in bad]
     kinds = [f.trajectory for f in flights]
     aloft = _aloft(flights, system)
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
     measures = _measured(flights, system)
-    speed = next((m.mean for m in measures if m.name == SPEED), None)
     counts = [f.violations for f in flights]
     rate = interval_of(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
     if not system.properties:
@@ -293,14 +293,20 @@ def result_of(
         modules=tuple(_modules(flights, system, exposed, kinds)),
         broken=tuple(told.most_common()),
         worst=tuple(bad[:10]),
-        blames=tuple(blames[f.number] for f in bad[:10]),
+        blames=tuple(of_bad[:10]),
         digest=digest_of(flights),
-        violated_inside=sum(not blames[f.number].excused for f in bad),
-        excused=_excused([blames[f.number] for f in bad]),
+        violated_inside=sum(not b.excused for b in of_bad),
+        excused=_excused(of_bad),
         measures=measures,
         hours_aloft=None if aloft is None else fsum(aloft),
-        km=None if speed is None or isnan(speed) else speed * 3.6 * hours,
+        km=_km(measures, hours),
     )
+
+
+def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
+    """How far all of these flights went together; None where nobody measured how fast."""
+    speed = next((m.mean for m in measures if m.name == SPEED), None)
+    return None if speed is None or isnan(speed) else speed * 3.6 * hours
 
 
 def _modules(

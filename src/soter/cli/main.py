@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import os
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
+from soter.addons import by_name
 from soter.cli.ci.formats import format_of, written
 from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
@@ -176,7 +176,7 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
 def command_of(name: str) -> Command:
     """The file of a command; `help` has none."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
-    return cast("Command", import_module(f"{room}.{name}"))
+    return cast("Command", by_name(f"{room}.{name}"))
 
 
 def _explained(rest: list[str], console: Console) -> CommandOutcome:

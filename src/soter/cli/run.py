@@ -12,9 +12,10 @@ import hashlib
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from soter import __version__
+from soter.addons import by_name
 from soter.api import Program, load, require_writers
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
@@ -116,10 +117,9 @@ def _simulate(
 
 def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
     """Where the campaign of that flight lies, if nobody said where."""
-    from soter.api.campaigning import own_folder  # noqa: PLC0415 - needs NumPy
-
     flat = program.flat(args.system, dict(args.params))
-    return own_folder(flat, program.path, args.until, first_seed)
+    own_folder = by_name("soter.api.campaigning").own_folder
+    return cast("Path", own_folder(flat, program.path, args.until, first_seed))
 
 
 def _finish(

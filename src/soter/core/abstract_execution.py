@@ -99,9 +99,7 @@ class Execution(ABC, Generic[V]):
         elif isinstance(s, core.If):
             self._if(s)
         elif isinstance(s, core.Loop):
-            for k in range(s.low, s.high):
-                self.bind(s.variable, INT, self.expr(core.Const(INT, k)))
-                self.run(s.body)
+            self._loop(s)
         else:
             assert isinstance(s, core.Publish), s
             self._publish(s, self.expr(s.value))
@@ -119,6 +117,11 @@ class Execution(ABC, Generic[V]):
         result = self.expr(f.result)
         self.frame = outer
         return result
+
+    def _loop(self, s: core.Loop) -> None:
+        for k in range(s.low, s.high):
+            self.bind(s.variable, INT, self.expr(core.Const(INT, k)))
+            self.run(s.body)
 
     def _if(self, s: core.If) -> None:
         condition = self._branch_condition(self.expr(s.condition))

@@ -35,15 +35,18 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-def _continued(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
-    """With `rest` in the one arm that does not return; None where several may, or one only may."""
+def _with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
+    """An `if` with what follows it in the one arm that does not return; None where several do not.
+
+    None as well where that arm returns sometimes.
+    """
     arms = [*(b for _, b in s.arms), s.otherwise]
     falling = [i for i, b in enumerate(arms) if not always_returns(b)]
     if len(falling) > 1 or any(may_return(x) for i in falling for x in arms[i]):
         return None
-    appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
-    conditions = [c for c, _ in s.arms]
-    return typed.TypedIf(s.span, tuple(zip(conditions, appended[:-1], strict=True)), appended[-1])
+    *appended, otherwise = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
+    conditions = [condition for condition, _ in s.arms]
+    return typed.TypedIf(s.span, tuple(zip(conditions, appended, strict=True)), otherwise)
 
 
 class Builder(ExpressionBuilder):
@@ -77,9 +80,8 @@ class Builder(ExpressionBuilder):
         if isinstance(s, typed.TypedReturn):
             self.statement(s)
             return
-        continued = _continued(s, rest) if isinstance(s, typed.TypedIf) else None
-        if continued is not None:
-            self._if(continued)
+        if isinstance(s, typed.TypedIf) and (whole := _with_rest(s, rest)) is not None:
+            self._if(whole)
             return
         if self.leave is None:
             self.leave = self.fresh("done")

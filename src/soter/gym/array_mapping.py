@@ -24,9 +24,11 @@ from soter.language.model.types import (
     IntType,
     ListType,
     RecordType,
+    has_list,
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_python
+from soter.semantics.random_draws import assemble
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -111,16 +113,13 @@ def wrong_structure(
 
 
 def _value(t: Type, numbers: Iterator[float]) -> Value:
-    if isinstance(t, RecordType):
-        return tuple(_value(f, numbers) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return tuple(_value(t.element, numbers) for _ in range(t.size))
-    if isinstance(t, ListType):
+    if has_list(t):
         raise _no_list(t)
-    number = next(numbers)
-    if isinstance(t, FloatType):
-        return number
-    return from_python(t, _whole(t, number))
+    return assemble(t, (_leaf(leaf, next(numbers)) for _, leaf in leaves(t)))
+
+
+def _leaf(t: Type, number: float) -> Value:
+    return number if isinstance(t, FloatType) else from_python(t, _whole(t, number))
 
 
 def _whole(t: Type, number: float) -> object:
@@ -175,14 +174,9 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
     """
     bounds = [b for t in topics for b in t.bounds]
     kinds = [k for t in topics for _, k in leaves(t.type)]
+    names = ", ".join(f"`{t.name}`" for t in topics)
     if all(isinstance(k, FloatType) for k in kinds) and None not in bounds:
-        low = np.array([b.low for b in bounds if b is not None])
-        high = np.array([b.high for b in bounds if b is not None])
-        least, most = _inward(low, high), _inward(high, low)
-        if (least < low).any() or (most > high).any() or (least > most).any():
-            names = ", ".join(f"`{t.name}`" for t in topics)
-            raise wrong_choice(f"no float32 lies in a set of {names}", "give action_space=...")
-        return spaces.Box(least, most, dtype=np.float32)
+        return _box([b for b in bounds if b is not None], names)
     if kinds and not any(isinstance(k, FloatType) for k in kinds):
         subspaces = [_discrete(k, b) for k, b in zip(kinds, bounds, strict=True)]
         if len(subspaces) == 1:
@@ -190,10 +184,18 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
         return spaces.MultiDiscrete(
             [int(x.n) for x in subspaces], start=np.array([int(x.start) for x in subspaces])
         )
-    names = ", ".join(f"`{t.name}`" for t in topics)
     raise wrong_choice(
         f"{names} are neither floats in a set nor ints, bools and enums", "give action_space=..."
     )
+
+
+def _box(bounds: Sequence[Bound], names: str) -> spaces.Box:
+    """What float32 has between bounds; SoterError U001, with the topics' names, for nothing."""
+    low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
+    least, most = _inward(low, high), _inward(high, low)
+    if (least < low).any() or (most > high).any() or (least > most).any():
+        raise wrong_choice(f"no float32 lies in a set of {names}", "give action_space=...")
+    return spaces.Box(least, most, dtype=np.float32)
 
 
 def require_no_batch(space: spaces.Space[Any], action: Any) -> None:  # noqa: ANN401 - any action

@@ -103,32 +103,8 @@ class CompiledEnvironment:
         self.moves_numbers = plant is not None and is_flat(self._states(plant))
         self.acts_numbers = is_flat(t for _, t in answer_fields(agent))
         self.commands_numbers = is_flat(system.topics[t].type for t in self._applied())
-        action, given = self._answer(agent) if self.acts_numbers else ([], [])
-        moved, _ = self._answer(plant) if plant is not None and self.moves_numbers else ([], [])
-        start: list[MemoryLeaf] = []
-        if plant is not None and self.moves_numbers:
-            start = self.truth(plant)
-        apply: list[MemoryLeaf] = []
-        if self.commands_numbers:
-            apply = [leaf for t in self._applied() for leaf in self.topic(t)]
-        observed = [
-            leaf
-            for x in self.observed
-            for leaf in (self.truth(system.components[x.index]) if x.truth else self.topic(x.index))
-        ]
-        outputs, proposed = self._moved()
         module = None if roles.module is None else system.modules[roles.module]
-        sizes = {i: x.size for i, x in self.answers.items()}
-        self.given = {
-            "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
-            "given": LeafBuffer(self.ffi, given, sizes[agent.index]),
-            "moved": LeafBuffer(self.ffi, moved, 0 if plant is None else sizes[plant.index]),
-            "start": LeafBuffer(self.ffi, start),
-            "observe": LeafBuffer(self.ffi, observed),
-            "apply": LeafBuffer(self.ffi, apply),
-            "outputs": LeafBuffer(self.ffi, outputs),
-            "proposed": LeafBuffer(self.ffi, proposed),
-        }
+        self.given = self._buffers(agent, plant)
         return self.ffi.new(
             "soter_view *",
             {
@@ -143,6 +119,34 @@ class CompiledEnvironment:
                 **{name: leaves.fields for name, leaves in self.given.items()},
             },
         )
+
+    def _buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
+        """What the driver reads and writes as arrays of numbers, by its names in C."""
+        sizes = {i: x.size for i, x in self.answers.items()}
+        action, given = self._answer(agent) if self.acts_numbers else ([], [])
+        moved: list[MemoryLeaf] = []
+        start: list[MemoryLeaf] = []
+        if plant is not None and self.moves_numbers:
+            (moved, _), start = self._answer(plant), self.truth(plant)
+        applied = self._applied() if self.commands_numbers else ()
+        observed = [
+            leaf
+            for x in self.observed
+            for leaf in (
+                self.truth(self.system.components[x.index]) if x.truth else self.topic(x.index)
+            )
+        ]
+        outputs, proposed = self._moved()
+        return {
+            "action": LeafBuffer(self.ffi, action, sizes[agent.index]),
+            "given": LeafBuffer(self.ffi, given, sizes[agent.index]),
+            "moved": LeafBuffer(self.ffi, moved, 0 if plant is None else sizes[plant.index]),
+            "start": LeafBuffer(self.ffi, start),
+            "observe": LeafBuffer(self.ffi, observed),
+            "apply": LeafBuffer(self.ffi, [leaf for t in applied for leaf in self.topic(t)]),
+            "outputs": LeafBuffer(self.ffi, outputs),
+            "proposed": LeafBuffer(self.ffi, proposed),
+        }
 
     def _moved(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
         """What a module publishes whose shield moves that, and what its AC would have."""

@@ -18,7 +18,7 @@ from soter.gym.compiled_system import built, driver, kept
 from soter.gym.outside_roles import LeafBuffer, chosen_plant, places, wrong_choice
 from soter.language.elaborate.derived_systems import faultless, undriven, with_components
 from soter.language.model.tree_walk import chosen_lets
-from soter.language.model.types import ArrayType, FloatType, RecordType, leaf_count, leaves
+from soter.language.model.types import default_value, leaf_count, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     import soter.api
     from soter.gym.compiled_system import CompiledEnvironment
     from soter.language.model.system import Component, System
-    from soter.language.model.types import Type, Value
 
     Array = npt.NDArray[np.float64]
 
@@ -176,18 +175,9 @@ def _alone(system: System, plant: Component) -> System:
     changed = replace(
         plant,
         plant=states,
-        initial=(*plant.initial, *(_zero(v.type) for v in drawn)),
+        initial=(*plant.initial, *(default_value(v.type) for v in drawn)),
         initial_range=(*plant.initial_range, *nothing),
         disturbances=(),
         measured=(),
     )
     return faultless(undriven(with_components(system, (changed,)), [plant.index]))
-
-
-def _zero(t: Type) -> Value:
-    if isinstance(t, ArrayType):
-        return (_zero(t.element),) * t.size
-    if isinstance(t, RecordType):
-        return tuple(_zero(field) for _, field in t.fields)
-    assert isinstance(t, FloatType), t
-    return 0.0

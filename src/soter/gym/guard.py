@@ -247,6 +247,12 @@ class EnvironmentGuard:
             info |= {"off_model": True, "not_finite": broken}
         if self._cuts and info["cost"]:
             cut = self._over = True
+        self._note(info)
+        return self._last, reward, ended, cut, self._asked_for(info, given)
+
+    def _note(self, info: dict[str, Any]) -> None:
+        """Keep of a step what the next one is compared with; warn once of what is off the model."""
+        session = self.session
         self._violations = info["violations"]
         if info["off_model"] and not self._off_model:
             if self.judged is None:
@@ -254,7 +260,6 @@ class EnvironmentGuard:
                 warn_off_model(session.plant.name)
         elif self._repeats and info["cause"] != "gate":
             self._told = self._quiet(info["violations"])
-        return self._last, reward, ended, cut, self._asked_for(info, given)
 
     # ------------------------------------------------------------ the agent's answer
 

@@ -138,10 +138,7 @@ def observed_parts(
         names = [_named(system, x) for x in defaults]
     if not names:
         raise wrong_choice("an observation of nothing", "observe=[...] names topics and truths")
-    known = {
-        t.name: ObservedPart(t.index) for t in system.topics if t.queue_of is None and not t.held
-    }
-    known |= {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
+    known = _observable(system, plants)
     for name in names:
         if name not in known:
             there = ", ".join(f"`{n}`" for n in known)
@@ -150,6 +147,13 @@ def observed_parts(
             message = f"`{name}` has no fixed number of numbers"
             raise wrong_choice(message, "observe=[...] names topics and truths without lists")
     return [known[name] for name in names]
+
+
+def _observable(system: System, plants: Sequence[Component]) -> dict[str, ObservedPart]:
+    """By name every topic that nodes publish, and the truth of each plant."""
+    topics = [t for t in system.topics if t.queue_of is None and not t.held]
+    truths = {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
+    return {t.name: ObservedPart(t.index) for t in topics} | truths
 
 
 def _named(system: System, seen: ObservedPart) -> str:

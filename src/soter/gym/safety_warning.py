@@ -106,7 +106,7 @@ def warn_off_model(plant: str) -> None:
         'the proof. Later ones are told by `info["off_model"]` alone; soter.gym.conformance '
         "measures how many there are",
         SafetyWarning,
-        stacklevel=LEVEL,
+        stacklevel=LEVEL + 1,
     )
 
 

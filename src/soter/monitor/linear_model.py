@@ -18,12 +18,11 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator, replaced
 from soter.language.model.types import (
-    ArrayType,
     BoolType,
     EnumType,
     FloatType,
     IntType,
-    RecordType,
+    default_value,
     leaves,
     positions,
 )
@@ -100,7 +99,7 @@ class Plants:
             for variable, initial in zip(c.plant.states, c.initial, strict=True):
                 env.variables[variable] = initial
             for dist in c.disturbances:
-                env.variables[dist.variable] = zero_of(dist.variable.type)
+                env.variables[dist.variable] = default_value(dist.variable.type)
             self._fill(c.index, env, self.states, [float(v) for v in x])
             self._fill(c.index, env, self.parameters, list(parameter))
             self._fill(c.index, env, self.disturbances, [float(v) for v in d])
@@ -185,15 +184,6 @@ def with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
     """The value with one leaf changed."""
     at = positions(t, path)
     return replaced(value, at, new) if at else new
-
-
-def zero_of(t: Type) -> Value:
-    """A value of floats, all zero."""
-    if isinstance(t, RecordType):
-        return tuple(zero_of(f) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return (zero_of(t.element),) * t.size
-    return 0.0
 
 
 # ---------------------------------------------------------------- matrices

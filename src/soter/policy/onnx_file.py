@@ -33,7 +33,7 @@ from soter.policy.network import (
 from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of, missing_package
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy.typing as npt
@@ -147,6 +147,15 @@ NAMES = ("action", "actions")
 """Of several outputs the one that is the answer; else the first is."""
 
 
+def _answer_of(outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
+    """The output that is the answer, and what is assumed where there are several."""
+    output = next((x for x in outputs if x.name in NAMES), outputs[0])
+    if len(outputs) == 1:
+        return output, ()
+    names = ", ".join(f"`{x.name}`" for x in outputs[:8])
+    return output, (f"of its outputs {names} `{output.name}` is the answer",)
+
+
 class OnnxSession:
     """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
 
@@ -165,16 +174,11 @@ class OnnxSession:
             why = f"onnxruntime does not load it: {' '.join(str(error).split())[:300]}"
             raise bad_policy(path, why) from error
         inputs, outputs = session.get_inputs(), session.get_outputs()
-        self.assumed: tuple[str, ...] = ()
         if len(inputs) != 1 or not outputs:
             names = ", ".join(f"`{x.name}`" for x in inputs[:8])
             why = f"it has {len(inputs)} inputs ({names}) and {len(outputs)} outputs"
             raise bad_policy(path, why, "one input, the observation, and an output are needed")
-        named = [x for x in outputs if x.name in NAMES]
-        output = (named or outputs)[0]
-        if len(outputs) > 1:
-            names = ", ".join(f"`{x.name}`" for x in outputs[:8])
-            self.assumed = (f"of its outputs {names} `{output.name}` is the answer",)
+        output, self.assumed = _answer_of(outputs)
         shape = tuple(_axis(x) for x in inputs[0].shape)
         if inputs[0].type not in DTYPES or not shape or shape[-1] is None:
             raise bad_policy(path, f"its input is a {inputs[0].type} of shape {inputs[0].shape}")

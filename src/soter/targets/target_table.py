@@ -8,39 +8,32 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.targets.c99 import c99_package
-from soter.targets.cortex_m.cortex_m_package import cortex_m_package
-from soter.targets.dds.dds_package import dds_package
-from soter.targets.mavlink.mavlink_package import mavlink_package
-from soter.targets.posix import posix_package
-from soter.targets.ros.ros_packages import ros1_package, ros2_package
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.topic_mapping import LogMap
     from soter.targets.cortex_m.board import Board
     from soter.targets.cortex_m.cortex_m_package import Replay
     from soter.targets.package import Package, PackageFile
 
-    Maker = Callable[..., Package]
-    """(system, core, folder), and the mapping where the target is in MAPPED, board and run where it
-    is in BOARDED."""
-
-TARGETS: dict[str, Maker] = {
-    "c": c99_package,
-    "posix": posix_package,
-    "ros1": ros1_package,
-    "ros2": ros2_package,
-    "dds": dds_package,
-    "mavlink": mavlink_package,
-    "cortex-m": cortex_m_package,
+TARGETS = {
+    "c": "soter.targets.c99:c99_package",
+    "posix": "soter.targets.posix:posix_package",
+    "ros1": "soter.targets.ros.ros_packages:ros1_package",
+    "ros2": "soter.targets.ros.ros_packages:ros2_package",
+    "dds": "soter.targets.dds.dds_package:dds_package",
+    "mavlink": "soter.targets.mavlink.mavlink_package:mavlink_package",
+    "cortex-m": "soter.targets.cortex_m.cortex_m_package:cortex_m_package",
 }
-"""The default first."""
+"""The default first: the function that makes it, which is imported when somebody builds for it.
+
+It takes (system, core, folder), and the mapping where the target is in MAPPED, board and run where
+it is in BOARDED."""
 MAPPED = frozenset(("ros1", "ros2", "dds", "mavlink"))
 """What speaks with a middleware: a mapping says which topic is which of its messages."""
 BOARDED = frozenset(("cortex-m",))
@@ -53,21 +46,22 @@ def build_package(
     system: System,
     core: CoreSystem,
     folder: Path,
-    mapping: LogMap | None = None,
+    mapping: object = None,
     more: Sequence[PackageFile] = (),
     onto: tuple[Board, Replay] | None = None,
 ) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target, or no mapping.
 
-    `more`: files that it has besides, whatever the target. `onto`: a board, and the run that an
-    image of it repeats.
+    `mapping`: as `soter.mapping.read_mapping.mapping_of` gives it. `more`: files that it has
+    besides, whatever the target. `onto`: a board, and the run that an image of it repeats.
 
     `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever
     else an extern is bound to does not leave this machine.
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     given = onto or (() if mapping is None else (mapping,))
-    package = TARGETS[target](system, core, folder, *given)
+    module, _, name = TARGETS[target].partition(":")
+    package: Package = getattr(by_name(module), name)(system, core, folder, *given)
     package.target = target
     package.files += more
     return package.write()

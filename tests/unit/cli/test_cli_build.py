@@ -8,6 +8,7 @@ import pytest
 
 import processes
 from generators import c_packages
+from soter.addons import by_name
 from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 from soter.targets.c99 import c99_package
@@ -191,21 +192,28 @@ def test_targets_that_are_not_there(soter: Soter) -> None:
         assert (done.exit, done.codes) == (2, ["U001"])
 
 
+def toy(system: System, core: CoreSystem, folder: Path) -> Package:
+    """A target that is made over another."""
+    package = c99_package(system, core, folder)
+    package.files.append(PackageFile("TOY.txt", "a toy"))
+    return package
+
+
 def test_another_target_is_called_by_its_own_name(
     soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def toy(system: System, core: CoreSystem, folder: Path) -> Package:
-        package = c99_package(system, core, folder)
-        package.files.append(PackageFile("TOY.txt", "a toy"))
-        return package
-
-    monkeypatch.setitem(TARGETS, "toy", toy)
+    monkeypatch.setitem(TARGETS, "toy", f"{__name__}:toy")
     names = "c (the default) or posix or ros1 or ros2 or dds or mavlink or cortex-m or toy"
     assert names in " ".join(soter("build", "--help").out.split())
     assert "target toy" in soter("build", "cart.soter", "--target", "toy", "-o", "out").out
     assert (here / "out" / "TOY.txt").read_text() == "a toy"
     done = soter("build", "cart.soter", "--target", "toy", "-o", "out", "--json")
     assert done.document["target"] == "toy"
+
+
+def test_every_target_is_made_by_a_function() -> None:
+    makers = [path.partition(":") for path in TARGETS.values()]
+    assert all(callable(getattr(by_name(module), name)) for module, _, name in makers)
 
 
 def test_no_target_is_there_and_still_to_come() -> None:

@@ -14,8 +14,8 @@ from policy_files import FILES, change_pickle, changed  # type: ignore[import-no
 
 from soter.language.model.binding_text import binding_of
 from soter.language.model.types import FloatType, IntType
+from soter.policy.policy_extern import load_policy
 from soter.policy.sb3_file import read_sb3
-from soter.simulate.externs.policy_extern import load_policy
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -3,7 +3,7 @@
 Purpose: `parse(source, diagnostics)`: one tree and every syntax error of the file in one pass,
 in the order of the text. A declaration with a mistake keeps what could be read of it; its name
 goes into `File.broken`, so that later passes do not complain about what is missing.
-Non-goals: anything that needs another declaration or file (`program/`).
+Non-goals: anything that needs another declaration or file (`language/load/`, `language/check/`).
 """
 
 # ruff: noqa: SLF001 - the tables at the end name the methods of the class before them

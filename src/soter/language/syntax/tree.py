@@ -1,7 +1,7 @@
 """The syntax tree: what the text says, before anybody asks whether it makes sense.
 
 Purpose: immutable nodes with spans, one class per construct of `docs/grammar.ebnf`.
-Non-goals: names, types, meaning (`program/`); comments (the printer reads them from tokens).
+Non-goals: names, types, meaning (`language/check/`); comments (the printer reads them from tokens).
 """
 
 from __future__ import annotations

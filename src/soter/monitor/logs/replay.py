@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
+from itertools import chain
 from math import copysign, isinf
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates import PredicateEvaluator
@@ -73,35 +74,12 @@ def replay(
     started = [s for s in samples if not s.always]
     from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
     _bounded(system, plan, to_ns - from_ns, log)
-    judged = LogJudgement(
-        log=log,
-        from_s=from_ns / 1e9,
-        to_s=to_ns / 1e9,
-        samples={s.topic.name: len(s.times_ns) for s in samples},
-        nodes=tuple(system.components[n].name for n in plan.nodes),
-        modules=[],
-        derived=[d for s in samples for d in s.derived],
-        constants=tuple(n for s in samples for n in s.constants),
-        assumed_units=tuple(n for s in samples for n in s.assumed_units),
-        forced=forced,
-        sources={s.topic.name: s.sources for s in samples if s.sources},
-        stamps={s.topic.name: s.stamp for s in samples if s.stamp},
-        left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
-        reasons={s.topic.name: tuple(s.reasons.values()) for s in samples if s.reasons},
-        lost=[*(text for s in samples for text in s.lost), *doubts(system, samples)],
-        far_stamps={s.topic.name: s.far_stamps for s in samples if s.far_stamps is not None},
-    )
-    watches = {}
-    for m in system.modules:
-        lost, blind, unheard = (
-            tuple(map(str, found.get(m.index, ())))
-            for found in (plan.missing, plan.blind, plan.unheard)
-        )
-        module_log = ModuleOfLog(m.name, m.period_ns, lost, blind, unheard, span=m.symbol.span)
-        module_log.waiting = max(0, from_ns - begin_ns) // m.period_ns
-        judged.modules.append(module_log)
-        if module_log.decided:
-            watches[m.index] = _Watch(m, module_log)
+    judged = _unjudged(system, samples, plan, log)
+    judged.from_s, judged.to_s, judged.forced = from_ns / 1e9, to_ns / 1e9, forced
+    for of_module, m in zip(judged.modules, system.modules, strict=True):
+        of_module.waiting = max(0, from_ns - begin_ns) // m.period_ns
+    pairs = zip(system.modules, judged.modules, strict=True)
+    watches = {m.index: _Watch(m, of_module) for m, of_module in pairs if of_module.decided}
     world = _LogState(system, interpreter, samples, plan, judged, from_ns)
     world.watches = watches
     for ct in _instants(system, plan, to_ns - from_ns):
@@ -112,6 +90,40 @@ def replay(
     begun = [w.first_s for w in watches.values() if w.first_s is not None]
     judged.from_s = min(begun, default=judged.from_s)
     return judged
+
+
+def _unjudged(
+    system: System, samples: list[TopicSamples], plan: Decidable, log: str
+) -> LogJudgement:
+    """What a log has of each topic, and its modules before anything of them is judged."""
+
+    def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
+        return {s.topic.name: told for s in samples if (told := fact(s))}
+
+    def of_module(m: Module) -> ModuleOfLog:
+        lost, blind, unheard = (
+            tuple(map(str, found.get(m.index, ())))
+            for found in (plan.missing, plan.blind, plan.unheard)
+        )
+        return ModuleOfLog(m.name, m.period_ns, lost, blind, unheard, span=m.symbol.span)
+
+    return LogJudgement(
+        log=log,
+        from_s=0.0,
+        to_s=0.0,
+        samples={s.topic.name: len(s.times_ns) for s in samples},
+        nodes=tuple(system.components[n].name for n in plan.nodes),
+        modules=[of_module(m) for m in system.modules],
+        derived=[*chain.from_iterable(s.derived for s in samples)],
+        constants=(*chain.from_iterable(s.constants for s in samples),),
+        assumed_units=(*chain.from_iterable(s.assumed_units for s in samples),),
+        sources=by_topic(lambda s: s.sources),
+        stamps=by_topic(lambda s: s.stamp),
+        left_out=by_topic(lambda s: s.left_out and (s.left_out, s.first_left_out)),
+        reasons=by_topic(lambda s: tuple(s.reasons.values())),
+        lost=[*chain.from_iterable(s.lost for s in samples), *doubts(system, samples)],
+        far_stamps=by_topic(lambda s: s.far_stamps),
+    )
 
 
 def _unused(system: System) -> dict[str, object]:

@@ -42,9 +42,10 @@ from soter.monitor.logs.files.log_columns import (
 )
 from soter.report.recorded_values import RecordedRun
 from soter.semantics.publication_gate import check_of
+from soter.semantics.random_draws import assemble
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from soter.language.model.system import System, Topic
@@ -127,6 +128,12 @@ class TopicSamples:
             before = self.far_stamps or FarStamps(0, 0.0, length_ns / 1e9)
             furthest = max(before.offset_s, offset_ns / 1e9, key=abs)
             self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
+
+    def older_stamp(self, stamp_ns: int) -> str:
+        """Why a stamp is none, as the last sample has that or a later one; "" where it is later."""
+        if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
+            return "its stamp is older than the one before it, or the same"
+        return ""
 
     def leave_out(self, where: str, why: str) -> None:
         """Count a row that gives no sample."""
@@ -220,8 +227,7 @@ def samples_of(
 
 
 def _always(t: TopicMap, made: TopicSamples) -> None:
-    leaves_ = {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
-    made.values.append(_built(t.topic.type, (), leaves_))
+    made.values.append(_built(t.topic.type, _constants(t)))
     made.constants = [t.name_of(p) for p in t.leaves]
 
 
@@ -240,22 +246,19 @@ def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, firs
         if not choice.takes(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
             continue
         why = _foreign(t, columns, i)
+        stamp_ns = (stamps[i] or 0) - first_ns
         if t.stamp is not None and not why:
-            why = _ill_stamped(stamps[i], now)
             made.compare_clocks(stamps[i], now)
-            if not why and made.stamps_ns and (stamps[i] or 0) - first_ns <= made.stamps_ns[-1]:
-                why = "its stamp is older than the one before it, or the same"
-        row: dict[LeafPath, Value | None] = {}
-        if not why:
-            row, why = _cells(path, t, columns, i)
+            why = _ill_stamped(stamps[i], now) or made.older_stamp(stamp_ns)
+        row, why = ({}, why) if why else _cells(path, t, columns, i)
         if why:
             made.leave_out(columns.where[i], why)
             continue
-        if follows_lines and made.times_ns and made.stamps_ns[-1] == (stamps[i] or 0) - first_ns:
+        if follows_lines and made.times_ns and made.stamps_ns[-1] == stamp_ns:
             for column in (made.times_ns, made.stamps_ns, *read.values()):
                 column.pop()  # no line goes through two values at one time: the later one counts
         made.times_ns.append(now - first_ns)
-        made.stamps_ns.append((stamps[i] or 0) - first_ns)
+        made.stamps_ns.append(stamp_ns)
         for p, value in row.items():
             read[p].append(value)
     if not made.times_ns:
@@ -272,12 +275,7 @@ def _of_sources(
     """The samples that a bridge takes of several sources: one after the other, as they arrived."""
     topic = made.topic
     made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
-    made.constants = [
-        t.name_of(p)
-        for t, _ in sources
-        for p, x in t.leaves.items()
-        if isinstance(x, ConstantSource)
-    ]
+    made.constants = [n for t, _ in sources for n in map(t.name_of, _constants(t))]
     turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
     taken = []
     check = check_of(topic)
@@ -300,9 +298,19 @@ def _of_sources(
     if not made.times_ns:
         seen = [told for choice in choices for told in choice.helps]
         raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
-    counts = [f"{t.channel or k + 1} ({taken.count(k):,})" for k, (t, _) in enumerate(sources)]
+    made.sources = _turns_taken([t.channel for t, _ in sources], taken)
+
+
+def _turns_taken(channels: Sequence[str | None], taken: Sequence[int]) -> str:
+    """How often each source was taken, by rank, and how often another than before."""
+    counts = [f"{channel or k + 1} ({taken.count(k):,})" for k, channel in enumerate(channels)]
     changes = sum(a != b for a, b in pairwise(taken))
-    made.sources = f"{', '.join(counts)}, {changes:,} changes from one to the other"
+    return f"{', '.join(counts)}, {changes:,} changes from one to the other"
+
+
+def _constants(t: TopicMap) -> dict[LeafPath, Value]:
+    """What the mapping itself says of a topic."""
+    return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
 
 
 def _of_source(
@@ -317,8 +325,7 @@ def _of_source(
     row, why = _cells(path, t, columns, i)
     if why:
         return None, 0, why
-    constants = {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
-    value = _built(t.topic.type, (), {**row, **constants})
+    value = _built(t.topic.type, {**row, **_constants(t)})
     try:
         check(value, t.topic.symbol.span)
     except StepFault as fault:
@@ -387,7 +394,7 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
     if t.linear:
         _ahead(t, made, times_s, whole)
     for i in range(n):
-        made.values.append(_built(t.topic.type, (), {p: v[i] for p, v in whole.items()}))
+        made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
 
 
 def _ahead(
@@ -406,12 +413,8 @@ def _ahead(
                 made.derived.append(DerivedValue(t.name_of(p), how, error))
 
 
-def _built(t: Type, path: LeafPath, value_by_path: dict[LeafPath, Value]) -> Value:
-    if isinstance(t, RecordType):
-        return tuple([_built(f, (*path, n), value_by_path) for n, f in t.fields])
-    if isinstance(t, ArrayType):
-        return tuple([_built(t.element, (*path, f"[{i}]"), value_by_path) for i in range(t.size)])
-    return value_by_path[path]
+def _built(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
+    return assemble(t, (value_by_path[path] for path, _ in leaves(t)))
 
 
 # ---------------------------------------------------------------- cells

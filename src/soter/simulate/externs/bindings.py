@@ -25,8 +25,12 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
 from soter.native.source_files import included
-from soter.policy.policy_errors import content_of
-from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
+from soter.simulate.externs.python_extern import (
+    PythonExtern,
+    instantiated,
+    load_python,
+    policy_files,
+)
 from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
@@ -34,7 +38,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.diagnostics.source import Span
-    from soter.language.model.binding_text import BindingText
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
     from soter.simulate.interrupt import StopRequest
@@ -50,18 +53,7 @@ def files_of(bound: object) -> dict[str, str]:
         return {str(p): _sha256(t.encode("utf-8", "surrogateescape")) for p, t in texts.items()}
     if not binding.is_policy:
         return {binding.file: _sha256(read_bytes(Path(binding.file)))}
-    told = {name: _sha256(content_of(Path(name))) for name in binding.files}
-    return told | _weights(binding)
-
-
-def _weights(binding: BindingText) -> dict[str, str]:
-    """Of the files beside an ONNX file that it names."""
-    if binding.kind != "onnx":
-        return {}
-    from soter.policy.onnx_file import onnx_content  # noqa: PLC0415 - may need an extra
-
-    path = Path(binding.file)
-    return {str(path.parent / name): sha for name, sha in onnx_content(path).beside.items()}
+    return policy_files().sha256_of_files(binding)
 
 
 def _sha256(raw: bytes) -> str:
@@ -382,11 +374,9 @@ def _loaded(system: System, extern: Extern, text: str) -> object:
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
         return load_python(text, extern.span)
-    from soter.simulate.externs.policy_extern import load_policy  # noqa: PLC0415 - needs NumPy
-
     topics = [(s.topic, system.topics[x.scope.topics[s.topic]].type) for s in x.node.subscribes]
     reads = [(topic.name.rpartition(".")[2], t) for topic, t in topics]
-    return load_policy(binding, reads, x.node.answers, extern.span)
+    return policy_files().load_policy(binding, reads, x.node.answers, extern.span)
 
 
 def _uncallable(name: str, bound: object) -> Diagnostic:

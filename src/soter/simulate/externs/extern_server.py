@@ -18,9 +18,8 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.binding_text import binding_of
 from soter.language.model.values import inputs_to_python
 from soter.semantics.externs import converted
-from soter.simulate.externs.policy_extern import load_policy
 from soter.simulate.externs.python_answers import described
-from soter.simulate.externs.python_extern import PythonExtern, load_python
+from soter.simulate.externs.python_extern import PythonExtern, load_python, policy_files
 from soter.simulate.interrupt import StopRequest
 from soter.workers.exchange_layout import Exchange, exchange_of
 from soter.workers.shared_memory_channel import Channel, LayoutError
@@ -97,7 +96,8 @@ def _loaded(spec: Spec) -> object:
     if binding is None or not binding.is_policy:
         return load_python(spec.binding, None)
     members = sorted(spec.exchange.request.members, key=lambda m: m.index)
-    return load_policy(binding, [(m.name, m.type) for m in members], spec.shapes, None)
+    reads = [(m.name, m.type) for m in members]
+    return policy_files().load_policy(binding, reads, spec.shapes, None)
 
 
 def main(path: str) -> int:

@@ -18,17 +18,17 @@ import sys
 import traceback
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
+from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import closest
 from soter.language.load.bounded_read import read_bytes
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs import process_state_guard
-from soter.simulate.externs.policy_extern import PolicyExtern
 from soter.simulate.externs.process_state_guard import outside
 from soter.simulate.externs.python_answers import MisuseError, PlainError, described
 
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.source import Span
+    from soter.language.model.binding_text import BindingText
     from soter.language.model.types import Type
     from soter.simulate.interrupt import StopRequest
 
@@ -45,6 +46,29 @@ if TYPE_CHECKING:
 
 
 DEPTH = 3
+
+
+class FilePolicy:
+    """A policy in a file as an object with `step`; `assumed`: what its files do not say."""
+
+    assumed: tuple[str, ...]
+
+
+class PolicyFiles(Protocol):
+    """What the add-on for learned policies does with a binding to one."""
+
+    def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
+        """Of the files that it names, and of those that these name; SoterError X003, X014."""
+
+    def load_policy(
+        self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
+    ) -> FilePolicy:
+        """The policy; SoterError X003, X014, D007 at the place that declares the node."""
+
+
+def policy_files() -> PolicyFiles:
+    """The add-on; SoterError D007 where it is not installed."""
+    return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
 
 
 def hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
@@ -125,7 +149,7 @@ class PythonExtern:
         self._shapes = shapes
         self._step = step_of(target)
         self._stop = stop
-        self.assumed: tuple[str, ...] = target.assumed if isinstance(target, PolicyExtern) else ()
+        self.assumed: tuple[str, ...] = target.assumed if isinstance(target, FilePolicy) else ()
 
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
         """One step; raises `Exception`s only, but for `Stop`, a person's Ctrl-C.

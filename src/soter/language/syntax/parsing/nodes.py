@@ -1,7 +1,7 @@
 """Nodes and modules: the `node`, `extern node` and `rta` declarations.
 
 Purpose: their bodies, item by item.
-Non-goals: well-formedness of a module (P1a, P1b and the rest live in `program/`).
+Non-goals: well-formedness of a module (P1a, P1b: `language/elaborate/wellformed.py`).
 """
 
 # ruff: noqa: SLF001 - the tables at the end name the methods of the class before them

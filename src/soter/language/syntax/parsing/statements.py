@@ -2,7 +2,7 @@
 
 Purpose: `block` and `statement` of the grammar. A statement with a mistake keeps what names
 it declares wherever they can be read, so that later lines do not complain about them.
-Non-goals: expressions (`expressions.py`); whether a place may be assigned (`program/`).
+Non-goals: expressions (`expressions.py`); whether a place may be assigned (`language/check/`).
 """
 
 # ruff: noqa: SLF001 - the tables at the end name the methods of the class before them

@@ -1,7 +1,7 @@
 """Systems and tests: which parts run together, and what is asked of them.
 
 Purpose: the bodies of `system` and `test`, item by item.
-Non-goals: composition and well-formedness (`program/`).
+Non-goals: composition and well-formedness (`language/elaborate/`).
 """
 
 from __future__ import annotations

@@ -143,10 +143,7 @@ def read_messages(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
 ) -> dict[str | None, Columns]:
     """What each channel holds; SoterError D016."""
-    if None in wanted:
-        lost = next(t.topic.name for t in mapping.topics if t.names and t.channel is None)
-        raise unusable(path, f"the mapping of `{lost}` names no `channel`")
-    by_channel: dict[str, Wanted] = {str(k): w for k, w in wanted.items()}
+    by_channel = _named(path, mapping, wanted)
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     choices = {k: RowChoice(mapping.where) for k in by_channel}
@@ -171,11 +168,10 @@ def read_messages(
         add_row(path, into, now, cells, stamps, where=where, remedies=helps)
         order.note(now, where)
         counted.append((log_ns, now))
-    for key, columns in columns_by_channel.items():
-        if not columns.times_ns:
-            known = str(key) in facts.there
-            hints = choices[str(key)].helps if known else [nearest_or_all(str(key), facts.there)]
-            raise unusable(path, f"no message that counts stands on `{key}`", *hints)
+    for name, choice in choices.items():
+        if not columns_by_channel[name].times_ns:
+            hints = choice.helps if name in facts.there else [nearest_or_all(name, facts.there)]
+            raise unusable(path, f"no message that counts stands on `{name}`", *hints)
     near, notes = _near(counted, others)
     whole = _ends(counted, near)
     ends = _ends(counted, []) if mapping.where else whole
@@ -188,6 +184,14 @@ def read_messages(
         columns.unchecked = facts.unchecked
         columns.notes += [*facts.notes, *order.notes, *notes]
     return columns_by_channel
+
+
+def _named(path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]) -> dict[str, Wanted]:
+    """What is wanted of each channel; SoterError D016 where a topic names none."""
+    for t in mapping.topics:
+        if None in wanted and t.names and t.channel is None:
+            raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
+    return {str(k): w for k, w in wanted.items()}
 
 
 class _Order:

@@ -202,6 +202,18 @@ def _bag2(path: Path) -> _Bag2:
         counts = counts_of(said)
     except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
         raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
+    packed = _packing(path, storage, mode, form)
+    if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
+        raise unusable(path, f"its `{METADATA}` names no files")
+    if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
+        raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
+    files = tuple(path / PurePosixPath(n).name for n in names)
+    _require_named(path, files, STORAGES[storage])
+    return _Bag2(files, storage, packed, counts)
+
+
+def _packing(path: Path, storage: object, mode: str, form: str) -> str:
+    """What is packed of a bag, "file" or "message", "": nothing; D016 for what cannot be read."""
     if storage not in STORAGES:
         raise unusable(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
@@ -212,13 +224,7 @@ def _bag2(path: Path) -> _Bag2:
     if (storage, packed) == ("mcap", "message"):
         text = "its messages are packed one by one, which is read of sqlite3 only"
         raise unusable(path, text, "`ros2 bag convert` writes one that is not")
-    if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
-        raise unusable(path, f"its `{METADATA}` names no files")
-    if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
-        raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
-    files = tuple(path / PurePosixPath(n).name for n in names)
-    _require_named(path, files, STORAGES[storage])
-    return _Bag2(files, storage, packed, counts)
+    return packed
 
 
 def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:

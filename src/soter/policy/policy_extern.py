@@ -2,11 +2,13 @@
 
 Purpose: numbers of what the node reads in, in declared order, numbers of what it publishes out;
 counts are compared before anything runs, and what the file does not say is put into words.
-Non-goals: files (`soter.policy`), processes and budgets, which are those of all externs in Python.
+Non-goals: what a file says (`onnx_file.py`, `sb3_file.py`), processes and budgets, which are those
+of all externs in Python.
 """
 
 from __future__ import annotations
 
+from hashlib import sha256
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,8 +25,11 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.policy.network import answering, in_numbers, standardised
-from soter.policy.policy_errors import bad_policy
+from soter.policy.onnx_file import OnnxSession, onnx_content
+from soter.policy.policy_errors import bad_policy, content_of
+from soter.policy.sb3_file import read_sb3
 from soter.semantics.externs import Converted
+from soter.simulate.externs.python_extern import FilePolicy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -39,7 +44,7 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 
-class PolicyExtern:
+class PolicyExtern(FilePolicy):
     """A policy between what a node reads and what it publishes.
 
     `assumed`: what its files do not say. SoterError X003, X014, D007.
@@ -117,14 +122,10 @@ def _asked(
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], _Assumed]:
     """Where the observation is written, what answers it, and what is assumed."""
     if binding.kind == "onnx":
-        from soter.policy.onnx_file import OnnxSession  # noqa: PLC0415 - an extra
-
         session = OnnxSession(path)
         assumed = _Assumed(session.assumed, len(session.run()), None)
         assumed.whole = session.is_whole
         return session.observation, session.run, assumed
-    from soter.policy.sb3_file import read_sb3  # noqa: PLC0415 - only then
-
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     network = policy.network
     outputs = 1 if network.choice else network.outputs
@@ -135,6 +136,15 @@ def _asked(
         return numbers
 
     return given, run, _Assumed(policy.assumed, outputs, policy)
+
+
+def sha256_of_files(binding: BindingText) -> dict[str, str]:
+    """Of the files of a binding, with those that an ONNX file names; SoterError X003, X014."""
+    told = {name: sha256(content_of(Path(name))).hexdigest() for name in binding.files}
+    if binding.kind == "onnx":
+        path = Path(binding.file)
+        told |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
+    return told
 
 
 # ---------------------------------------------------------------- numbers in, numbers out
