@@ -35,17 +35,6 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 
-def _continued(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
-    """With `rest` in the one arm that does not return; None where several may, or one only may."""
-    arms = [*(b for _, b in s.arms), s.otherwise]
-    falling = [i for i, b in enumerate(arms) if not always_returns(b)]
-    if len(falling) > 1 or any(may_return(x) for i in falling for x in arms[i]):
-        return None
-    appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
-    conditions = [c for c, _ in s.arms]
-    return typed.TypedIf(s.span, tuple(zip(conditions, appended[:-1], strict=True)), appended[-1])
-
-
 class Builder(ExpressionBuilder):
     """Lowers the body of one function, step or predicate."""
 
@@ -77,10 +66,19 @@ class Builder(ExpressionBuilder):
         if isinstance(s, typed.TypedReturn):
             self.statement(s)
             return
-        continued = _continued(s, rest) if isinstance(s, typed.TypedIf) else None
-        if continued is not None:
-            self._if(continued)
-            return
+        if isinstance(s, typed.TypedIf):
+            arms = [*(b for _, b in s.arms), s.otherwise]
+            falling = [i for i, b in enumerate(arms) if not always_returns(b)]
+            partly = [i for i in falling if any(may_return(x) for x in arms[i])]
+            if len(falling) <= 1 and not partly:
+                appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
+                new = typed.TypedIf(
+                    s.span,
+                    tuple((c, b) for (c, _), b in zip(s.arms, appended[:-1], strict=True)),
+                    appended[-1],
+                )
+                self._if(new)
+                return
         if self.leave is None:
             self.leave = self.fresh("done")
             self._blocks[0].insert(
