@@ -80,7 +80,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
         t = types.get(channel)
         if t is None:
             continue
-        value = _value(path, system, channel, t, message)
+        value = logged_value(path, system, channel, t, message)
         if not record.times_ns or time_ns > record.times_ns[-1]:
             _keep(record, topics, states, since)
             record.times_ns.append(time_ns)
@@ -97,7 +97,8 @@ def read_log(path: Path, system: System) -> RecordedRun:
     return record
 
 
-def _value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
+def logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
+    """The value of a message of a log; SoterError D006."""
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
     except (ValueShapeError, LookupError, TypeError) as error:

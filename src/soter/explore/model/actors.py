@@ -80,15 +80,24 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     effects = [footprints.of_actor(x.component, x.input) for x in calendars]
     seen = footprints.read_by_properties()
     actors = tuple(
-        _actor(i, x, effects, seen, footprints.outputs(x.component, x.input))
-        for i, x in enumerate(calendars)
+        PlannedActor(
+            **vars(x),
+            dependent=sum(
+                1 << j for j, other in enumerate(effects) if i == j or own.conflicts(other)
+            ),
+            visible=bool(own.writes & seen),
+            outputs=footprints.outputs(x.component, x.input),
+            reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
+            writes=frozenset(own.writes),
+        )
+        for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
     )
     times = times_read(system)
     quantum, tick = _grid(system, system.test, calendars, quantum_of(system, times))
-    timely = any(x.overrun_ns for x in calendars) or (
-        any(x.window_ns for x in calendars) and footprints.time_matters()
-    )
-    read = {index for kind, index, *_ in seen.union(*(e.reads for e in effects)) if kind == "topic"}
+    overrun = any(x.overrun_ns for x in calendars)
+    spread = overrun or any(x.window_ns for x in calendars)
+    timely = overrun or (spread and footprints.time_matters())
+    read = {r[1] for r in seen.union(*(e.reads for e in effects)) if r[0] == "topic"}
     return ExplorationPlan(
         actors=actors,
         timely=timely,
@@ -109,22 +118,8 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
 
 
 def _repeats(system: System, footprints: Footprints) -> bool:
-    """Whether nothing reads the time, and no disturbance holds its value for some."""
-    held = any(d.hold_ns for c in system.components for d in c.disturbances)
-    return not held and not any(f.fact == "time" for f in footprints.facts)
-
-
-def _actor(
-    i: int, x: _Calendar, effects: list[Effects], seen: set[Label], outputs: tuple[int, ...]
-) -> PlannedActor:
-    own = effects[i]
-    return PlannedActor(
-        **vars(x),
-        dependent=sum(1 << j for j, other in enumerate(effects) if i == j or own.conflicts(other)),
-        visible=bool(own.writes & seen),
-        outputs=outputs,
-        reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
-        writes=frozenset(own.writes),
+    return not any(f.fact == "time" for f in footprints.facts) and not any(
+        d.hold_ns for c in system.components for d in c.disturbances
     )
 
 
@@ -220,12 +215,23 @@ class Footprints:
             self._decision(x.module, effects)
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         if step is not None:
-            self._code(x.index, step, effects)
+            self._read(step.footprint, effects)
+            effects.writes |= {_resource(c) for c in step.footprint.writes}
+            effects.timed |= _reads_time(_body(step))
+            effects.reads |= {("latched", x.index), ("control", x.index)}
+            effects.writes |= {("latched", x.index), ("control", x.index)}
         effects.keeps |= x.node is not None
+        if isinstance(step, core.PlantStep):
+            draws = [d for _, _, some in step.disturbances for d in some]
+            effects.timed |= any(d.hold_ns > 0 for d in draws)
         if x.plant is not None:
             effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
-            self._controller(x.role, x.module, effects)
+            above = [m.index for m in modules_above(self.system, x.module)]
+            effects.reads |= {("mode", m) for m in (x.module, *above)}
+        if x.role == "ac" and x.module is not None:
+            effects.reads.add(("gate", x.module))
+            effects.writes.add(("gate", x.module))
         for t in self.system.topics:
             if t.queue_of is not None and _takes(x, t.name):
                 effects.reads |= {("topic", t.index), ("stamp", t.index)}
@@ -233,24 +239,6 @@ class Footprints:
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
             if p.component == x.index:
                 self._predicate(predicate, effects)
-
-    def _code(self, component: int, step: core.NodeStep | core.PlantStep, effects: Effects) -> None:
-        self._read(step.footprint, effects)
-        effects.writes |= {_resource(c) for c in step.footprint.writes}
-        effects.timed |= _reads_time(_body(step))
-        effects.reads |= {("latched", component), ("control", component)}
-        effects.writes |= {("latched", component), ("control", component)}
-        if isinstance(step, core.PlantStep):
-            draws = [d for _, _, some in step.disturbances for d in some]
-            effects.timed |= any(d.hold_ns > 0 for d in draws)
-
-    def _controller(self, role: str, module: int, effects: Effects) -> None:
-        """Whether it is in control, and of an AC what its gate found."""
-        above = [m.index for m in modules_above(self.system, module)]
-        effects.reads |= {("mode", m) for m in (module, *above)}
-        if role == "ac":
-            effects.reads.add(("gate", module))
-            effects.writes.add(("gate", module))
 
     def _predicate(self, predicate: core.Predicate, effects: Effects) -> None:
         self._read(predicate.footprint, effects)

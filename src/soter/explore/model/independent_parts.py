@@ -74,9 +74,10 @@ def parts_of(
 ) -> tuple[IndependentPart, ...]:
     """The parts, in the order of their first actors; a single one where masks are too narrow."""
     properties = _reads_of_properties(system, lowered, plan)
-    times = [t for a in plan.actors for t in (a.period_ns, a.phase_ns)]
-    off_the_grid = plan.timely and any(t % plan.quantum_ns for t in times)
-    if properties is None or off_the_grid:  # a step may happen when another part's did
+    if properties is None or (  # a step may happen when another part's did, off the grid
+        plan.timely
+        and any(t % plan.quantum_ns for a in plan.actors for t in (a.period_ns, a.phase_ns))
+    ):
         return (IndependentPart(0, 0, 0),)
     groups = _depending(plan)
     movers = [_movers(plan, reads) for reads in properties]

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.svg import picture
-from soter.language.model.types import RecordType
-from soter.language.model.values import ValueShapeError, from_json
 from soter.report.atomic_write import ReportError
 from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
@@ -24,6 +22,7 @@ from soter.report.mcap_reading import messages, metadata, require_log_package, u
 from soter.report.run.live_diagram import Live
 from soter.report.run.record import Picture
 from soter.simulate.outputs.run_on_diagram import SAW, HeldValues, control_of, steps_of, values_of
+from soter.simulate.trace_to_recorded_run import logged_value
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,51 +59,37 @@ class _LoggedValues:
     values: list[Value] = field(default_factory=list)
 
 
-class _Logged:
-    """What is read of a log of a system, by full name."""
-
-    def __init__(self, path: Path, system: System) -> None:
-        truths = {f"{x.name}.truth": x.plant.truth for x in system.components if x.plant}
-        types = {**{t.name: t.type for t in system.topics}, **truths}
-        names = [m.name for m in system.modules]
-        self.values = {name: _LoggedValues(t) for name, t in types.items()}
-        self.modes: dict[str, list[tuple[float, bool]]] = {name: [] for name in names}
-        self.saw: dict[str, list[tuple[float, Sequence[bool]]]] = {name: [] for name in names}
-        self.end_s = 0.0
-        for time_ns, channel, message in messages(path):
-            self.end_s = max(self.end_s, time_ns / 1e9)
-            if channel == MODES_TOPIC and message["module"] in self.modes:
-                self.modes[message["module"]].append((time_ns / 1e9, message["mode"] == "AC"))
-            elif channel == DECISIONS_TOPIC and message["module"] in self.saw:
-                seen = [bool(message["predicates"].get(name)) for name in PREDICATES]
-                self.saw[message["module"]].append((time_ns / 1e9, seen))
-            elif channel in self.values:
-                read = self.values[channel]
-                read.times_s.append(time_ns / 1e9)
-                read.values.append(_value(path, system, channel, read.t, message))
-
-
 def _live(path: Path, system: System, seed: int) -> Live:
-    log = _Logged(path, system)
-    if not any(read.values for read in log.values.values()):
+    known = {t.name: _LoggedValues(t.type) for t in system.topics}
+    plants = [x for x in system.components if x.plant is not None]
+    known |= {
+        f"{x.name}.truth": _LoggedValues(x.plant.truth) for x in plants if x.plant is not None
+    }
+    modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
+    saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
+    end_s = 0.0
+    for time_ns, channel, message in messages(path):
+        end_s = max(end_s, time_ns / 1e9)
+        if channel == MODES_TOPIC and message["module"] in modes:
+            modes[message["module"]].append((time_ns / 1e9, message["mode"] == "AC"))
+        elif channel == DECISIONS_TOPIC and message["module"] in saw:
+            seen = [bool(message["predicates"].get(name)) for name in PREDICATES]
+            saw[message["module"]].append((time_ns / 1e9, seen))
+        elif channel in known:
+            read = known[channel]
+            read.times_s.append(time_ns / 1e9)
+            read.values.append(logged_value(path, system, channel, read.t, message))
+    if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
-    places = {t.name: f"t:{t.name}" for t in system.topics}
-    places |= {f"{x.name}.truth": f"c:{x.name}" for x in system.components if x.plant}
     held = {
-        places[name]: HeldValues(read.t, np.array(read.times_s), read.values)
-        for name, read in log.values.items()
-        if read.values
+        at: HeldValues(known[name].t, np.array(known[name].times_s), known[name].values)
+        for at, name in (
+            *((f"t:{t.name}", t.name) for t in system.topics),
+            *((f"c:{x.name}", f"{x.name}.truth") for x in plants),
+        )
+        if known[name].values
     }
     control = tuple(
-        control_of(system, m, log.modes[m.name] or [(0.0, False)], log.saw[m.name])
-        for m in system.modules
+        control_of(system, m, modes[m.name] or [(0.0, False)], saw[m.name]) for m in system.modules
     )
-    return Live(log.end_s, values_of(system, held), steps_of(system, seed, log.end_s, {}), control)
-
-
-def _value(path: Path, system: System, channel: str, t: Type, message: Any) -> Value:  # noqa: ANN401
-    given = message if isinstance(t, RecordType) else message.get("value")
-    try:
-        return from_json(t, given, channel)
-    except ValueShapeError as error:
-        raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+    return Live(end_s, values_of(system, held), steps_of(system, seed, end_s, {}), control)

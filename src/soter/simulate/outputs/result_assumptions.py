@@ -7,7 +7,6 @@ Non-goals: proving (`verify/`).
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.elaborator import show_ns
@@ -42,13 +41,20 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     """
     free = [m for m in system.modules if m.forced is None]
     assumptions = _of_proofs(system, free, proofs or {})
-    for what_of in (_at_once, _unshown, partial(_free_for_ever, system)):
-        assumptions += [text for m in free for text in what_of(m)]
+    assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
+    assumptions += [
+        f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
+    ]
+    assumptions += [
+        f"{m.name}: what {system.topics[m.scope.topics[t]].name} calls free stays free, for ever"
+        for m in free
+        for t in topic_reads(m.symbol.safe)
+        if t.static
+    ]
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
-        assumptions.append(
-            f"{', '.join(trusted)}: extern and trusted, nothing is known about the code"
-        )
+        names = ", ".join(trusted)
+        assumptions.append(f"{names}: extern and trusted, nothing is known about the code")
     return [*assumptions, *(text for m in free for text in _computed(m))]
 
 
@@ -66,9 +72,8 @@ def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) 
     rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
     if rest:
         which = ", ".join(m.name + _whilst(system, m) for m in rest)
-        assumptions.append(
-            f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
-        )
+        said = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
+        assumptions.append(said)
     return assumptions
 
 
@@ -76,25 +81,6 @@ def _acts_ns(m: Module) -> int:
     """How late its commands may act, as declared for its proof."""
     acts = m.symbol.verify.acts
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
-
-
-def _at_once(m: Module) -> Iterator[str]:
-    late = _acts_ns(m)
-    if late > m.period_ns:
-        count = f"{show_ns(late)} of `acts within` count in its proof"
-        yield f"{m.name}: commands act at once in a run; {count}"
-
-
-def _unshown(m: Module) -> Iterator[str]:
-    if m.unshown:
-        yield f"{m.name}: not shown, and taken for true: {m.unshown}"
-
-
-def _free_for_ever(system: System, m: Module) -> Iterator[str]:
-    for t in topic_reads(m.symbol.safe):
-        if t.static:
-            name = system.topics[m.scope.topics[t]].name
-            yield f"{m.name}: what {name} calls free stays free, for ever"
 
 
 def _computed(m: Module) -> Iterator[str]:
@@ -107,6 +93,11 @@ def _computed(m: Module) -> Iterator[str]:
             f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
             f"{whence}; where they cannot be, its AC never gets control"
         )
+
+
+def _at_once(m: Module) -> str:
+    late = show_ns(_acts_ns(m))
+    return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
 
 def _whilst(system: System, m: Module) -> str:
