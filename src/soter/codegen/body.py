@@ -151,16 +151,18 @@ class Body(Places):
         if isinstance(e, core.Select):
             return self._select(e)
         if isinstance(e, core.Field):
-            t = e.target.type
-            assert isinstance(t, RecordType)
-            member = c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
-            return self._read(e.type, member)
+            return self._read(e.type, self._member(e))
         if isinstance(e, core.Element):
             return self._read(e.type, c.IndexExpr(self._items(e.target), self.expr(e.index)))
         if isinstance(e, core.Length):
             return c.Member(self.expr(e.target), "len")
         assert isinstance(e, core.Make)
         return self._make(e)
+
+    def _member(self, e: core.Field) -> c.CExpr:
+        t = e.target.type
+        assert isinstance(t, RecordType)
+        return c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
 
     def _read(self, t: Type, e: c.CExpr) -> c.CExpr:
         """A stored value as an operand.
@@ -288,6 +290,9 @@ class Body(Places):
             body = self._inner(s.body, used)
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
+        return self._publish(s)
+
+    def _publish(self, s: core.Publish) -> list[c.CStmt]:
         has: list[c.CStmt] = []
         if s.output not in self.certain:
             has.append(c.Assign(self.has(s.output), c.Name("true")))

@@ -237,12 +237,18 @@ def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0)
         item = c.IndexExpr(c.Member(e, "items"), counter)
         inner = to_ends(t.element, bounds, item, depth + 1)
         return [c.For(counter.text, ZERO, c.Member(e, "len"), tuple(inner))] if inner else []
-    if not isinstance(t, ArrayType):
-        return []
+    return _array_to_ends(t, bounds, e, depth) if isinstance(t, ArrayType) else []
+
+
+def _array_to_ends(
+    t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
+) -> list[c.CStmt]:
+    """A loop where all elements have the same bounds."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")
     if len(set(groups)) == 1:
+        counter = c.Name(f"k{depth}")
         inner = to_ends(t.element, groups[0], c.IndexExpr(at, counter), depth + 1)
         return [c.For(counter.text, ZERO, c.Number(str(t.size)), tuple(inner))] if inner else []
     each = [c.IndexExpr(at, c.Number(str(k))) for k in range(t.size)]

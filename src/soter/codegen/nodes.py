@@ -230,15 +230,8 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
         takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
     body = frame.load(step.locals, used)
     nothing_lost = must_not_lose(frame, component)
-    if foreign and c_source and step.locals:
-        body += [*takeover, *_linked(frame, component, step, name), *nothing_lost]
-    elif foreign:
-        outputs = _linked if c_source else _answered
-        body += [*outputs(frame, component, step, name), *nothing_lost, *takeover]
     if foreign:
-        for k, o in enumerate(step.outputs):
-            at_ends = to_ends(o.type, o.bounds, frame.body.out(k))
-            body += frame.if_published(k, at_ends) if at_ends else []
+        body += _foreign(frame, component, step, name, takeover, nothing_lost)
     else:
         body += frame.declare_outputs(step.outputs)
         body += nothing_lost
@@ -262,6 +255,29 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
         body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))
     frame.body.choices = None
+    return body
+
+
+def _foreign(
+    frame: Frame,
+    component: Component,
+    step: core.NodeStep,
+    name: str,
+    takeover: list[c.CStmt],
+    nothing_lost: list[c.CStmt],
+) -> list[c.CStmt]:
+    """What an extern answers; one in C that keeps something begins anew before it is asked."""
+    if frame.linked(component):
+        answers = _linked(frame, component, step, name)
+    else:
+        answers = _answered(frame, component, step, name)
+    if frame.linked(component) and step.locals:
+        body = [*takeover, *answers, *nothing_lost]
+    else:
+        body = [*answers, *nothing_lost, *takeover]
+    for k, o in enumerate(step.outputs):
+        at_ends = to_ends(o.type, o.bounds, frame.body.out(k))
+        body += frame.if_published(k, at_ends) if at_ends else []
     return body
 
 

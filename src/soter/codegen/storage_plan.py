@@ -314,10 +314,7 @@ class _Walker:
 
     def _statement(self, s: core.Stmt, live: set[str]) -> set[str]:
         if isinstance(s, core.If):
-            if self.task.leave is not None and is_still_here(s.condition, self.task.leave):
-                return self._block(s.then, live)
-            then, otherwise = self._block(s.then, live), self._block(s.otherwise, live)
-            return then | otherwise | self._reads(s.condition)
+            return self._if(s, live)
         if isinstance(s, core.Loop):
             return self._loop(s, live)
         at = self._order[id(s)]
@@ -325,17 +322,12 @@ class _Walker:
         if isinstance(s, core.Let):
             return self._full(s, s.name, s.value, live)
         if isinstance(s, core.Call):
-            reads = self._reads(s.arguments)
-            if s.name in self.tracked:
-                self._write(s.name, None, live, reads)
-            return (live - {s.name}) | reads
-        if isinstance(s, core.Set):
-            if s.name == self.task.leave:
-                return set(self._at_exit)
-            if not s.path:
-                return self._full(s, s.name, s.value, live)
-            return self._part(s.name, s.value, live, self._reads(s.path, s.value))
-        if isinstance(s, core.Push):
+            return self._call(s, live)
+        if isinstance(s, core.Set) and s.name == self.task.leave:
+            return set(self._at_exit)
+        if isinstance(s, core.Set) and not s.path:
+            return self._full(s, s.name, s.value, live)
+        if isinstance(s, (core.Set, core.Push)):
             return self._part(s.name, s.value, live, self._reads(s.path, s.value))
         if isinstance(s, core.Publish):
             name = output_name(s.output)
@@ -347,6 +339,18 @@ class _Walker:
         return live | self._reads(
             *(getattr(s, n) for n in ("condition", "operands", "limit") if hasattr(s, n))
         )
+
+    def _call(self, s: core.Call, live: set[str]) -> set[str]:
+        reads = self._reads(s.arguments)
+        if s.name in self.tracked:
+            self._write(s.name, None, live, reads)
+        return (live - {s.name}) | reads
+
+    def _if(self, s: core.If, live: set[str]) -> set[str]:
+        if self.task.leave is not None and is_still_here(s.condition, self.task.leave):
+            return self._block(s.then, live)
+        then, otherwise = self._block(s.then, live), self._block(s.otherwise, live)
+        return then | otherwise | self._reads(s.condition)
 
     def _loop(self, s: core.Loop, live: set[str]) -> set[str]:
         idle, changed = set(self.idle), set(self.changed)

@@ -46,10 +46,12 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.model.system import environment_topics
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.codegen.body import StepBranch
-    from soter.core.core import CoreSystem, Function, Predicate
+    from soter.core.core import CoreSystem, Function, NodeStep, Predicate
     from soter.core.layout import StateLayout
-    from soter.language.model.system import Property, System
+    from soter.language.model.system import Component, Property, System
     from soter.language.model.types import Type
 
 COMPONENT_NAMES = (
@@ -362,24 +364,11 @@ class UnitBuilder:
         definitions: list[c.CTop] = [*disturbed, *(nodes.push(self.frame, t) for t in queued)]
         definitions += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
         for x in self.system.components:
-            name = self.names[x.index]
             if x.index in self.core.plants:
-                definitions.append(
-                    environment.plant_step(self.frame, x, self.core.plants[x.index], name)
-                )
+                plant, name = self.core.plants[x.index], self.names[x.index]
+                definitions.append(environment.plant_step(self.frame, x, plant, name))
             elif x.index in self.core.nodes:
-                if self.frame.linked(x):
-                    definitions.append(call_of_node(x, name))
-                definitions.append(nodes.node_step(self.frame, x, self.core.nodes[x.index], name))
-                failsafe = nodes.failsafe(self.frame, x, name)
-                if failsafe is not None:
-                    definitions.append(failsafe)
-                if x.held is not None:
-                    outputs = self.core.nodes[x.index].outputs
-                    definitions.append(nodes.effect(self.frame, x, outputs, name))
-                    definitions.append(nodes.exchange(self.frame, x, outputs, name))
-                if x.binding and self.frame.linked(x):
-                    self.c_sources.append(x.binding.split(":")[1])
+                definitions += self._node(x, self.core.nodes[x.index])
         if self.core.decisions:
             definitions.append(decisions.switch(self.frame))
         for d in self.core.decisions:
@@ -389,6 +378,20 @@ class UnitBuilder:
         for i, drive in enumerate(self.system.inputs):
             definitions.append(self.inputs.draw(drive, f"{self.prefix}_input_{i}"))
         return definitions
+
+    def _node(self, x: Component, step: NodeStep) -> Iterator[c.CTop]:
+        name = self.names[x.index]
+        if self.frame.linked(x):
+            yield call_of_node(x, name)
+        yield nodes.node_step(self.frame, x, step, name)
+        failsafe = nodes.failsafe(self.frame, x, name)
+        if failsafe is not None:
+            yield failsafe
+        if x.held is not None:
+            yield nodes.effect(self.frame, x, step.outputs, name)
+            yield nodes.exchange(self.frame, x, step.outputs, name)
+        if x.binding and self.frame.linked(x):
+            self.c_sources.append(x.binding.split(":")[1])
 
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """Whether a property is violated."""

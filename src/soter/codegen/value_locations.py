@@ -57,6 +57,16 @@ def compared_twice(condition: core.Expr) -> list[core.Expr]:
     Where no value fits all of them a compiler knows the result.
     """
     comparisons: list[tuple[core.Expr, object]] = []
+    for part in _equalities(condition):
+        for value, other in ((part.left, part.right), (part.right, part.left)):
+            exact = isinstance(value, STORED) and not isinstance(value.type, FloatType)
+            if exact and isinstance(other, core.Const):
+                comparisons.append((value, other.value))
+    return [v for v, x in comparisons if any(w == v and y != x for w, y in comparisons)]
+
+
+def _equalities(condition: core.Expr) -> Iterator[core.Binary]:
+    """The parts of a condition that are `==` or `!=`, the last one first."""
     parts = [condition]
     while parts:
         part = parts.pop()
@@ -65,11 +75,7 @@ def compared_twice(condition: core.Expr) -> list[core.Expr]:
         elif isinstance(part, core.Binary) and part.op in LOGICAL:
             parts += (part.left, part.right)
         elif isinstance(part, core.Binary) and part.op in {"==", "!="}:
-            for value, other in ((part.left, part.right), (part.right, part.left)):
-                exact = isinstance(value, STORED) and not isinstance(value.type, FloatType)
-                if exact and isinstance(other, core.Const):
-                    comparisons.append((value, other.value))
-    return [v for v, x in comparisons if any(w == v and y != x for w, y in comparisons)]
+            yield part
 
 
 MADE = c.Unary("*", c.Name("made"))
@@ -229,25 +235,37 @@ class Places:
             before, value = self._apart(e)
             return [*before, c.Assign(target, value)]
         if isinstance(t, RecordType):
-            statements: list[c.CStmt] = []
-            for (name, of), element in zip(t.fields, e.elements, strict=True):
-                statements += self.into(c.Member(target, field_name(name)), root, of, element)
-            if struct_of(t).padding:
-                byte = c.IndexExpr(c.Member(target, "pad_"), c.Name("pad"))
-                zero = (c.Assign(byte, c.Number("0")),)
-                count = c.Number(str(struct_of(t).padding))
-                statements.append(c.For("pad", c.Number("0"), count, zero))
-            return statements
+            return self._fields_into(target, root, t, e)
         assert isinstance(t, (ArrayType, ListType))
         if isinstance(t, ArrayType) and not self.types.is_large(t.element):
             return [c.Assign(target, self.expr(e))]
+        return self._elements_into(target, root, t, e)
+
+    def _elements_into(
+        self, target: c.CExpr, root: str, t: ArrayType | ListType, e: core.Make
+    ) -> list[c.CStmt]:
         items = c.Member(target, "at" if isinstance(t, ArrayType) else "items")
-        statements = [] if isinstance(t, ArrayType) else [c.Assign(target, self.types.default(t))]
+        statements: list[c.CStmt] = []
+        if isinstance(t, ListType):
+            statements.append(c.Assign(target, self.types.default(t)))
         for k, element in enumerate(e.elements):
             place = c.IndexExpr(items, c.Number(str(k)))
             statements += self.into(place, root, t.element, element)
         if isinstance(t, ListType) and e.elements:
             statements.append(c.Assign(c.Member(target, "len"), c.Number(str(len(e.elements)))))
+        return statements
+
+    def _fields_into(
+        self, target: c.CExpr, root: str, t: RecordType, e: core.Make
+    ) -> list[c.CStmt]:
+        statements: list[c.CStmt] = []
+        for (name, of), element in zip(t.fields, e.elements, strict=True):
+            statements += self.into(c.Member(target, field_name(name)), root, of, element)
+        if struct_of(t).padding:
+            byte = c.IndexExpr(c.Member(target, "pad_"), c.Name("pad"))
+            zero = (c.Assign(byte, c.Number("0")),)
+            count = c.Number(str(struct_of(t).padding))
+            statements.append(c.For("pad", c.Number("0"), count, zero))
         return statements
 
     def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:

@@ -165,10 +165,17 @@ def _proposed(
     moved = [builder.let(span, "moved", builder.expr(e)) for e in module.shield.moved]
     for (i, place), value in zip(places, moved, strict=True):
         if i in number:
-            out = core.output_name(number[i])
-            path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
-            move = core.Set(span, out, system.topics[i].type, path, value)
-            builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (move,), ()))
+            _move(builder, span, (number[i], place), system.topics[i].type, value)
+
+
+def _move(
+    builder: Builder, span: Span, where: tuple[int, Place], t: Type, value: core.Expr
+) -> None:
+    """A number of an output that was published becomes another."""
+    output, place = where
+    path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
+    move = core.Set(span, core.output_name(output), t, path, value)
+    builder.emit(core.If(span, core.Fact(BOOL, "published", output), (move,), ()))
 
 
 def _read_as(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.search import Found
     from soter.explore.model.exploration_plan import TimeChoices
     from soter.explore.search_options import SearchOptions
-    from soter.language.model.system import Bound, InputDrive, System, TestPlan, Topic
+    from soter.language.model.system import Bound, InputDrive, System, TestPlan, TimingFault, Topic
     from soter.language.model.types import Type
 
 
@@ -149,31 +149,12 @@ def _all(
     times: TimeChoices | None,
 ) -> Iterator[str]:
     plan = plan_of(system)
-    horizon = show_ns(plan.horizon_ns)
-    if search_result.closed_ns:
-        yield (
-            f"said of all times, not only up to the horizon, {horizon}: every configuration after "
-            f"{show_ns(search_result.closed_ns)} is one that came before, "
-            "at the same place of the calendar"
-        )
-    else:
-        hope = search_result.closable and search_result.status == "exhausted"
-        more = "; a longer one may show that it holds for ever" if hope else ""
-        yield f"nothing is said about times after the horizon, {horizon}{more}"
+    yield _how_long(show_ns(plan.horizon_ns), search_result)
     yield _orders(plan, times)
     yield from told(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
-    for f in plan.faults:
-        name = system.components[f.component].name
-        if f.kind == "skip":
-            yield f"{name} loses at most {f.at_most} release{_s(f.at_most)} in a row"
-        elif f.least_ns:
-            span = " to ".join(dict.fromkeys([show_ns(f.least_ns), show_ns(f.by_ns)]))
-            yield f"{name} takes {span} a step, and loses its releases meanwhile, as it says"
-        else:
-            what = "is late" if f.kind == "late" else "overruns"
-            yield f"{name} {what} by at most {show_ns(f.by_ns)}"
+    yield from (f"{system.components[f.component].name} {_does(f)}" for f in plan.faults)
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
     yield from contract_use.told(system)
@@ -191,6 +172,28 @@ def _all(
     yield from _held(system, options.seed)
     if options.storage == "fingerprint":
         yield _missed(search_result.states)
+
+
+def _how_long(horizon: str, search_result: Found) -> str:
+    if search_result.closed_ns:
+        return (
+            f"said of all times, not only up to the horizon, {horizon}: every configuration after "
+            f"{show_ns(search_result.closed_ns)} is one that came before, "
+            "at the same place of the calendar"
+        )
+    hope = search_result.closable and search_result.status == "exhausted"
+    more = "; a longer one may show that it holds for ever" if hope else ""
+    return f"nothing is said about times after the horizon, {horizon}{more}"
+
+
+def _does(f: TimingFault) -> str:
+    """What goes wrong with the steps of a component."""
+    if f.kind == "skip":
+        return f"loses at most {f.at_most} release{_s(f.at_most)} in a row"
+    if f.least_ns:
+        span = " to ".join(dict.fromkeys([show_ns(f.least_ns), show_ns(f.by_ns)]))
+        return f"takes {span} a step, and loses its releases meanwhile, as it says"
+    return f"{'is late' if f.kind == 'late' else 'overruns'} by at most {show_ns(f.by_ns)}"
 
 
 def _orders(plan: TestPlan, times: TimeChoices | None) -> str:

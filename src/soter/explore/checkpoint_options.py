@@ -25,7 +25,7 @@ from soter.explore.checkpoints import (
 from soter.explore.search_options import CHECKPOINT_SECONDS, SAMPLING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.codes import Code
     from soter.explore.search_options import SearchOptions
@@ -43,25 +43,12 @@ class CheckpointOptions:
 
 def asked(options: SearchOptions) -> CheckpointOptions | None:
     """What is wanted, None: nothing; `SoterError` U001 where that cannot be."""
-    problems: list[tuple[str, str]] = []
     checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
-    if checkpoint is None and resume is None:
-        if every is None:
-            return None
-        problems.append(("`checkpoint_every` alone writes nothing", "say where: `checkpoint`"))
-    if "" in (checkpoint, resume):
-        problems.append(("a checkpoint needs a folder, and `` is none", "`.` is this folder"))
-    if checkpoint is not None and resume is not None:
-        message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
-        problems.append((message, "`resume` alone writes there, too"))
-    if options.strategy in SAMPLING:
-        message = f"a search with the strategy `{options.strategy}` has no checkpoints"
-        problems.append((message, "its seed repeats it: --seed"))
-    elif options.strategy != "bfs":
-        message = f"a search with the strategy `{options.strategy}` has no checkpoints"
-        problems.append((message, "bfs has: --strategy bfs"))
+    if (checkpoint, resume, every) == (None, None, None):
+        return None
+    problems = [Diagnostic("U001", m, helps=(help_,)) for m, help_ in _problems(options)]
     if problems:
-        raise SoterError(tuple(Diagnostic("U001", m, helps=(help_,)) for m, help_ in problems))
+        raise SoterError(tuple(problems))
     folder = checkpoint if resume is None else resume
     assert folder is not None
     if Path(folder).exists() and not Path(folder).is_dir():
@@ -71,6 +58,22 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
         raise SoterError((Diagnostic(code, message, helps=(help_,)),))
     every = CHECKPOINT_SECONDS if every is None else every
     return CheckpointOptions(Path(folder), every, resume is not None)
+
+
+def _problems(options: SearchOptions) -> Iterator[tuple[str, str]]:
+    """What cannot be, each with a help."""
+    checkpoint, resume = options.checkpoint, options.resume
+    if checkpoint is None and resume is None:
+        yield "`checkpoint_every` alone writes nothing", "say where: `checkpoint`"
+    if "" in (checkpoint, resume):
+        yield "a checkpoint needs a folder, and `` is none", "`.` is this folder"
+    if checkpoint is not None and resume is not None:
+        message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
+        yield message, "`resume` alone writes there, too"
+    if options.strategy != "bfs":
+        repeats = options.strategy in SAMPLING
+        message = f"a search with the strategy `{options.strategy}` has no checkpoints"
+        yield message, "its seed repeats it: --seed" if repeats else "bfs has: --strategy bfs"
 
 
 def checkpoints(

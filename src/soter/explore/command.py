@@ -120,13 +120,7 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
             raise SoterError((Diagnostic("U001", f"the {what} cannot be {show_ns(given)}"),))
     skew = plan.skew_ns if skew_ns is None else skew_ns
     horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
-    calendars = [(c.phase_ns, c.period_ns) for c in system.components]
-    calendars += [(0, drive.every_ns) for drive in system.inputs]
-    steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
-    if steps > MAX_STEPS:
-        message = f"a horizon of {show_ns(horizon)} can never be exhausted"
-        note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
-        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
+    _require_few_steps(system, horizon)
     for t in plan.timed:
         reach = t.within_ns + (1 if t.kind == "leadsto" else 0)
         if t.kind != "invariant" and reach > horizon:
@@ -138,6 +132,16 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
         note = f"with a skew of {show_ns(skew)} steps of one instant happen at different times"
         raise SoterError((Diagnostic("E017", message, notes=(note,)),))
     return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
+
+
+def _require_few_steps(system: System, horizon: int) -> None:
+    calendars = [(c.phase_ns, c.period_ns) for c in system.components]
+    calendars += [(0, drive.every_ns) for drive in system.inputs]
+    steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
+    if steps > MAX_STEPS:
+        message = f"a horizon of {show_ns(horizon)} can never be exhausted"
+        note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
+        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
 
 
 # ---------------------------------------------------------------- one test

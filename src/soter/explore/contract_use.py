@@ -13,7 +13,7 @@ from soter.language.check.expressions.field import listed
 from soter.language.model import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from soter.language.model.system import StandIn, System
 
@@ -48,15 +48,23 @@ def told(system: System) -> Iterator[str]:
         if c.stands_for is not None:
             stand_ins.setdefault(c.stands_for.of, []).append(c.stands_for)
     for of, group in stand_ins.items():
-        clauses = list(dict.fromkeys(t for s in group for t in s.clauses))
-        left = list(dict.fromkeys(t for s in group for t in s.left))
-        said = "; ".join(clauses) or "no clause, any value of the sets of its topics"
-        more = f"; not asked for, so that more is permitted: {'; '.join(left)}" if left else ""
-        yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
-        asked = [name for name, how in _asked_of(system, of) if not how]
-        held = f"that it publishes no other is asked by {listed(asked)}" if asked else NO_HARM
-        for text in dict.fromkeys(t for s in group for t in s.tried):
-            yield f"what stands for {of} was tried with {text} alone: {held}"
+        yield from _said_of(system, of, group)
+
+
+def _said_of(system: System, of: str, group: list[StandIn]) -> Iterator[str]:
+    said = _each(t for s in group for t in s.clauses)
+    said = said or "no clause, any value of the sets of its topics"
+    left = _each(t for s in group for t in s.left)
+    more = f"; not asked for, so that more is permitted: {left}" if left else ""
+    yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
+    asked = [name for name, how in _asked_of(system, of) if not how]
+    held = f"that it publishes no other is asked by {listed(asked)}" if asked else NO_HARM
+    for text in dict.fromkeys(t for s in group for t in s.tried):
+        yield f"what stands for {of} was tried with {text} alone: {held}"
+
+
+def _each(texts: Iterable[str]) -> str:
+    return "; ".join(dict.fromkeys(texts))
 
 
 def _held_to_it(system: System, of: str) -> str:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from soter.explore.constant_truth import Read
     from soter.language.evaluate.range_evaluation import Known, ReadPlace
-    from soter.language.model.system import Component, Property, System, TimedProperty
+    from soter.language.model.system import Component, Property, Scope, System, TimedProperty
     from soter.language.model.types import Type
 
 
@@ -283,17 +283,8 @@ def _timed(
             yield VacuousPart("premise", t.text, why)
         return
     assert t.condition is not None
-    if holds_always(t.condition, True, t.scope, domains.of):
-        why = f"cannot fail: `{_text(t.condition)}` holds for every value of what it reads"
-        yield VacuousPart(CANNOT_FAIL if judged else "premise", t.text, why)
-    elif t.premise is not None and holds_always(t.premise, False, t.scope, domains.of):
-        why = f"cannot fail: `{_text(t.premise)}` holds for no value of what it reads"
-        yield VacuousPart(CANNOT_FAIL if judged else "premise", t.text, why)
-    elif t.premise is not None and holds_always(
-        _implies(t.premise, t.condition), True, t.scope, domains.of
-    ):
-        why = f"cannot fail: where `{_text(t.premise)}` holds, `{_text(t.condition)}` holds at once"
-        yield VacuousPart(CANNOT_FAIL if judged else "premise", t.text, why)
+    if why := _holds_anyway(t.condition, t.premise, t.scope, domains):
+        yield VacuousPart(CANNOT_FAIL if judged else "premise", t.text, f"cannot fail: {why}")
     elif t.premise is not None and ended and not judged:
         why = f"was never put to the test: `{_text(t.premise)}` held in no execution in time"
         yield VacuousPart("premise", t.text, why)
@@ -302,6 +293,21 @@ def _timed(
         if holds_always(t.condition, True, t.scope, start.of):
             why = "was never put to the test: it holds at the start already, in every execution"
             yield VacuousPart("premise", t.text, why)
+
+
+def _holds_anyway(
+    condition: typed.TypedExpr, premise: typed.TypedExpr | None, scope: Scope, domains: Domains
+) -> str:
+    """Why values alone decide that it holds in time; "" where they do not."""
+    if holds_always(condition, True, scope, domains.of):
+        return f"`{_text(condition)}` holds for every value of what it reads"
+    if premise is None:
+        return ""
+    if holds_always(premise, False, scope, domains.of):
+        return f"`{_text(premise)}` holds for no value of what it reads"
+    if holds_always(_implies(premise, condition), True, scope, domains.of):
+        return f"where `{_text(premise)}` holds, `{_text(condition)}` holds at once"
+    return ""
 
 
 def _implies(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:

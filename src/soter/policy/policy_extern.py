@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.source import Span
     from soter.language.model.binding_text import BindingText
     from soter.language.model.types import Type, Value
-    from soter.policy.network import Policy
+    from soter.policy.network import Policy, Standardised
 
     Shapes = Sequence[tuple[str, Type]]
 
@@ -59,7 +59,6 @@ class PolicyExtern(FilePolicy):
         self._build = [_builder(path, name, t) for name, t in answers]
         asked, self._run, assumed = _asked(binding, path)
         self._observation = asked
-        self._per_frame = None
         frames = asked.size // count if count and asked.size % count == 0 else 0
         if not frames:
             names = ", ".join(f"`{name}`" for name, _ in reads)
@@ -73,10 +72,7 @@ class PolicyExtern(FilePolicy):
         told = [f"its observation is {order}", *assumed.texts]
         if frames > 1:
             told.append(f"{frames} frames are stacked, the oldest first, zeros before the first")
-        self._per_frame = assumed.policy.per_frame if assumed.policy is not None else None
-        if self._per_frame is not None and self._per_frame.mean.size != count:
-            size = self._per_frame.mean.size
-            raise bad_policy(path, f"a frame of it has {in_numbers(size)}, the node reads {count}")
+        self._per_frame = _standardised_by(path, assumed, count)
         self.assumed = tuple(told)
         _require_answers(path, assumed, answers)
 
@@ -96,6 +92,15 @@ class PolicyExtern(FilePolicy):
             self._frame[:] = standardised(self._per_frame, self._frame.astype(np.float64))
         numbers = iter(self._run())
         return Converted([build(numbers) for build in self._build])
+
+
+def _standardised_by(path: Path, assumed: _Assumed, count: int) -> Standardised | None:
+    """By what each frame of `count` numbers is standardised."""
+    own = assumed.policy.per_frame if assumed.policy is not None else None
+    if own is not None and own.mean.size != count:
+        size = in_numbers(own.mean.size)
+        raise bad_policy(path, f"a frame of it has {size}, the node reads {count}")
+    return own
 
 
 def _joined(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays

@@ -182,16 +182,17 @@ def dm_step(
     gate_fault = c.gate_fault[module.index]
     c, returns = latch_seen(machine.system, c, module, mode)
 
+    unsafe = ttf or stale or gate_fault
     after = mode
-    if module.forced is None:
-        if mode == AC and (ttf or stale or gate_fault):
-            after = SC
-        elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0 and returns:
-            after = AC
+    if module.forced is None and mode == AC:
+        after = SC if unsafe else AC
+    elif module.forced is None:
+        clean = not stale and c.clean_needed[module.index] == 0
+        after = AC if safer and clean and returns else SC
     if after != mode:
         c = latch_switched(c, module, after)
     if module.looked is not None:  # what `margin` goes by
-        looks = module.looks_left(unsafe=ttf or stale or gate_fault, safer=safer)
+        looks = module.looks_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
     locals_ = put(c.L, dm, after)
     modes = [locals_[m.dm] for m in machine.system.modules]

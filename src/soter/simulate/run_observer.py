@@ -104,6 +104,15 @@ def wanted(keep: Kept) -> bool:
     return names_of(keep) is not None or bool(keep)
 
 
+def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
+    """`c.truth` of each plant -> the field of a state that holds it."""
+    return {
+        f"{system.components[g.owner].name}.truth": group_field(g)
+        for g in layout.groups
+        if g.owner >= 0 and system.components[g.owner].plant is not None
+    }
+
+
 class TraceParts:
     """Some parts of the states of a system: `header`, and what is named."""
 
@@ -111,15 +120,12 @@ class TraceParts:
         self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
     ) -> None:
         topics = {t.name for t in system.topics}
-        truths = {
-            f"{system.components[g.owner].name}.truth": group_field(g)
-            for g in layout.groups
-            if g.owner >= 0 and system.components[g.owner].plant is not None
-        }
+        truths = _fields_of_truths(system, layout)
         modules = {m.name for m in system.modules}
+        every = [*topics, *truths, *modules]
         for name in names:
-            if name not in topics and name not in truths and name not in modules:
-                known = nearest_or_all(name, [*topics, *truths, *modules])
+            if name not in every:
+                known = nearest_or_all(name, every)
                 message = f"the run has no topic, truth or module `{name}` to record"
                 raise usage_error("U001", message, known)
         self._topics = [n for n in names if n in topics]

@@ -85,6 +85,17 @@ def in_thread(c: Component) -> bool:
     return c.plant is None and (c.inline or not c.extern)
 
 
+def _task(c: Component) -> Task:
+    return Task(
+        name=c.name,
+        period=c.period_ns,
+        phase=c.phase_ns,
+        wcet=c.wcet_ns or 0,
+        jitter=c.jitter_ns,
+        deadline=c.period_ns,
+    )
+
+
 def timing_of(
     system: System, watch: Callable[[Component, ScheduledStep], None] | None = None
 ) -> Timing | None:
@@ -97,17 +108,7 @@ def timing_of(
     mine = [c for c in system.components if in_thread(c)]
     if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
         return None
-    tasks = [
-        Task(
-            name=c.name,
-            period=c.period_ns,
-            phase=c.phase_ns,
-            wcet=c.wcet_ns or 0,
-            jitter=c.jitter_ns,
-            deadline=c.period_ns,
-        )
-        for c in mine
-    ]
+    tasks = [_task(c) for c in mine]
     analysis = analyse(tasks, None if watch is None else lambda s: watch(mine[s.task], s))
     worst: list[WorstResponse | None] = [*analysis.worst] or [None] * len(tasks)
     return Timing(

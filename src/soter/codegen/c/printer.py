@@ -80,22 +80,26 @@ def expr(e: c.CExpr) -> str:
     if isinstance(e, c.Ternary):
         condition = wrap(e.condition, TERNARY + 1)
         return f"{condition} ? {wrap(e.then, TERNARY + 1)} : {wrap(e.otherwise, TERNARY + 1)}"
-    if isinstance(e, c.CallExpr):
-        return f"{e.function}({', '.join(expr(a) for a in e.arguments)})"
-    if isinstance(e, c.Member):
-        if isinstance(e.target, c.Unary) and e.target.op == "*":
-            return f"{wrap(e.target.operand, POSTFIX)}->{e.name}"
-        return f"{wrap(e.target, POSTFIX)}.{e.name}"
-    if isinstance(e, c.Arrow):
-        return f"{wrap(e.target, POSTFIX)}->{e.name}"
-    if isinstance(e, c.IndexExpr):
-        return f"{wrap(e.target, POSTFIX)}[{expr(e.index)}]"
+    if isinstance(e, (c.Member, c.Arrow, c.IndexExpr, c.CallExpr)):
+        return _postfix(e)
     if isinstance(e, c.Cast):
         return f"({e.type}){wrap(e.operand, UNARY)}"
     assert isinstance(e, c.Initializer)
     items = ", ".join(f".{n} = {expr(v)}" if n else expr(v) for n, v in e.items)
     prefix = f"({e.type})" if e.type else ""
     return f"{prefix}{{{items or '0'}}}"
+
+
+def _postfix(e: c.Member | c.Arrow | c.IndexExpr | c.CallExpr) -> str:
+    if isinstance(e, c.CallExpr):
+        return f"{e.function}({', '.join(expr(a) for a in e.arguments)})"
+    if isinstance(e, c.IndexExpr):
+        return f"{wrap(e.target, POSTFIX)}[{expr(e.index)}]"
+    if isinstance(e, c.Member):
+        if isinstance(e.target, c.Unary) and e.target.op == "*":
+            return f"{wrap(e.target.operand, POSTFIX)}->{e.name}"
+        return f"{wrap(e.target, POSTFIX)}.{e.name}"
+    return f"{wrap(e.target, POSTFIX)}->{e.name}"
 
 
 def wrap(e: c.CExpr, minimum: int) -> str:
@@ -272,11 +276,7 @@ def top(item: c.CTop) -> Iterator[str]:
     elif isinstance(item, c.Define):
         yield f"#define {item.name} {item.value}"
     elif isinstance(item, c.StructDef):
-        if item.comment:
-            yield f"/* {comment_text(item.comment)} */"
-        yield "typedef struct {"
-        yield from (member(m, 1) for m in item.members)
-        yield f"}} {item.name};"
+        yield from _struct(item)
     elif isinstance(item, c.Alias):
         comment = f" /* {comment_text(item.comment)} */" if item.comment else ""
         yield f"typedef {declarator(item.type, item.name)};{comment}"
@@ -287,6 +287,14 @@ def top(item: c.CTop) -> Iterator[str]:
     else:
         assert isinstance(item, c.VariableDef)
         yield from _variable(item)
+
+
+def _struct(item: c.StructDef) -> Iterator[str]:
+    if item.comment:
+        yield f"/* {comment_text(item.comment)} */"
+    yield "typedef struct {"
+    yield from (member(m, 1) for m in item.members)
+    yield f"}} {item.name};"
 
 
 def member(m: c.StructMember, depth: int) -> str:

@@ -177,11 +177,7 @@ class Search:
                 saver = None if kept is None else kept.saver(number, len(parts), searches)
                 searches.append(self._explored(once, left_s, saver))
             if searches[-1].status == "violated" and part is not None:
-                whole = self._engine.complete(once, searches[-1].steps)
-                if whole is None:  # its steps alone are no execution of the system
-                    searches[-1] = replace(searches[-1], steps=(), apart=bool(searches[-1].steps))
-                else:
-                    searches[-1] = replace(searches[-1], steps=whole.steps, broken=whole.broken)
+                searches[-1] = self._with_other_parts(once, searches[-1])
             if searches[-1].status != "exhausted" or (
                 settings.max_states and searches[-1].states >= left
             ):
@@ -191,6 +187,13 @@ class Search:
             status = "states" if ended else searches[-1].status
             searches[-1] = replace(searches[-1], status=status, covered_ns=0)
         return searches
+
+    def _with_other_parts(self, once: EngineSettings, violated: Searched) -> Searched:
+        """The violation of one part as an execution of the system, if its steps are one."""
+        whole = self._engine.complete(once, violated.steps)
+        if whole is None:
+            return replace(violated, steps=(), apart=bool(violated.steps))
+        return replace(violated, steps=whole.steps, broken=whole.broken)
 
     def _explored(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
         """The search of one part, or of all; `SoterError` D012 where it goes on from nonsense."""

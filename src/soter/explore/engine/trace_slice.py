@@ -18,7 +18,7 @@ from soter.explore.model.actors import Footprints
 from soter.explore.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy.typing as npt
 
@@ -81,12 +81,13 @@ class Slicer:
             effect = self._effect(actor, raw[k].actor, done[k])
             touched = effect.writes & wanted
             if touched:
-                changed = self._changed(packed[k - 1], packed[k])
-                open_ = bool(raw[k].choices) or done[k].kind == LOST
-                marks[k] = open_ or any(self._moved(label, changed) for label in touched)
-                if done[k].kind != LOST:
+                lost = done[k].kind == LOST
+                marks[k] = (
+                    lost or bool(raw[k].choices) or self._moves(touched, *packed[k - 1 : k + 1])
+                )
+                if not lost:
                     wanted = (wanted - effect.writes) | effect.reads
-            marks[k] = marks[k] or last
+        marks[-1] = True
         marks[0] = bool(raw[0].choices) and any(label[0] == "cell" for label in wanted)
         return tuple(marks)
 
@@ -155,5 +156,8 @@ class Slicer:
         """The bits that differ. (words,), (words,) -> one number."""
         return int.from_bytes((before ^ after).astype("<u8").tobytes(), "little")
 
-    def _moved(self, label: Label, changed: int) -> bool:
-        return label[0] in ALWAYS or bool(self._bits.get(label, 0) & changed)
+    def _moves(
+        self, labels: Iterable[Label], before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]
+    ) -> bool:
+        changed = self._changed(before, after)
+        return any(x[0] in ALWAYS or bool(self._bits.get(x, 0) & changed) for x in labels)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.explore.model.symmetry import Renaming, RenamingCheck
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from soter.core.core import CoreSystem
     from soter.explore.model.exploration_plan import ExplorationPlan, Label
@@ -262,9 +262,9 @@ def _family(
         names=_names(system, [first.name, *(y.name for y, _ in swaps)], renamed),
         blocks=tuple([tuple(b) for b in own]),
         swaps=tuple(renamed),
-        actors=_mask(i for r in renamed for i, j in r.actors.items() if i != j),
-        properties=_mask(i for r in renamed for i, j in r.properties.items() if i != j),
-        timeds=_mask(i for r in renamed for i, j in r.timeds.items() if i != j),
+        actors=_renamed_by(r.actors for r in renamed),
+        properties=_renamed_by(r.properties for r in renamed),
+        timeds=_renamed_by(r.timeds for r in renamed),
     )
 
 
@@ -297,5 +297,6 @@ def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tup
     return tuple([".".join(p) for p in parts])
 
 
-def _mask(bits: Iterable[int]) -> int:
-    return sum(1 << b for b in set(bits))
+def _renamed_by(maps: Iterable[Mapping[int, int]]) -> int:
+    """A mask of those that are renamed by any of some maps."""
+    return sum(1 << i for i in {i for of in maps for i, j in of.items() if i != j})

@@ -107,6 +107,13 @@ class Led:
     failed: int
 
 
+def _judgement(m: Module, name: str) -> str:
+    """What asks the predicates of a module, in C."""
+    ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
+    good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
+    return f"if (m == {m.index}) {{ good = {good}; }}"
+
+
 class LedLooks:
     """The checks of some modules of a system; SoterError, OSError where they are not compiled."""
 
@@ -125,13 +132,10 @@ class LedLooks:
         for f in builder.core.functions:
             if f.span.source.name == CHECK and f.source_name in NOTED:
                 source = _watched(source, builder.functions[f.name][0], *NOTED[f.source_name])
-        cases = []
         for m in self.modules:
-            early, name = published_before(system, m.dm), builder.module_names[m.index]
+            early = published_before(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
-            ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
-            good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
-            cases.append(f"if (m == {m.index}) {{ good = {good}; }}")
+        cases = [_judgement(m, builder.module_names[m.index]) for m in self.modules]
         source += _asked(unit.prefix, cases)
         held = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
         self._ask = getattr(held, f"{unit.prefix}_led")
