@@ -5,7 +5,7 @@ such as states of plants, locals of nodes and instances of systems; and so are t
 languages. The checker is told what the name is, where it stands, and what to write instead, mostly
 as an edit.
 Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
-(`language/syntax/foreign_idioms.py`), declarations of imports (`scope.py`).
+(`language/syntax/foreign_phrases.py`), declarations of imports (`scope.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: tables that say what one word was meant to be, by language and by body. Parser and checker
 ask them where a word is unknown, never before.
-Non-goals: whole phrases (`foreign_idioms.py`); words of Soter in a wrong place (`clause_words.py`);
+Non-goals: whole phrases (`foreign_phrases.py`); words of Soter in a wrong place (`clause_words.py`);
 words that are nearly right (`diagnostics/similar_names.py`).
 """
 

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Label, insert, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_idioms import place_of
-from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
+from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
 from soter.language.syntax.parsing.functions_and_plants import fun, plant
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nodes import NodeParser

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made, replace
 from soter.diagnostics.source import Span
-from soter.language.syntax.foreign_idioms import find
+from soter.language.syntax.foreign_phrases import find
 from soter.language.syntax.foreign_words import in_si, period_of
 
 if TYPE_CHECKING:

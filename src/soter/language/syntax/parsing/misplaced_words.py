@@ -3,7 +3,7 @@
 Purpose: clauses in the wrong order, clauses of a topic behind its name in a node, items in another
 body. Whatever is offered as an edit was parsed before.
 Non-goals: where words belong (`clause_words.py`); phrases of other languages
-(`foreign_idioms.py`).
+(`foreign_phrases.py`).
 """
 
 from __future__ import annotations
