@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TypeGuard
 from soter.diagnostics.diagnostic import Edit, Fix, insert, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import foreign_words, tree
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -43,13 +44,12 @@ def a_type(name: str, span: Span) -> tuple[Help, ...]:
 
 def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
     """For `True`, `AC`, `M_PI`, `None`, a member without its enum."""
-    meant = foreign_words.value_meant(name)
+    meant = meaning("value", name)
     if meant is not None:
         return (replace(span, meant),)
-    if foreign_words.is_nothing(name):
-        return (
-            "there is no null: every value is one of its type, 0 or `false` where none is said",
-        )
+    advice = meaning("no_value", name)
+    if advice is not None:
+        return (advice,)
     owners = [
         f"{decl.name.text}.{name}"
         for decl in declared
@@ -73,10 +73,10 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
         return ("a loop counts over a range: `for i in 0..10 { ... }`",)
     if name == "print" or name.startswith("printf"):
         return ("publish the value, or read it in the log: every topic is logged",)
-    advice = foreign_words.function_advice(name)
+    advice = meaning("no_function", name.lower())
     if advice is not None:
         return (advice,)
-    meant = foreign_words.function_meant(name)
+    meant = meaning("function", name)
     return (replace(span, meant),) if meant is not None else ()
 
 
@@ -106,9 +106,7 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
         return None
     if wanted == "type":
         return a_type(name.text, whole) or ("declare it: `type Name = { x: float };`",)
-    meant = (
-        foreign_words.value_meant(name.text) or foreign_words.function_meant(name.text) or name.text
-    )
+    meant = meaning("value", name.text) or meaning("function", name.text) or name.text
     return (replace(whole, meant),)
 
 

@@ -8,7 +8,7 @@ no right program is concerned.
 A row is headed by what is said. `find` is its pattern, whose lines are joined; in it `<name>` is a
 group of one word, `<NAME>` one of `FRAGMENTS`, and the group `at` is where the phrase is told, the
 whole match without one. `write` is Soter with gaps for the groups: `<a,b>` is the first that is
-there, `<a|change>` one changed by `foreign_rewrites.py`, which has the writers that `by` names, too.
+there, `<a|change>` one changed by `foreign_rewrites.py`, which has the writers that `by` names.
 `advise` is the help without an edit, or its title. `places` are the bodies in which it counts;
 `far`: over several lines; `only_shown`: the edit is shown and not offered.
 Non-goals: single words (`foreign_words.py`); how parsing goes on (`parsing/token_cursor.py`).

@@ -10,8 +10,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.language.syntax.clause_words import PLACES
-from soter.language.syntax.foreign_words import LIBRARIES, function_meant, type_meant
+from soter.language.syntax.clause_words import places
+from soter.language.syntax.foreign_words import LIBRARIES, type_meant
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -99,7 +100,7 @@ def factor(text: str) -> str:
 
 def prelude(word: str) -> str:
     """What the prelude calls a function of another language; the word itself where it has none."""
-    return function_meant(word) or word
+    return meaning("function", word) or word
 
 
 # ---------------------------------------------------------------- writers of a match
@@ -289,7 +290,7 @@ def after_a_period(match: re.Match[str]) -> str | None:
 
 _BETWEEN = frozenset(
     ["in", "as", "to", "and", "or", "if", "else", "at", "by", "for", "per", "mod", "is", "not",
-     "open", "init", "with", "implies", "between", *PLACES]
+     "open", "init", "with", "implies", "between"]
 )  # fmt: skip
 
 
@@ -297,7 +298,7 @@ def product(match: re.Match[str]) -> str | None:
     """`2 x` as `2 * x`, unless the word is one of the language or a unit of time."""
     word = match["x"]
     unit = re.fullmatch(r"(?:[num]?s|min|h|hz|Hz|sec\w*|m|deg|rad)", word)
-    return None if unit or word in _BETWEEN else f"{match['n']} * {word}"
+    return None if unit or word in _BETWEEN or word in places() else f"{match['n']} * {word}"
 
 
 CHANGES: Mapping[str, Callable[[str], str | None]] = {

@@ -1,7 +1,7 @@
 """Tables of words and phrases that lie beside the code, each read when it is first asked for.
 
 Purpose: one reader of what Soter says of mistakes; a right program asks for none of it.
-Non-goals: what a table means (`foreign_phrases.py`, `foreign_words.py`, `clause_words.py`).
+Non-goals: what a phrase is (`foreign_phrases.py`).
 """
 
 from __future__ import annotations
@@ -21,3 +21,20 @@ def word_table(name: str) -> dict[str, Any]:
     toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
     table: dict[str, Any] = toml.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
     return table
+
+
+def meaning(sort: str, word: str, body: str = "") -> str | None:
+    """What a table of `words.toml` has for a word, in this body if it is about bodies."""
+    return _meanings(sort, body).get(word)
+
+
+@cache
+def _meanings(sort: str, body: str) -> dict[str, str]:
+    table = word_table("words")[sort]
+    tables = [rows for bodies, rows in table.items() if body in bodies.split()] if body else [table]
+    pairs = [
+        (said, words) if isinstance(words, str) else words
+        for rows in tables
+        for said, words in rows.items()
+    ]
+    return {word: said for said, words in pairs for word in words.split()}
