@@ -15,12 +15,17 @@ from typing import Any
 _FOLDER = Path(__file__).parent
 
 
+def toml_of(text: str) -> dict[str, Any]:
+    """What a text in TOML says. Python 3.10 has no reader of its own."""
+    toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
+    read: dict[str, Any] = toml.loads(text)
+    return read
+
+
 @cache
 def word_table(name: str) -> dict[str, Any]:
     """The table of this name, in the order of its file."""
-    toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
-    table: dict[str, Any] = toml.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
-    return table
+    return toml_of((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def meaning(sort: str, word: str, body: str = "") -> str | None:
