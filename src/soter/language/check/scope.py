@@ -51,6 +51,7 @@ BUILTIN_FUNCTIONS = (
 EXAMPLES = {
     "type": "type {} = {{ ... }};",
     "topic": "topic {}: float;",
+    "input topic": "input topic {}: float in [-1.0, 1.0];",
     "parameter": "param {}: float = 1.0;",
     "node": "node {} period 10ms {{ ... }}",
     "plant": "plant {} period 5ms {{ ... }}",
@@ -94,6 +95,13 @@ class FileScope:
 
 
 NO_VALUES = ("node", "plant", "module", "system", "test")
+
+
+def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help, ...]:
+    """How a declaration of this kind would begin; nothing for kinds that need more than a line."""
+    undriven = kind == "topic" and not unknown_names.is_driven(decls, name)
+    example = EXAMPLES.get("input topic" if undriven else kind)
+    return (f"declare it: `{example.format(name)}`",) if example else ()
 
 
 def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
@@ -358,10 +366,7 @@ class Names:
             helps = next(filter(None, guesses), otherwise)
         if not helps and elsewhere:
             also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
-        if not helps and kind in EXAMPLES:
-            driven = kind != "topic" or unknown_names.is_driven(decls, name)
-            example = EXAMPLES[kind] if driven else "input topic {}: float in [-1.0, 1.0];"
-            helps = (f"declare it: `{example.format(name)}`",)
+        helps = helps or _missing_declaration(decls, kind, name)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )

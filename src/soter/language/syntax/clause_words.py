@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.language.syntax.word_tables import meaning, word_table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
 
 NODE, STEP, RTA, VERIFY, PLANT = "node", "step", "rta", "verify", "plant"
 SYSTEM, TEST, FAULTS, FUNCTION, TOP = "system", "test", "faults", "function", "top"
@@ -121,13 +121,17 @@ def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None
     advice = meaning("misplaced", word, body)
     if advice is not None:
         return Misplaced(message, note, advice)
-    line = " ".join(written.split())
+    shown_forms = _shown_forms(word, homes, "" if item else " ".join(written.split()))
+    return Misplaced(message, note, f"move it there: {' or '.join(shown_forms)}")
+
+
+def _shown_forms(word: str, homes: Iterable[Home], line: str) -> list[str]:
+    """What a word looks like where it belongs, in backticks: the line as it is, if it is whole."""
     if line.endswith("}") and "{" not in line:  # its `;` is missing
         line = f"{line[:-1].rstrip()};"
-    own = not item and line.endswith(";") and len(line) < _SHOWN_MAX
-    shown_forms = [
+    own = line.endswith(";") and len(line) < _SHOWN_MAX
+    forms = [
         _in_its_block(home, line if own and home.form.startswith(f"{word} ") else home.form)
         for home in homes
     ]
-    forms = " or ".join(f"`{form}`" for form in dict.fromkeys(shown_forms))
-    return Misplaced(message, note, f"move it there: {forms}")
+    return [f"`{form}`" for form in dict.fromkeys(forms)]

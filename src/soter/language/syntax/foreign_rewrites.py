@@ -204,6 +204,15 @@ def part_of_a_list(match: re.Match[str]) -> str | None:
     return f"count over its part, `for i in {low}..{high} {{ ... }}`, and read `{xs}[i]`"
 
 
+def _rows(text: str) -> list[list[str]] | None:
+    """The elements of `1 0; 0 1`, and of `0.0; 2`, which is a number and how often it stands."""
+    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in text.split(";")]
+    if len({len(row) for row in rows}) > 1 or not re.match(r"-?[\d.]", rows[0][0]):
+        return None
+    repeated = len(rows) == 2 and len(rows[0]) == 1 and re.fullmatch(r"[2-9]|1[0-6]", rows[1][0])
+    return rows[:1] * int(rows[1][0]) if repeated else rows
+
+
 def matrix(match: re.Match[str]) -> str | None:
     """`[1 0; 0 1]` as `[[1.0, 0.0], [0.0, 1.0]]`, `[1 2]` as `[1.0, 2.0]`, `[0.0; 2]` in full.
 
@@ -211,13 +220,10 @@ def matrix(match: re.Match[str]) -> str | None:
     """
     line = match.string[match.string.rfind("\n", 0, match.start()) + 1 : match.start()]
     around = line.rstrip()[-1:] + match.string[match.end() :].lstrip()[:1]
-    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in match["rows"].split(";")]
-    ragged = len({len(row) for row in rows}) > 1
-    if ragged or "*" in around or not re.match(r"-?[\d.]", rows[0][0]):
+    rows = _rows(match["rows"])
+    if rows is None or "*" in around:
         return None
     columns = len(rows[0])
-    if len(rows) == 2 and columns == 1 and re.fullmatch(r"[2-9]|1[0-6]", rows[1][0]):
-        rows = rows[:1] * int(rows[1][0])
     if not re.search(r"\bint\b", line):
         rows = [[f"{e}.0" if re.fullmatch(r"-?\d+", e) else e for e in row] for row in rows]
     if len(rows) == 1 or columns == 1:

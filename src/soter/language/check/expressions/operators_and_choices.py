@@ -46,6 +46,8 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Help
     from soter.language.model.types import Type
 
@@ -236,6 +238,11 @@ class OperatorChecker(ExprBase):
             return typed.TypedUnary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
             return typed.TypedUnary(t, expr.span, "-", operand)
+        self._no_negation(expr, t)
+        return error_expr(expr.span)
+
+    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> None:
+        """T002 for `-` before a bool, a time or something that is no number at all."""
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
         if isinstance(t, BoolType):
@@ -249,7 +256,6 @@ class OperatorChecker(ExprBase):
             f"this is `{t}`",
             helps=helps,
         )
-        return error_expr(expr.span)
 
     def binary(
         self, expr: tree.BinaryExpr, context: Context, expected: Type | None
@@ -360,31 +366,35 @@ def _number_hint(expected: Type | None) -> Type | None:
     return None
 
 
+_RESULTS: Mapping[tuple[type[Type], str, type[Type]], Type] = {
+    **{(IntType, op, IntType): INT for op in "+-*/%"},
+    **{(FloatType, op, FloatType): FLOAT for op in "+-*/"},
+    **{(DurationType, op, DurationType): DURATION for op in "+-"},
+    **{(DurationType, op, IntType): DURATION for op in "*/"},
+    (IntType, "*", DurationType): DURATION,
+}
+"""What an operator gives between two single values."""
+
+
 def _arithmetic(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
-    if isinstance(lt, IntType) and isinstance(rt, IntType):
-        return typed.TypedBinary(INT, span, op, left, right)
-    if isinstance(lt, FloatType) and isinstance(rt, FloatType) and op != "%":
-        return typed.TypedBinary(FLOAT, span, op, left, right)
-    if isinstance(lt, DurationType) and isinstance(rt, DurationType) and op in {"+", "-"}:
-        return typed.TypedBinary(DURATION, span, op, left, right)
-    if isinstance(lt, DurationType) and isinstance(rt, IntType) and op in {"*", "/"}:
-        return typed.TypedBinary(DURATION, span, op, left, right)
-    if isinstance(lt, IntType) and isinstance(rt, DurationType) and op == "*":
-        return typed.TypedBinary(DURATION, span, op, left, right)
+    result = _RESULTS.get((type(lt), op, type(rt)))
+    if result is not None:
+        return typed.TypedBinary(result, span, op, left, right)
     if is_vector(lt) and lt == rt and op in {"+", "-"}:
         return typed.Vector(lt, span, op, left, right)
-    if is_vector(rt) and op == "*":
-        scalar = left if isinstance(lt, FloatType) else float_literal(left)
-        if scalar is not None:
-            return typed.Vector(rt, span, op, scalar, right)
-    if is_vector(lt) and op in {"*", "/"}:
-        scalar = right if isinstance(rt, FloatType) else float_literal(right)
-        if scalar is not None:
-            return typed.Vector(lt, span, op, left, scalar)
+    if is_vector(rt) and op == "*" and (scalar := _scalar(left)) is not None:
+        return typed.Vector(rt, span, op, scalar, right)
+    if is_vector(lt) and op in {"*", "/"} and (scalar := _scalar(right)) is not None:
+        return typed.Vector(lt, span, op, left, scalar)
     return None
+
+
+def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
+    """A float that a vector may be multiplied with; None for anything else."""
+    return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
 def _of_a_case(
