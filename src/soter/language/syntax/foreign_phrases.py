@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Edit, Fix
 from soter.diagnostics.source import Span
-from soter.language.syntax.foreign_rewrites import CHANGES, WRITERS
+from soter.language.syntax.foreign_rewrites import CHANGES, TYPE, WRITERS
 from soter.language.syntax.foreign_words import LIBRARIES
 from soter.language.syntax.word_tables import word_table
 
@@ -46,7 +46,7 @@ FRAGMENTS = {
     "LIBRARIES": "|".join(sorted(LIBRARIES)),
     "LIST": r"(?P<list>[A-Za-z_][\w.]*(?:\[\w+\])*)",
     "NAMES": r"\w+(?:\s*,\s*\w+)+",
-    "TYPE": r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*",
+    "TYPE": TYPE,
     "TYPED": r"(?P<name>[A-Za-z_]\w*)\s*:\s*(?P<type>(?:float|int|bool|duration)(?:\[\w+\])?)",
 }
 _SHORT = re.compile(r"(?<!P)<(\w+)>")

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 _SHOWN_MAX = 60
-_TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
+TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
 _NO_TYPES = frozenset(
     ["return", "publish", "let", "var", "push", "else", "in", "void", "fun", "node", "rta", "plant",
      "system", "test", "topic", "const", "param", "if", "for", "while", "step", "extern"]
@@ -76,7 +76,7 @@ def fields(text: str) -> str | None:
         if not part.strip():
             continue
         pair = re.fullmatch(r"\s*(?:pub\s+)?(\w+)\s*:\s*([\w.\[\]]+)\s*", part)
-        typed = re.fullmatch(rf"\s*({_TYPE})\s+(\w+)\s*(\[\w+\])?\s*", part)
+        typed = re.fullmatch(rf"\s*({TYPE})\s+(\w+)\s*(\[\w+\])?\s*", part)
         if pair:
             field_list.append(f"{pair[1]}: {type_meant(pair[2]) or pair[2]}")
         elif typed:
