@@ -80,7 +80,7 @@ def shown() -> str:
 def example(place: str, item: str, programs: str) -> str:
     """What an item looks like in a place."""
     word, anywhere = item.split(maxsplit=1)[0], place in ("file", "block")
-    homes = () if anywhere else clause_words.PLACES.get(word, ())
+    homes = () if anywhere else clause_words.places().get(word, ())
     forms = [h.form for h in homes if h.form.startswith(f"{item} ")]
     if forms:
         return forms[-1]
@@ -117,7 +117,8 @@ def place_table(place: str, words: set[str], programs: str) -> str:
 def added(words: set[str]) -> str:
     """Words that stand behind an item of another word."""
     leaders = {w.split()[0] for items in keywords.PLACES.values() for w in items}
-    forms = [(w, homes[0].form) for w, homes in clause_words.PLACES.items() if w in words - leaders]
+    places = clause_words.places()
+    forms = [(w, places[w][0].form) for w in places if w in words - leaders]
     forms.append(("fault", "subscribes motion queue 4 fault;"))  # no diagnostic shows it
     rows = [(f"`{form}`", f"`{word}`: {keywords.WORDS[word]}") for word, form in forms]
     return table(("item", "what a word behind it means"), rows)

@@ -26,12 +26,12 @@ from soter.language.load.loader import FROM_DISK, is_program, load
 from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.source import Source
     from soter.language.load.loader import LoadedProgram, SourceAccess
     from soter.language.model.system import System
-    from soter.language.model.typed import TestSymbol, TypedProgram
+    from soter.language.model.typed import NodeSymbol, PlantSymbol, TestSymbol, TypedProgram
     from soter.language.model.types import Value
 
 
@@ -202,8 +202,25 @@ def _check_file(
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_declaration(module, diagnostics, program.damaged, others)
+    flat_by_name = _all_flat(program, own, overrides, diagnostics, draft=draft)
+    for test in program.tests.values():
+        elaborate_test(program, test, overrides, diagnostics)
+    _check_the_rest(program, own, diagnostics)
+    ordered = for_people(diagnostics, [f.source for f in loaded.files])
+    return CheckResult(program, ordered, own, loaded, {} if draft else flat_by_name)
+
+
+def _all_flat(
+    program: TypedProgram,
+    systems: Mapping[str, SystemSymbol],
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+    *,
+    draft: bool,
+) -> dict[str, System]:
+    """The flat systems, without those that have errors; M007 where they are too large together."""
     components, flat_by_name = 0, {}
-    for name, system in own.items():
+    for name, system in systems.items():
         flat = _flatten(program, system, overrides, diagnostics, draft=draft)
         if flat is not None:
             components += program.system_sizes[system][0]
@@ -217,11 +234,7 @@ def _check_file(
                 helps=("put them into programs of their own, with the parts in a common import",),
             )
             break
-    for test in program.tests.values():
-        elaborate_test(program, test, overrides, diagnostics)
-    _check_the_rest(program, own, diagnostics)
-    ordered = for_people(diagnostics, [f.source for f in loaded.files])
-    return CheckResult(program, ordered, own, loaded, {} if draft else flat_by_name)
+    return flat_by_name
 
 
 def _flatten(
@@ -262,27 +275,8 @@ def _check_the_rest(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
     """Numbers of what the main file declares and no system has: with default parameters."""
-    placed: set[object] = set()
-    todo: list[object] = [*systems.values(), *(t.system for t in program.tests.values())]
-    while todo:
-        what = todo.pop()
-        if what in placed:
-            continue
-        placed.add(what)
-        if isinstance(what, SystemSymbol):
-            todo += [i.what for i in what.instances]
-            todo += [by for _, by, _ in what.replaces]
-        elif isinstance(what, ModuleSymbol):
-            todo += [what.ac, what.sc, *what.below]
-    rest = [
-        s
-        for table in (program.plants, program.modules, program.nodes)
-        for n, s in table.items()
-        if "." not in n and s not in placed
-    ]
-    modules = [s for s in rest if isinstance(s, ModuleSymbol)]
-    used = {n for s in modules for n in (s.ac, s.sc, *s.below)}
-    instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used)
+    placed = _placed([*systems.values(), *(t.system for t in program.tests.values())])
+    instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced(program, placed))
     topics = [t for n, t in program.topics.items() if "." not in n]
     if not instances and not topics:
         return
@@ -297,6 +291,38 @@ def _check_the_rest(
     flat = elaborator.run_loose(topics)
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
+
+
+def _placed(systems: list[SystemSymbol]) -> set[object]:
+    """The systems, and the plants, modules and nodes that stand in them."""
+    placed: set[object] = set()
+    todo: list[object] = [*systems]
+    while todo:
+        what = todo.pop()
+        if what in placed:
+            continue
+        placed.add(what)
+        if isinstance(what, SystemSymbol):
+            todo += [i.what for i in what.instances]
+            todo += [by for _, by, _ in what.replaces]
+        elif isinstance(what, ModuleSymbol):
+            todo += [what.ac, what.sc, *what.below]
+    return placed
+
+
+def _unplaced(
+    program: TypedProgram, placed: set[object]
+) -> Iterator[PlantSymbol | ModuleSymbol | NodeSymbol]:
+    """What the main file declares that stands in no system, and in no module of these."""
+    rest = [
+        s
+        for table in (program.plants, program.modules, program.nodes)
+        for n, s in table.items()
+        if "." not in n and s not in placed
+    ]
+    modules = [s for s in rest if isinstance(s, ModuleSymbol)]
+    used = {n for s in modules for n in (s.ac, s.sc, *s.below)}
+    return (s for s in rest if s not in used)
 
 
 def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) -> None:

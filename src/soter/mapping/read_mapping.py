@@ -6,17 +6,16 @@ Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and log
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.language.load.data_files import parse_json
+from soter.language.syntax.word_tables import toml_of
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
@@ -47,10 +46,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
         why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise wrong_mapping([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
-        given = _toml(text) if path.suffix == ".toml" else parse_json(text)
-    except ImportError as error:
-        why = "TOML needs Python 3.11 or the package tomli: or write JSON"
-        raise wrong_mapping([why]) from error
+        given = toml_of(text) if path.suffix == ".toml" else parse_json(text)
     except (ValueError, RecursionError) as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
         why = f"the mapping `{path}` is no {kind}: {str(error)[:200]}"
@@ -84,11 +80,6 @@ def mapping_of(
     if reading.problems.told:
         raise wrong_mapping(reading.problems.told, file)
     return replace(log_map, where={**log_map.where, **(where or {})})
-
-
-def _toml(text: str) -> Any:  # noqa: ANN401 - what a file says
-    there = find_spec("tomllib") is not None
-    return importlib.import_module("tomllib" if there else "tomli").loads(text)
 
 
 def _type_names(topics: Mapping[str, Any]) -> list[object]:

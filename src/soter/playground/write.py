@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
 """What runs in the page; of `report` only what shows texts."""
 ONLY = {"report": ("__init__.py", "printable_text.py")}
-ENDINGS = {".py", ".md", ".soter"}
+ENDINGS = {".py", ".md", ".soter", ".toml"}
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "
     "style-src 'unsafe-inline'; img-src data: blob:; connect-src 'none'; form-action 'none'; "

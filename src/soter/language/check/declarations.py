@@ -161,16 +161,7 @@ class DeclChecker:
             )
             return None
         default = self._constant_expr(decl.default, scope, t, what)
-        low = high = None
-        if decl.interval is not None and isinstance(t, (BoolType, EnumType)):
-            self.diagnostics.error(
-                "V004", f"{a_type(t)} has no order, so no interval", decl.interval.span
-            )
-        elif decl.interval is not None:
-            low = self._constant_expr(decl.interval.low, scope, t, what)
-            high = self._constant_expr(decl.interval.high, scope, t, what)
-            if low is None or high is None or not self._ordered(low, high, decl.interval):
-                low = high = None
+        low, high = self._ends_of(decl.interval, scope, t, what) or (None, None)
         if default is None or isinstance(t, ErrorType):
             return None
         if isinstance(t, FloatType) and not math.isfinite(default.value):
@@ -188,6 +179,22 @@ class DeclChecker:
                 also=((decl.interval.span, "its range"),) if decl.interval else (),
             )
         return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
+
+    def _ends_of(
+        self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, what: str
+    ) -> tuple[typed.Literal, typed.Literal] | None:
+        """The ends of an interval of this type; None without one, or where it has errors."""
+        if interval is None:
+            return None
+        if isinstance(t, (BoolType, EnumType)):
+            message = f"{a_type(t)} has no order, so no interval"
+            self.diagnostics.error("V004", message, interval.span)
+            return None
+        low = self._constant_expr(interval.low, scope, t, what)
+        high = self._constant_expr(interval.high, scope, t, what)
+        if low is None or high is None or not self._ordered(low, high, interval):
+            return None
+        return low, high
 
     def _ordered(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
         """V001 for an interval without a value."""

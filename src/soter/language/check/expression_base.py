@@ -282,38 +282,51 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
     """What makes a value of one type one of another, most of it as an edit."""
     actual, span = expr.type, expr.span
     text = span.text
-    if isinstance(expected, FloatType) and isinstance(actual, IntType):
-        return (replace(span, f"float({text})", "convert it: `float(...)`"),)
+    if isinstance(expected, FloatType) and isinstance(actual, (IntType, BoolType, DurationType)):
+        return _as_float(expr)
     if isinstance(expected, IntType) and isinstance(actual, FloatType):
         title = "convert it: `int(...)` cuts off what is behind the point"
         return (replace(span, f"int({text})", title),)
     if isinstance(expected, EnumType) and not isinstance(actual, EnumType):
         return of_a_case(expected, expr)
-    if isinstance(expected, BoolType) and isinstance(actual, EnumType):
-        case = actual.members[-1]
-        name = f"{actual.name.rpartition('.')[2]}.{case}"
-        return (append(span, f" == {name}", f"compare it: `{text} == {name}`"),)
-    if isinstance(expected, FloatType) and isinstance(actual, BoolType):
-        if isinstance(expr, typed.Literal):
-            return (replace(span, "1.0" if expr.value else "0.0"),)
-        return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
-    if isinstance(expected, BoolType) and isinstance(actual, IntType):
-        if isinstance(expr, typed.Literal) and expr.value in (0, 1):
-            return (replace(span, "true" if expr.value else "false"),)
-        if isinstance(expr, typed.Literal):
-            return ()
-        if isinstance(expr, typed.TypedBinary):
-            return (replace(span, f"({text}) != 0", "compare it: `... != 0`"),)
-        return (append(span, " != 0", f"write `{text} != 0`"),)
+    if isinstance(expected, BoolType):
+        return _as_truth(expr)
     if isinstance(expected, DurationType):
         return _as_time(expr)
-    if isinstance(expected, FloatType) and isinstance(actual, DurationType):
-        return (replace(span, f"seconds({text})", f"convert it: `seconds({text})`"),)
     if isinstance(expr, typed.Aggregate) and isinstance(expected, RecordType):
         return _as_record(expected, expr)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == actual:
         return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()
+
+
+def _as_float(expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """How an int, a time or a bool becomes a float."""
+    span, text = expr.span, expr.span.text
+    if isinstance(expr.type, IntType):
+        return (replace(span, f"float({text})", "convert it: `float(...)`"),)
+    if isinstance(expr.type, DurationType):
+        return (replace(span, f"seconds({text})", f"convert it: `seconds({text})`"),)
+    if isinstance(expr, typed.Literal):
+        return (replace(span, "1.0" if expr.value else "0.0"),)
+    return (replace(span, f"({text} ? 1.0 : 0.0)", "convert it: `b ? 1.0 : 0.0`"),)
+
+
+def _as_truth(expr: typed.TypedExpr) -> tuple[Help, ...]:
+    """How a case or a number becomes a bool: by a comparison."""
+    actual, span = expr.type, expr.span
+    text = span.text
+    if isinstance(actual, EnumType):
+        name = f"{actual.name.rpartition('.')[2]}.{actual.members[-1]}"
+        return (append(span, f" == {name}", f"compare it: `{text} == {name}`"),)
+    if not isinstance(actual, IntType):
+        return ()
+    if isinstance(expr, typed.Literal):
+        known = expr.value in (0, 1)
+        return (replace(span, "true" if expr.value else "false"),) if known else ()
+    if isinstance(expr, typed.TypedBinary):
+        return (replace(span, f"({text}) != 0", "compare it: `... != 0`"),)
+    return (append(span, " != 0", f"write `{text} != 0`"),)
 
 
 def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:

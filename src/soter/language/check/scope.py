@@ -51,6 +51,7 @@ BUILTIN_FUNCTIONS = (
 EXAMPLES = {
     "type": "type {} = {{ ... }};",
     "topic": "topic {}: float;",
+    "input topic": "input topic {}: float in [-1.0, 1.0];",
     "parameter": "param {}: float = 1.0;",
     "node": "node {} period 10ms {{ ... }}",
     "plant": "plant {} period 5ms {{ ... }}",
@@ -94,6 +95,13 @@ class FileScope:
 
 
 NO_VALUES = ("node", "plant", "module", "system", "test")
+
+
+def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help, ...]:
+    """How a declaration of this kind would begin; nothing for kinds that need more than a line."""
+    undriven = kind == "topic" and not unknown_names.is_driven(decls, name)
+    example = EXAMPLES.get("input topic" if undriven else kind)
+    return (f"declare it: `{example.format(name)}`",) if example else ()
 
 
 def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
@@ -352,31 +360,42 @@ class Names:
         meant = next((m for m in elsewhere if not m.weak), None)
         if meant is not None:
             also, helps = ((meant.span, meant.what),), helps or (meant.help,)
-        elif not helps and kind == "type":
-            helps = unknown_names.a_type(name, span)
-        elif not helps and kind == "name":
-            helps = unknown_names.a_value(decls, name, span)
         if not helps:
             near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
-            helps = self.diagnostics.did_you_mean(name, near, span)
-        if not helps:
-            helps = self._elsewhere(scope, name, span)
-        if not helps and among is None:
-            public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
-            helps = self.diagnostics.did_you_mean(name, public, span)
-        if not helps and name in scope.imports:
-            helps = (f"it is an imported file: write `{name}.` and the name it declares",)
-        if not helps:
-            helps = otherwise
+            guesses = self._guesses(scope, name, span, kind, near, anything=among is None)
+            helps = next(filter(None, guesses), otherwise)
         if not helps and elsewhere:
             also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
-        if not helps and kind in EXAMPLES:
-            driven = kind != "topic" or unknown_names.is_driven(decls, name)
-            example = EXAMPLES[kind] if driven else "input topic {}: float in [-1.0, 1.0];"
-            helps = (f"declare it: `{example.format(name)}`",)
+        helps = helps or _missing_declaration(decls, kind, name)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )
+
+    def _guesses(
+        self,
+        scope: FileScope,
+        name: str,
+        span: Span,
+        kind: str,
+        near: Iterable[str],
+        *,
+        anything: bool,
+    ) -> Iterator[tuple[Help, ...]]:
+        """What an unknown name may have been meant to be, the likeliest first.
+
+        `anything`: functions that every file sees would do, too.
+        """
+        if kind == "type":
+            yield unknown_names.a_type(name, span)
+        elif kind == "name":
+            yield unknown_names.a_value((e.decl for e in scope.entries.values()), name, span)
+        yield self.diagnostics.did_you_mean(name, near, span)
+        yield self._elsewhere(scope, name, span)
+        if anything:
+            public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
+            yield self.diagnostics.did_you_mean(name, public, span)
+        if name in scope.imports:
+            yield (f"it is an imported file: write `{name}.` and the name it declares",)
 
     def _elsewhere(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
         """A help line for a name that an imported file declares."""

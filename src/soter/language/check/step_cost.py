@@ -59,26 +59,14 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
     for fun in program.funs.values():
         counter.function(fun)
     for node in program.nodes.values():
-        kept = [v.type for v in node.locals] + [t for _, t in node.answers]
-        size = BYTES * sum(leaf_count(t) for t in kept)
-        body = (*(node.takeover or ()), *node.step)
-        cost = counter.body(body, f"`{node.name}`", node.span, size)
-        counter.expressions((*node.assumes, *node.guarantees), f"`{node.name}`", node.span)
+        cost = counter.node(node)
         if not node.extern:
             program.costs[node] = cost
     for plant in program.plants.values():
-        exprs = [e for _, e in plant.lets]
-        exprs += [*plant.der.values(), *plant.next.values(), *(e for _, e in plant.drives)]
-        counter.expressions(exprs, f"`{plant.name}`", plant.span)
+        counter.plant(plant)
     for module in program.modules.values():
-        decided = [e for e in (module.ttf, module.safer) if e is not None]
-        others = [e for e in module.expressions if e not in decided]
-        blocks = (module.verify, *(v.block for v in module.verify.views))
-        links = [link for block in blocks for link in block.abstracts]
-        others += [link.value for link in links if link.value is not None]
-        cost = counter.expressions(decided, f"`{module.name}`", module.span)
-        counter.expressions(others, f"`{module.name}`", module.span)
-        if len(decided) == 2:
+        cost = counter.module(module)
+        if module.ttf is not None and module.safer is not None:
             program.costs[module] = cost
     properties = [p for s in program.systems.values() for p in s.properties]
     properties += [p for t in program.tests.values() for p in t.properties]
@@ -102,6 +90,32 @@ class _Counter:
         self.costs: dict[typed.FunSymbol, typed.Cost] = {}
         self._absurd: set[typed.FunSymbol] = set()
         self._said = False
+
+    def node(self, node: typed.NodeSymbol) -> typed.Cost:
+        """The cost of a step of a node, and of its takeover."""
+        kept = [v.type for v in node.locals] + [t for _, t in node.answers]
+        size = BYTES * sum(leaf_count(t) for t in kept)
+        body = (*(node.takeover or ()), *node.step)
+        cost = self.body(body, f"`{node.name}`", node.span, size)
+        self.expressions((*node.assumes, *node.guarantees), f"`{node.name}`", node.span)
+        return cost
+
+    def plant(self, plant: typed.PlantSymbol) -> None:
+        """Hold a step of a plant against the limit."""
+        exprs = [e for _, e in plant.lets]
+        exprs += [*plant.der.values(), *plant.next.values(), *(e for _, e in plant.drives)]
+        self.expressions(exprs, f"`{plant.name}`", plant.span)
+
+    def module(self, module: typed.ModuleSymbol) -> typed.Cost:
+        """The cost of a decision; what only a proof evaluates is held against the limit, too."""
+        decided = [e for e in (module.ttf, module.safer) if e is not None]
+        others = [e for e in module.expressions if e not in decided]
+        blocks = (module.verify, *(v.block for v in module.verify.views))
+        links = [link for block in blocks for link in block.abstracts]
+        others += [link.value for link in links if link.value is not None]
+        cost = self.expressions(decided, f"`{module.name}`", module.span)
+        self.expressions(others, f"`{module.name}`", module.span)
+        return cost
 
     def function(self, root: typed.FunSymbol) -> None:
         """Count a function and, before it, what it calls, however deep that nests."""

@@ -5,7 +5,7 @@ such as states of plants, locals of nodes and instances of systems; and so are t
 languages. The checker is told what the name is, where it stands, and what to write instead, mostly
 as an edit.
 Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
-(`language/syntax/foreign_idioms.py`), declarations of imports (`scope.py`).
+(`language/syntax/foreign_phrases.py`), declarations of imports (`scope.py`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TypeGuard
 from soter.diagnostics.diagnostic import Edit, Fix, insert, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import foreign_words, tree
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -43,13 +44,12 @@ def a_type(name: str, span: Span) -> tuple[Help, ...]:
 
 def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
     """For `True`, `AC`, `M_PI`, `None`, a member without its enum."""
-    meant = foreign_words.value_meant(name)
+    meant = meaning("value", name)
     if meant is not None:
         return (replace(span, meant),)
-    if foreign_words.is_nothing(name):
-        return (
-            "there is no null: every value is one of its type, 0 or `false` where none is said",
-        )
+    advice = meaning("no_value", name)
+    if advice is not None:
+        return (advice,)
     owners = [
         f"{decl.name.text}.{name}"
         for decl in declared
@@ -73,10 +73,10 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
         return ("a loop counts over a range: `for i in 0..10 { ... }`",)
     if name == "print" or name.startswith("printf"):
         return ("publish the value, or read it in the log: every topic is logged",)
-    advice = foreign_words.function_advice(name)
+    advice = meaning("no_function", name.lower())
     if advice is not None:
         return (advice,)
-    meant = foreign_words.function_meant(name)
+    meant = meaning("function", name)
     return (replace(span, meant),) if meant is not None else ()
 
 
@@ -106,9 +106,7 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
         return None
     if wanted == "type":
         return a_type(name.text, whole) or ("declare it: `type Name = { x: float };`",)
-    meant = (
-        foreign_words.value_meant(name.text) or foreign_words.function_meant(name.text) or name.text
-    )
+    meant = meaning("value", name.text) or meaning("function", name.text) or name.text
     return (replace(whole, meant),)
 
 
@@ -313,14 +311,8 @@ def truth_as_topic(
 
     `c` is an instance of the plant in some system of these declarations.
     """
-    declared = {d.name.text: d for d in decls}
-    first = names[0].text
-    plant = declared.get(first)
-    for system in declared.values():
-        if plant is None and isinstance(system, tree.SystemDecl):
-            of = (i.what.text for i in system.instances if _is_called(i, first))
-            plant = declared.get(next(of, ""))
-    if not isinstance(plant, tree.PlantDecl) or not plant.drives:
+    plant = _plant_called({d.name.text: d for d in decls}, names[0].text)
+    if plant is None or not plant.drives:
         return None
     parts = [n.span.text if isinstance(n, tree.ElementName) else n.text for n in names[1:]]
     if parts and parts[0] == "truth":
@@ -336,6 +328,16 @@ def truth_as_topic(
         and {n.text for n, part in value.fields if isinstance(part, tree.NameExpr)} == states
     )
     return (topic.text, plant) if whole else None
+
+
+def _plant_called(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
+    """The plant of this name, or the one that some system has an instance of this name of."""
+    found = declared.get(name)
+    for system in declared.values():
+        if found is None and isinstance(system, tree.SystemDecl):
+            of = (i.what.text for i in system.instances if _is_called(i, name))
+            found = declared.get(next(of, ""))
+    return found if isinstance(found, tree.PlantDecl) else None
 
 
 def _mentions(value: object, name: str) -> bool:
@@ -360,28 +362,38 @@ def instead(
     A node where a topic is meant: what it publishes; a topic where a type is meant: its type.
     """
     declared = tuple(decls)
-    name = decl.name.text
     if wanted == "topic":
         return _its_topics(declared, decl)
     if wanted == "type" and isinstance(decl, tree.TopicDecl):
         return (replace(span, decl.type.span.text, f"its type is `{decl.type.span.text}`"),)
     if wanted == "node":
-        known = [d for d in declared if isinstance(d, tree.NodeDecl)]
-        if isinstance(decl, tree.TopicDecl):
-            by = [d.name.text for d in known if name in _published(d)]
-            return (f"it is published by {listed(by)}",) if by else ()
-        if isinstance(decl, tree.RtaDecl):
-            return (f"its nodes are {listed(_nodes_of(decl))}",) if _nodes_of(decl) else ()
-        return (f"nodes are {listed([d.name.text for d in known])}",) if known else ()
+        return _its_nodes(declared, decl)
     if wanted == "plant":
         plants = [d.name.text for d in declared if isinstance(d, tree.PlantDecl)]
-        return (f"plants are {listed(plants)}",) if plants else ()
+        return _told_of("plants are", plants)
     if wanted == "module" and isinstance(decl, tree.NodeDecl):
+        name = decl.name.text
         of = [d.name.text for d in declared if isinstance(d, tree.RtaDecl) and _has(d, name)]
-        return (f"it is a node of {listed(of)}",) if of else ()
+        return _told_of("it is a node of", of)
     if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
         return _its_topics(declared, decl)
     return ()
+
+
+def _told_of(what: str, names: list[str], then: str = "") -> tuple[Help, ...]:
+    """A sentence about names; nothing where there are none."""
+    return (f"{what} {listed(names)}{then}",) if names else ()
+
+
+def _its_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
+    """The nodes of a topic or module, or those that there are, as one sentence."""
+    known = [d for d in decls if isinstance(d, tree.NodeDecl)]
+    if isinstance(decl, tree.TopicDecl):
+        by = [d.name.text for d in known if decl.name.text in _published(d)]
+        return _told_of("it is published by", by)
+    if isinstance(decl, tree.RtaDecl):
+        return _told_of("its nodes are", _nodes_of(decl))
+    return _told_of("nodes are", [d.name.text for d in known])
 
 
 def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
@@ -397,11 +409,10 @@ def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
     elif isinstance(decl, tree.TypeDecl):
         of = [d for d in decls if isinstance(d, tree.TopicDecl)]
         topics = [d.name.text for d in of if d.type.span.text == decl.name.text]
-        return (f"topics of this type are {listed(topics)}",) if topics else ()
+        return _told_of("topics of this type are", topics)
     else:
         return ()
-    topics = list(dict.fromkeys(topics))
-    return (f"it {verb} {listed(topics)}: name the topic",) if topics else ()
+    return _told_of(f"it {verb}", list(dict.fromkeys(topics)), ": name the topic")
 
 
 def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:

@@ -1,7 +1,8 @@
-"""How a phrase of another language is rewritten: from a match to Soter.
+"""How a phrase of another language is written in Soter, where a form with gaps does not do.
 
-Purpose: one function for each kind of phrase; None where the match is none after all.
-Non-goals: the patterns (`foreign_phrases.py`).
+Purpose: what the tables of `phrases/` name: in `<gap|change>` a change of one group's text, in `by`
+the writer of a whole match. None where the match is no such phrase after all.
+Non-goals: the patterns and forms (`phrases/`); filling the gaps (`foreign_phrases.py`).
 """
 
 from __future__ import annotations
@@ -9,18 +10,23 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.language.syntax.clause_words import PLACES
-from soter.language.syntax.foreign_words import LIBRARIES, function_meant, type_meant
+from soter.language.syntax.clause_words import places
+from soter.language.syntax.foreign_words import LIBRARIES, type_meant
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 _SHOWN_MAX = 60
-_TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
+TYPE = r"(?:unsigned\s+|long\s+)?[A-Za-z_]\w*"
 _NO_TYPES = frozenset(
     ["return", "publish", "let", "var", "push", "else", "in", "void", "fun", "node", "rta", "plant",
      "system", "test", "topic", "const", "param", "if", "for", "while", "step", "extern"]
 )  # fmt: skip
+_NAMED = r"\b(\w+)\s*=(?!=)\s*"
+
+
+# ---------------------------------------------------------------- changes of the text of a group
 
 
 def soter_type(word: str) -> str:
@@ -28,45 +34,20 @@ def soter_type(word: str) -> str:
     return type_meant(" ".join(word.split()[-1:])) or word
 
 
-def declared(word: str) -> Callable[[re.Match[str]], str | None]:
-    """`float x = 3` as `var x: float = 3`."""
-
-    def write(match: re.Match[str]) -> str | None:
-        name, of = match["name"], match["type"]
-        if of in _NO_TYPES:
-            return None
-        size = match["size"] if "size" in match.re.groupindex else None
-        return f"{word} {name}: {soter_type(of)}{size or ''}"
-
-    return write
+def type_of(value: str) -> str | None:
+    """The type that a value says by itself."""
+    value = value.strip()
+    if value in ("true", "false"):
+        return "bool"
+    if re.fullmatch(r"-?\d+", value):
+        return "int"
+    is_sum = re.fullmatch(r"[\d.eE+*/() A-Z_a-z-]+", value) and re.search(r"\d", value)
+    return "float" if is_sum else None
 
 
-def constant(match: re.Match[str]) -> str | None:
-    """`A = 3.0` as `const A: float = 3.0;`, where the value says its type."""
-    value = match["value"].strip()
-    if re.fullmatch(r"true|false", value):
-        of = "bool"
-    elif re.fullmatch(r"-?\d+", value):
-        of = "int"
-    elif re.fullmatch(r"[\d.eE+*/() A-Z_a-z-]+", value) and re.search(r"\d", value):
-        of = "float"
-    else:
-        return None
-    return f"const {match['name']}: {of} = {value};"
-
-
-def parameter(match: re.Match[str]) -> str | None:
-    """`declare_parameter("K", 1.5);` as `param K: float = 1.5;`."""
-    declared_so = constant(match)
-    return None if declared_so is None else declared_so.replace("const", "param", 1)
-
-
-def named_constant(match: re.Match[str]) -> str:
-    """`const float A` and `const A float` as `const A: float`."""
-    name, of = match["name"], match["type"]
-    if type_meant(name) and not type_meant(of):
-        name, of = of, name  # `const A float`
-    return f"const {name}: {soter_type(of)}"
+def next_number(text: str) -> str:
+    """`4` for `3`, `n + 1` for `n`."""
+    return str(int(text) + 1) if text.isdigit() else f"{text} + 1"
 
 
 _PARAMETER = re.compile(
@@ -88,22 +69,6 @@ def parameters(text: str) -> str | None:
     return ", ".join(params)
 
 
-def head(match: re.Match[str]) -> str | None:
-    """`float f(float x) {` as `fun f(x: float): float {`."""
-    params = parameters(match["parameters"])
-    result = match["type"]
-    if params is None or result in _NO_TYPES:
-        return None
-    return f"fun {match['name']}({params}): {soter_type(result)} {{"
-
-
-def list_of_parameters(match: re.Match[str]) -> str | None:
-    """`(float x)` as `(x: float)`."""
-    params = parameters(match["parameters"])
-    unchanged = params is None or params == match["parameters"].strip()
-    return None if unchanged else f"({params})"
-
-
 def fields(text: str) -> str | None:
     """`float x; float v;` or `x: float, v: float` as the fields of a record type."""
     field_list: list[str] = []
@@ -111,7 +76,7 @@ def fields(text: str) -> str | None:
         if not part.strip():
             continue
         pair = re.fullmatch(r"\s*(?:pub\s+)?(\w+)\s*:\s*([\w.\[\]]+)\s*", part)
-        typed = re.fullmatch(rf"\s*({_TYPE})\s+(\w+)\s*(\[\w+\])?\s*", part)
+        typed = re.fullmatch(rf"\s*({TYPE})\s+(\w+)\s*(\[\w+\])?\s*", part)
         if pair:
             field_list.append(f"{pair[1]}: {type_meant(pair[2]) or pair[2]}")
         elif typed:
@@ -121,80 +86,60 @@ def fields(text: str) -> str | None:
     return ", ".join(field_list) or None
 
 
-def record(match: re.Match[str]) -> str | None:
-    """A struct as a record type."""
-    field_list = fields(match["fields"])
-    return None if field_list is None else f"type {match['name']} = {{ {field_list} }};"
+def members(text: str) -> str | None:
+    """The names between the braces of an enum; None where one has a number."""
+    names = [m.strip() for m in text.split(",") if m.strip()]
+    return ", ".join(names) if names and all(re.fullmatch(r"\w+", m) for m in names) else None
 
 
-def enumeration(match: re.Match[str]) -> str | None:
-    """An enum as a type."""
-    members = [m.strip() for m in match["fields"].split(",") if m.strip()]
-    if not members or not all(re.fullmatch(r"\w+", m) for m in members):
-        return None
-    return f"type {match['name']} = enum {{ {', '.join(members)} }};"
+def factor(text: str) -> str:
+    """A value as it stands behind an operator: in brackets unless it is a simple one."""
+    value = text.strip()
+    return value if re.fullmatch(r"[\w.]+(?:\[\w+\])*(?:\([\w., ]*\))?", value) else f"({value})"
+
+
+def prelude(word: str) -> str:
+    """What the prelude calls a function of another language; the word itself where it has none."""
+    return meaning("function", word) or word
+
+
+# ---------------------------------------------------------------- writers of a match
+
+
+def named_constant(match: re.Match[str]) -> str:
+    """`const float A` and `const A float` as `const A: float`."""
+    name, of = match["name"], match["type"]
+    if type_meant(name) and not type_meant(of):
+        name, of = of, name  # `const A float`
+    return f"const {name}: {soter_type(of)}"
+
+
+def list_of_parameters(match: re.Match[str]) -> str | None:
+    """`(float x)` as `(x: float)`."""
+    params = parameters(match["parameters"])
+    unchanged = params is None or params == match["parameters"].strip()
+    return None if unchanged else f"({params})"
 
 
 def loop(match: re.Match[str]) -> str | None:
     """The head of a loop in three parts as one over a range."""
     high = match["high"].strip()
-    if match["sign"] == "<=":
-        high = str(int(high) + 1) if high.isdigit() else f"{high} + 1"
-    return f"for {match['i']} in {match['low'].strip()}..{high} "
-
-
-def closed(match: re.Match[str]) -> str | None:
-    """`0..=3` as `0..4`."""
-    high = match["high"]
-    return f"{match['low']}..{int(high) + 1 if high.isdigit() else f'{high} + 1'}"
+    end = next_number(high) if match["sign"] == "<=" else high
+    return f"for {match['i']} in {match['low'].strip()}..{end} "
 
 
 def scoped(match: re.Match[str]) -> str | None:
     """`std::abs` as `abs`, `a->b` and `a::b` as `a.b`."""
     head, name = match["head"], match["name"]
     if head in LIBRARIES or head == "this":
-        return function_meant(name) or name
+        return prelude(name)
     return f"{head}.{name}"
-
-
-def array(match: re.Match[str]) -> str | None:
-    """`array<float, 4>` as `float[4]`."""
-    return f"{soter_type(match['of'])}[{match['size']}]" if match["size"] else None
-
-
-def list_of_unknown_size(match: re.Match[str]) -> str | None:
-    """`vector<float>` as a list of at most eight."""
-    return f"{soter_type(match['of'])}[<=8]"
 
 
 def comprehension(match: re.Match[str]) -> str | None:
     """`[0.0 for i in range(2)]` as `[0.0, 0.0]`."""
     count = int(match["count"])
     return None if not 1 <= count <= 16 else f"[{', '.join([match['value']] * count)}]"
-
-
-def imported(match: re.Match[str]) -> str | None:
-    """An import with the name of the file in quotes."""
-    stem = match["file"].split(".")[-1] if "." in match["file"] else match["file"]
-    return f'import "{stem}.soter" as {match["as"] or stem};'
-
-
-def cast(match: re.Match[str]) -> str | None:
-    """`(float)n` as `float(n)`."""
-    of = type_meant(match["type"])
-    return f"{of}({match['what']})" if of in ("float", "int") else None
-
-
-def template(form: str) -> Callable[[re.Match[str]], str | None]:
-    """What the groups of a match are put into."""
-    return lambda match: match.expand(form)
-
-
-def combined(match: re.Match[str]) -> str | None:
-    """`x += e` as `x = x + e`."""
-    place, value = match["place"], match["value"].strip()
-    simple = re.fullmatch(r"[\w.]+(?:\[\w+\])*(?:\([\w., ]*\))?", value)
-    return f"{place} = {place} {match['sign']} {value if simple else f'({value})'}"
 
 
 def rewired(match: re.Match[str]) -> str | None:
@@ -205,6 +150,11 @@ def rewired(match: re.Match[str]) -> str | None:
 def designated(match: re.Match[str]) -> str | None:
     """`.x = e` as `x: e`."""
     return re.sub(r"\.\s*(\w+)\s*=\s*", r"\1: ", match[0])
+
+
+def power(match: re.Match[str]) -> str | None:
+    """`x ** 2` as `(x * x)`."""
+    return f"({' * '.join([match['base']] * int(match['power']))})"
 
 
 def together(match: re.Match[str]) -> str | None:
@@ -220,18 +170,6 @@ def together(match: re.Match[str]) -> str | None:
         "sum": ("sum", "0.0"), "any": ("found", "false"), "all": ("all", "true")
     }.get(match["fun"] or "", ("best", f"{xs}[0]"))  # fmt: skip
     return f"before it stand `var {name} = {start};` and `for {x} in {xs} {{ {name} = ...; }}`"
-
-
-def loop_over(match: re.Match[str]) -> str | None:
-    """`for (auto x : xs)` as `for x in xs`."""
-    return f"for {match['x']} in {match['xs']}"
-
-
-def loop_to(match: re.Match[str]) -> str | None:
-    """`for i = 1 to 4` and `for i in 1:4` as `for i in 1..5`."""
-    high = match["high"]
-    end = str(int(high) + 1) if high.isdigit() else f"{high} + 1"
-    return f"for {match['x']} in {match['low']}..{end}"
 
 
 def unpacked(match: re.Match[str]) -> str | None:
@@ -266,18 +204,13 @@ def part_of_a_list(match: re.Match[str]) -> str | None:
     return f"count over its part, `for i in {low}..{high} {{ ... }}`, and read `{xs}[i]`"
 
 
-def record_value(match: re.Match[str]) -> str | None:
-    """`Pose(x=1.0, y=2.0)` as `{ x: 1.0, y: 2.0 }`."""
-    fields = re.sub(_NAMED, r"\1: ", match["fields"]).strip()
-    return f"{{ {fields} }}"
-
-
-def positional(match: re.Match[str]) -> str | None:
-    """`f(x=1.0)` as `f(1.0)`."""
-    return f"{match['name']}({re.sub(_NAMED, '', match['arguments'])})"
-
-
-_NAMED = r"\b(\w+)\s*=(?!=)\s*"
+def _rows(text: str) -> list[list[str]] | None:
+    """The elements of `1 0; 0 1`, and of `0.0; 2`, which is a number and how often it stands."""
+    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in text.split(";")]
+    if len({len(row) for row in rows}) > 1 or not re.match(r"-?[\d.]", rows[0][0]):
+        return None
+    repeated = len(rows) == 2 and len(rows[0]) == 1 and re.fullmatch(r"[2-9]|1[0-6]", rows[1][0])
+    return rows[:1] * int(rows[1][0]) if repeated else rows
 
 
 def matrix(match: re.Match[str]) -> str | None:
@@ -287,13 +220,10 @@ def matrix(match: re.Match[str]) -> str | None:
     """
     line = match.string[match.string.rfind("\n", 0, match.start()) + 1 : match.start()]
     around = line.rstrip()[-1:] + match.string[match.end() :].lstrip()[:1]
-    rows = [re.split(r"\s*,\s*|[ \t]+", row.strip()) for row in match["rows"].split(";")]
-    ragged = len({len(row) for row in rows}) > 1
-    if ragged or "*" in around or not re.match(r"-?[\d.]", rows[0][0]):
+    rows = _rows(match["rows"])
+    if rows is None or "*" in around:
         return None
     columns = len(rows[0])
-    if len(rows) == 2 and columns == 1 and re.fullmatch(r"[2-9]|1[0-6]", rows[1][0]):
-        rows = rows[:1] * int(rows[1][0])
     if not re.search(r"\bint\b", line):
         rows = [[f"{e}.0" if re.fullmatch(r"-?\d+", e) else e for e in row] for row in rows]
     if len(rows) == 1 or columns == 1:
@@ -342,38 +272,12 @@ def one_of(match: re.Match[str]) -> str | None:
     return f"({joint.join(' '.join((match['x'], sign, v)) for v in values)})"
 
 
-def between(match: re.Match[str]) -> str | None:
-    """`x in [0, 1]` as two comparisons; None for cases of an enum, which have no order."""
-    low, x, high = match["low"], match["x"], match["high"]
-    if re.fullmatch(r"[A-Z]\w*\.[A-Z]\w*", low):
-        return None
-    return f"{low} <= {x} && {x} <= {high}"
-
-
-def of_any_type(match: re.Match[str]) -> str | None:
-    """`std::min<int>` as `min`."""
-    return function_meant(match["name"]) or match["name"]
-
-
 def two_by_two(match: re.Match[str]) -> str | None:
     """`min({a, b, c})` as `min(a, min(b, c))`."""
     *rest, whole = [v.strip() for v in match["values"].split(",")]
     for value in reversed(rest):
         whole = f"{match['fun']}({value}, {whole})"
     return whole if rest else None
-
-
-def typed_value(match: re.Match[str]) -> str | None:
-    """`state x = 0.0` as `state x: float = 0.0`."""
-    value = match["v"]
-    of = "bool" if value in ("true", "false") else "int" if value.lstrip("-").isdigit() else "float"
-    return f"{match['before']}: {of} = {value}{match['after']}"
-
-
-def cases(match: re.Match[str]) -> str | None:
-    """`type E = { A, B }` and `type E = A | B` as `type E = enum { A, B }`."""
-    names = ", ".join(re.findall(r"[A-Za-z_]\w*", match["cases"]))
-    return f"type {match['name']} = enum {{ {names} }}"
 
 
 def slope_of_a_state(match: re.Match[str]) -> str | None:
@@ -383,9 +287,16 @@ def slope_of_a_state(match: re.Match[str]) -> str | None:
     return f"der {name} = {match['what']}" if declared else None
 
 
+def after_a_period(match: re.Match[str]) -> str | None:
+    """`x[k+1] = x[k] + v` as `next x = x + v`."""
+    name = match["name"]
+    value = re.sub(rf"\b({name})\s*[\[(]\s*\w+\s*[\])]", r"\1", match["what"])
+    return f"next {name} = {value}"
+
+
 _BETWEEN = frozenset(
     ["in", "as", "to", "and", "or", "if", "else", "at", "by", "for", "per", "mod", "is", "not",
-     "open", "init", "with", "implies", "between", *PLACES]
+     "open", "init", "with", "implies", "between"]
 )  # fmt: skip
 
 
@@ -393,4 +304,37 @@ def product(match: re.Match[str]) -> str | None:
     """`2 x` as `2 * x`, unless the word is one of the language or a unit of time."""
     word = match["x"]
     unit = re.fullmatch(r"(?:[num]?s|min|h|hz|Hz|sec\w*|m|deg|rad)", word)
-    return None if unit or word in _BETWEEN else f"{match['n']} * {word}"
+    return None if unit or word in _BETWEEN or word in places() else f"{match['n']} * {word}"
+
+
+CHANGES: Mapping[str, Callable[[str], str | None]] = {
+    "strip": str.strip,
+    "lower": str.lower,
+    "there": lambda text: text or None,
+    "soter_type": soter_type,
+    "result_type": lambda word: None if word in _NO_TYPES else soter_type(word),
+    "number": lambda word: of if (of := type_meant(word)) in ("float", "int") else None,
+    "type_of": type_of,
+    "prelude": prelude,
+    "next": next_number,
+    "hundredth": lambda text: f"{float(text) / 100:.12g}",
+    "factor": factor,
+    "parameters": parameters,
+    "fields": fields,
+    "members": members,
+    "names": lambda text: ", ".join(re.findall(r"[A-Za-z_]\w*", text)),
+    "separated": lambda text: ", ".join(re.split(r"\s*(?:,|\||\bor\b)\s*", text)),
+    "unnumbered": lambda text: re.sub(r"\s*=\s*\w+", "", text),
+    "colons": lambda text: re.sub(_NAMED, r"\1: ", text).strip(),
+    "unnamed": lambda text: re.sub(_NAMED, "", text),
+}
+"""Changes of a group's text: `A = 0` loses its number, `x=1.0` gets a colon or no name."""
+WRITERS: Mapping[str, Callable[[re.Match[str]], str | None]] = {
+    writer.__name__: writer
+    for writer in (
+        after_a_period, comprehension, designated, function_beside, function_of,
+        list_of_parameters, loop, matrix, member, named_constant, one_by_one, one_of,
+        part_of_a_list, power, product, rewired, scoped, slope_of_a_state, together, two_by_two,
+        unpacked,
+    )
+}  # fmt: skip

@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Label, insert, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_idioms import place_of
-from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
+from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
 from soter.language.syntax.parsing.functions_and_plants import fun, plant
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.nodes import NodeParser
@@ -32,6 +31,7 @@ from soter.language.syntax.parsing.token_cursor import (
 )
 from soter.language.syntax.parsing.types import type_expression, value_set
 from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,32 +41,6 @@ if TYPE_CHECKING:
 
 #: The language edition this compiler reads.
 EDITION = 1
-
-_SYNONYMS = {
-    "func": "fun",
-    "def": "fun",
-    "function": "fun",
-    "fn": "fun",
-    "procedure": "fun",
-    "module": "rta",
-    "machine": "node",
-    "process": "node",
-}
-_FOREIGN_DECLARATION = {
-    "struct": "a record type is declared by `type Name = { x: float };`",
-    "class": "a record type is declared by `type Name = { x: float };`",
-    "record": "a record type is declared by `type Name = { x: float };`",
-    "typedef": "a type is declared by `type Name = ...;`",
-    "enum": "an enumeration is declared by `type Name = enum { A, B };`",
-    "let": "a constant of the file is declared by `const NAME: float = ...;`",
-    "var": "a variable belongs in a node; a constant is declared by `const NAME: float = ...;`",
-    "include": 'a file is imported by `import "file.soter" as name;`',
-    "using": 'a file is imported by `import "file.soter" as name;`',
-    "from": 'a file is imported by `import "file.soter" as name;`',
-    "channel": "a topic is declared by `topic name: float in [-1.0, 1.0];`",
-    "signal": "a topic is declared by `topic name: float in [-1.0, 1.0];`",
-    "input": "an input is declared by `input topic name: float in [-1.0, 1.0];`",
-}
 
 
 def parse(source: Source, diagnostics: Diagnostics) -> tree.File:
@@ -242,15 +216,16 @@ class Parser(NodeParser):
         notes: tuple[str, ...] = ()
         elsewhere = at_word_of_elsewhere(self) and self.kinds[i + 2] != "{"
         names = kind == NAME and not elsewhere
+        advice = meaning("no_declaration", word)
         if names and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
-            near = _SYNONYMS.get(word) or self.close_word(word, _DECLARATIONS)
-            if near is not None and word not in _FOREIGN_DECLARATION:
+            near = meaning("declaration", word) or self.close_word(word, _DECLARATIONS)
+            if near is not None and advice is None:
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
                 self.report("S009", message, helps=helps)
                 self.quiet = -1
                 return self._declaration(_DECLARATIONS[near])
-        if word in _FOREIGN_DECLARATION and not elsewhere:
-            helps = (_FOREIGN_DECLARATION[word],)
+        if advice is not None and not elsewhere:
+            helps = (advice,)
         elif kind in STATEMENT_WORDS:
             notes = ("statements stand inside `step { ... }` or a function",)
         elif kind in BODY_WORDS:

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made, replace
 from soter.diagnostics.source import Span
-from soter.language.syntax.foreign_idioms import find
+from soter.language.syntax.foreign_phrases import find
 from soter.language.syntax.foreign_words import in_si, period_of
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
@@ -96,23 +97,6 @@ _TOKEN = re.compile(
     r")"
 )
 
-_LOOKALIKE = {
-    "&": "&&",
-    "|": "||",
-    "\u2212": "-",
-    "\u2013": "-",
-    "\u00d7": "*",
-    "\u00b7": "*",
-    "\u22c5": "*",
-    "\u00f7": "/",
-    "\u2264": "<=",
-    "\u2265": ">=",
-    "\u2260": "!=",
-    "\u2227": "&&",
-    "\u2228": "||",
-    "\u00ac": "!",
-}
-
 _INVISIBLE = {
     "\u00a0": "a no-break space",
     "\u200b": "a zero-width space",
@@ -122,15 +106,6 @@ _INVISIBLE = {
     "\x0c": "a form feed",
     "\ufffd": "a byte that is not UTF-8",
 }
-
-_UNIT_MEANT = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "S": "s",
-    "msec": "ms", "msecs": "ms", "millis": "ms", "MS": "ms", "Ms": "ms",
-    "usec": "us", "\u00b5s": "us", "\u03bcs": "us", "micros": "us", "US": "us",
-    "nsec": "ns", "nanos": "ns", "NS": "ns",
-    "m": "min", "mins": "min", "minutes": "min", "minute": "min", "M": "min",
-    "hr": "h", "hrs": "h", "hour": "h", "hours": "h", "H": "h",
-}  # fmt: skip
 
 _ESCAPES = {'"': '"', "\\": "\\", "n": "\n", "t": "\t"}
 _ESCAPE = re.compile(r"\\(.)")
@@ -359,8 +334,9 @@ def _unknown_unit(
     bare = in_si(number, unit)
     before = tokens.texts[-1] if tokens.texts else ""
     timely = before in _TIME_FOLLOWS or bare is None
-    if unit in _UNIT_MEANT and timely:
-        return "L006", message, label, (replace(span, f"{number}{_UNIT_MEANT[unit]}"),)
+    time_unit = meaning("time_unit", unit)
+    if time_unit is not None and timely:
+        return "L006", message, label, (replace(span, f"{number}{time_unit}"),)
     si = "quantities other than time carry no unit: use SI"
     if bare is None:
         return "L006", message, label, (f"{si} and say so in a comment",)
@@ -424,7 +400,7 @@ def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
     if operand and token.startswith("&"):
         _garbage(tokens, token, start, end)
         return
-    meant = _LOOKALIKE[token]
+    meant = meaning("operator", token) or token
     what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
     message = f"`{token}`{what} is not an operator of Soter"
     span = Span(tokens.source, start, end)
@@ -446,20 +422,9 @@ def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
     else:
         message = f"unexpected characters `{visible(token)}`"
     label = "no token of Soter begins like this"
-    helps = _GARBAGE_HELPS.get(token, ())
-    tokens.report("L001", message, start, end, label, helps=helps)
+    advice = meaning("no_operator", token)
+    tokens.report("L001", message, start, end, label, helps=(advice,) if advice else ())
 
-
-_GARBAGE_HELPS = {
-    "^": (
-        "there is no power operator: multiply, or call a function; exclusive or of truths is `!=`",
-    ),
-    "~": ("negation of a condition is `!`",),
-    "@": (),
-    "'": ("there is no transpose: `dot(a, b)` multiplies two vectors",),
-    "\u201c": ('strings are written with `"`',),
-    "\u201d": ('strings are written with `"`',),
-}
 
 _TROUBLE = {
     7: _wide_word,

@@ -9,10 +9,11 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, applied
 from soter.diagnostics.source import Source
-from soter.language.syntax import clause_words, foreign_words
-from soter.language.syntax.clause_words import PLACES
+from soter.language.syntax import clause_words
+from soter.language.syntax.clause_words import places
 from soter.language.syntax.parser import parse
 from soter.language.syntax.parsing import faults, functions_and_plants, nodes, systems, verification
+from soter.language.syntax.word_tables import word_table
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ BODIES = {
     "function": "fun f(): float {{ {} return 1.0; }}",
     "top": "{}",
 }
-FORMS = sorted({(word, home.form) for word, homes in PLACES.items() for home in homes})
+FORMS = sorted({(word, home.form) for word, homes in places().items() for home in homes})
 
 
 def errors(text: str) -> tuple[Diagnostic, ...]:
@@ -59,7 +60,7 @@ def test_every_word_of_an_item_has_a_place() -> None:
     )  # fmt: skip
     words = {word for table in tables for word in table}
     # Words of declarations and statements, too: they are told by what follows them.
-    assert words - set(PLACES) == {"var", "let", "for", "node", "system"}
+    assert words - set(places()) == {"var", "let", "for", "node", "system"}
 
 
 ITEMS_OF: dict[str, Collection[str]] = {
@@ -295,15 +296,16 @@ EXAMPLES = {
     ("test", "replace"): "replace Fast by Slow;",
     ("test", "set"): "set GAIN = 1.0;",
 }
+WORDS_OF = word_table("words")["item"]
 WORDS = [
     (body, example.replace("{{", "{").replace("}}", "}"), item, word)
     for (body, item), example in EXAMPLES.items()
-    for word in foreign_words._WORDS[body.split()[0]][item].split()
+    for word in WORDS_OF[body.split()[0]][item].split()
 ]
 
 
 def test_every_item_of_the_table_has_an_example() -> None:
-    known = {(body, item) for body, items in foreign_words._WORDS.items() for item in items}
+    known = {(body, item) for body, items in WORDS_OF.items() for item in items}
     assert {(body.split()[0], item) for body, item in EXAMPLES} == known
 
 
@@ -359,7 +361,7 @@ def test_the_bodies_are_told_apart_by_their_items() -> None:
 @all_rows(("word", "form"), FORMS)
 def test_what_belongs_into_a_verify_block_is_shown_in_one(word: str, form: str) -> None:
     """Also where the `;` behind it is missing."""
-    homes = [h for h in PLACES[word] if h.where == "in the `verify` block of an `rta`"]
+    homes = [h for h in places()[word] if h.where == "in the `verify` block of an `rta`"]
     if form not in [h.form for h in homes] or word == "view":
         return
     for written in {form, form.removesuffix(";") if " " in form else form}:

@@ -86,29 +86,42 @@ class CallChecker(FieldChecker):
             if entry is None:
                 return self._failed(expr, context)
         else:
-            names = flat_names(callee)
-            if isinstance(callee, tree.ErrorExpr):
-                self.names.losses += 1
-            elif names and names[0].text in unknown_names.LIBRARIES:
-                return self._of_a_library(expr, context, expected)
-            elif isinstance(callee, tree.FieldExpr):
-                return self._no_function("a field", callee.span.text, expr, context)
-            else:
-                self.diagnostics.error(
-                    "T004",
-                    "only functions can be called",
-                    callee.span,
-                    notes=("a call is the name of a function and its arguments",),
-                )
-            return self._failed(expr, context)
+            return self._no_name_called(expr, context, expected)
+        return self._declared_called(entry, name, expr, context)
+
+    def _declared_called(
+        self, entry: Entry, name: str, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        """A call of what a file declares; T004 unless it is a function."""
         if entry.kind == "type":
             return self._type_called(entry, expr)
         if entry.kind != "function":
             return self._no_function(f"a {entry.kind}", name, expr, context)
-        fun = self.shared.resolve(entry, callee.span)
+        fun = self.shared.resolve(entry, expr.callee.span)
         if not isinstance(fun, typed.FunSymbol):
             return self._failed(expr, context)
         return self._call_fun(fun, expr, context)
+
+    def _no_name_called(
+        self, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """T004 for a call of what is neither a name nor one behind an import."""
+        callee = expr.callee
+        names = flat_names(callee)
+        if isinstance(callee, tree.ErrorExpr):
+            self.names.losses += 1
+        elif names and names[0].text in unknown_names.LIBRARIES:
+            return self._of_a_library(expr, context, expected)
+        elif isinstance(callee, tree.FieldExpr):
+            return self._no_function("a field", callee.span.text, expr, context)
+        else:
+            self.diagnostics.error(
+                "T004",
+                "only functions can be called",
+                callee.span,
+                notes=("a call is the name of a function and its arguments",),
+            )
+        return self._failed(expr, context)
 
     def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         """An error that was reported; the arguments may have errors of their own."""
@@ -245,28 +258,13 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            helps = self._meant(name, expr.callee.span, expr, context, expected)
-            fits = [
-                n
-                for n in (*TAKES, *context.scope.entries, *self.names.prelude)
-                if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
-            ]
-            self.unknown(
-                expr.callee.name,
-                context,
-                helps=helps,
-                among=fits,
-                otherwise=self._near(name, context),
-            )
+            self._unknown_function(expr.callee.name, expr, context, expected)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity, context):
             return self._failed(expr, context)
-        hint: Type | None = None
-        if name in {"sqrt", "floor"}:
-            hint = FLOAT
-        elif isinstance(expected, FloatType) and name in {"abs", "min", "max"}:
-            hint = expected
+        keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
+        hint = FLOAT if keeps or name in {"sqrt", "floor"} else None
         arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
         if is_error(*arguments):
             return error_expr(span)
@@ -282,6 +280,23 @@ class CallChecker(FieldChecker):
         if name in {"float", "int"} and type(first.type) is type(result):
             return first
         return typed.Builtin(result, span, name, tuple(arguments))
+
+    def _unknown_function(
+        self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> None:
+        """N001, with the functions that take as many arguments."""
+        fits = [
+            n
+            for n in (*TAKES, *context.scope.entries, *self.names.prelude)
+            if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
+        ]
+        self.unknown(
+            name,
+            context,
+            helps=self._meant(name.text, expr.callee.span, expr, context, expected),
+            among=fits,
+            otherwise=self._near(name.text, context),
+        )
 
     def _counted(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
         if len(expr.arguments) == wanted:
@@ -370,7 +385,6 @@ class CallChecker(FieldChecker):
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
         what = "an expression"
-        helps: tuple[Help, ...] = ()
         if isinstance(argument, tree.ErrorExpr):
             self.names.losses += 1
             return None
@@ -383,30 +397,45 @@ class CallChecker(FieldChecker):
             target, depth = find_instance(context.instances or {}, names)
             if isinstance(target, typed.ModuleSymbol) and _is_below(target, names[depth:]):
                 return ".".join(n.text for n in names)
-            if depth:
-                what = "an instance of something else"
-            elif len(names) > 2:
-                what = "nothing that is known"
-            else:
-                ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
-                entry = self.names.find_ref(context.scope, ref)
-                if entry is None:
-                    return None
-                symbol = self.shared.resolve(entry, argument.span)
-                if entry.kind == "module":
-                    return symbol if isinstance(symbol, typed.ModuleSymbol) else None
-                what = f"a {entry.kind}"
-                helps = entry.instead("module", argument.span)
-        self.diagnostics.error(
-            "T002", f"`{asked}` takes a module", argument.span, f"this is {what}", helps=helps
-        )
+            if not depth and len(names) <= 2:
+                return self._declared_module(names, argument, context, asked)
+            what = "an instance of something else" if depth else "nothing that is known"
+        self._no_module(asked, argument.span, what)
         return None
+
+    def _declared_module(
+        self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, asked: str
+    ) -> typed.ModuleSymbol | None:
+        """The module that a file declares under these names; None after a report."""
+        ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
+        entry = self.names.find_ref(context.scope, ref)
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, argument.span)
+        if entry.kind == "module":
+            return symbol if isinstance(symbol, typed.ModuleSymbol) else None
+        helps = entry.instead("module", argument.span)
+        self._no_module(asked, argument.span, f"a {entry.kind}", helps)
+        return None
+
+    def _no_module(self, asked: str, span: Span, what: str, helps: tuple[Help, ...] = ()) -> None:
+        """T002 where `mode` or `margin` is asked of something else."""
+        self.diagnostics.error(
+            "T002", f"`{asked}` takes a module", span, f"this is {what}", helps=helps
+        )
 
 
 def _count(name: str, wanted: int, count: int) -> str:
     s = "" if wanted == 1 else "s"
     none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
     return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
+
+
+_CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
+    "float": (FLOAT, (IntType, FloatType)),
+    "int": (INT, (IntType, FloatType)),
+    "seconds": (FLOAT, (DurationType,)),
+}
 
 
 def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
@@ -418,21 +447,21 @@ def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
             arguments[0] = as_float
             return FLOAT
         return FLOAT if isinstance(first, FloatType) else None
-    if name == "float":
-        return FLOAT if isinstance(first, (IntType, FloatType)) else None
-    if name == "int":
-        return INT if isinstance(first, (FloatType, IntType)) else None
-    if name == "seconds":
-        return FLOAT if isinstance(first, DurationType) else None
+    if name in _CONVERSIONS:
+        result, takes = _CONVERSIONS[name]
+        return result if isinstance(first, takes) else None
     if name in {"abs", "min", "max"}:
-        if all(isinstance(a.type, FloatType) for a in arguments):
-            return FLOAT
-        return INT if all(isinstance(a.type, IntType) for a in arguments) else None
-    if name == "dot":
-        return FLOAT if is_vector(first) and first == arguments[1].type else None
-    if name == "norm":
-        return FLOAT if is_vector(first) else None
-    bound = float_literal(arguments[1]) or arguments[1]  # saturate
+        kinds = {type(a.type) for a in arguments}
+        return FLOAT if kinds == {FloatType} else INT if kinds == {IntType} else None
+    if name in {"dot", "norm"}:
+        return FLOAT if is_vector(first) and first == arguments[-1].type else None
+    return _saturated(arguments)
+
+
+def _saturated(arguments: list[typed.TypedExpr]) -> Type | None:
+    """What `saturate` gives, None where it does not apply; may convert its bound in place."""
+    first = arguments[0].type
+    bound = float_literal(arguments[1]) or arguments[1]
     if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
         arguments[1] = bound
         return first

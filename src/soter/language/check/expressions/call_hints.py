@@ -56,17 +56,25 @@ def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
     if not isinstance(of, RecordType):
         return ("a value is of its type by itself: leave the name out",)
     names = [name for name, _ in of.fields]
-    values = [_named(a, names) for a in expr.arguments]
-    if len(values) != len(names) or any(v is None for v in values):
+    given = _fields_given(expr.arguments, names)
+    if given is None:
         shown = ", ".join(f"{n}: ..." for n in names[:ELEMENTS_MAX])
         return (f"a record is written with its fields: `{{ {shown} }}`",)
-    given = dict(v for v in values if v is not None and v[0])
-    if not given:
-        given = dict(zip(names, [a.span.text for a in expr.arguments], strict=True))
     if set(given) != set(names):
         return ()
     fields = ", ".join(f"{n}: {given[n]}" for n in names)
     return (replace(expr.span, f"{{ {fields} }}"),)
+
+
+def _fields_given(
+    arguments: Sequence[tree.SyntaxExpr], names: Sequence[str]
+) -> dict[str, str] | None:
+    """The text of each field that is given, by its name or its place; None if they are too few."""
+    values = [_named(a, names) for a in arguments]
+    if len(values) != len(names) or None in values:
+        return None
+    given = dict(v for v in values if v is not None and v[0])
+    return given or dict(zip(names, [a.span.text for a in arguments], strict=True))
 
 
 def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:

@@ -235,32 +235,34 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return typed.ParamRead(symbol.type, span, symbol)
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
-        name = entry.decl.name.text
-        helps: tuple[Help, ...] = ()
-        if isinstance(symbol, typed.FunSymbol):
-            given = ", ".join(p.name for p in symbol.parameters)
-            helps = (f"call it: `{name}({given})`",)
-            if not given:
-                helps = (replace(span, f"{name}()", f"call it: `{name}()`"),)
-        elif isinstance(symbol, typed.ModuleSymbol):
-            helps = (f"its mode is `mode({name})`",)
-        elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
-            mine = [i for i, s in context.instances.items() if s.what is symbol]
-            helps = (f"its state is `{mine[0]}.truth`",) if mine else ()
-            if mine and span.source.text[span.end :].startswith(".truth"):
-                helps = (replace(span, mine[0]),)
-        elif entry.kind in ("node", "plant") and not context.constant:
-            helps = entry.instead("value", span)
-        elif entry.kind == "type":
-            helps = self.value_of_type(entry.decl.name, context)
         self.diagnostics.error(
             "N003",
-            f"`{name}` is a {entry.kind}, not a value",
+            f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
             span,
             also=((entry.decl.name.span, "declared here"),),
-            helps=helps,
+            helps=self._value_of(entry, symbol, span, context),
         )
         return error_expr(span)
+
+    def _value_of(
+        self, entry: Entry, symbol: object, span: Span, context: Context
+    ) -> tuple[Help, ...]:
+        """The value that is meant by the name of a function, module, plant, node or type."""
+        name = entry.decl.name.text
+        if isinstance(symbol, typed.FunSymbol):
+            given = ", ".join(p.name for p in symbol.parameters)
+            title = f"call it: `{name}({given})`"
+            return (title if given else replace(span, f"{name}()", title),)
+        if isinstance(symbol, typed.ModuleSymbol):
+            return (f"its mode is `mode({name})`",)
+        if isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
+            mine = [i for i, s in context.instances.items() if s.what is symbol]
+            if mine and span.source.text[span.end :].startswith(".truth"):
+                return (replace(span, mine[0]),)
+            return (f"its state is `{mine[0]}.truth`",) if mine else ()
+        if entry.kind in ("node", "plant") and not context.constant:
+            return entry.instead("value", span)
+        return self.value_of_type(entry.decl.name, context) if entry.kind == "type" else ()
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
         """A read of a topic, if this place may read it."""

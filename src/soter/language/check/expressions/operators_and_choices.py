@@ -46,6 +46,8 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Help
     from soter.language.model.types import Type
 
@@ -236,6 +238,11 @@ class OperatorChecker(ExprBase):
             return typed.TypedUnary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
             return typed.TypedUnary(t, expr.span, "-", operand)
+        self._no_negation(expr, t)
+        return error_expr(expr.span)
+
+    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> None:
+        """T002 for `-` before a bool, a time or something that is no number at all."""
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
         if isinstance(t, BoolType):
@@ -249,7 +256,6 @@ class OperatorChecker(ExprBase):
             f"this is `{t}`",
             helps=helps,
         )
-        return error_expr(expr.span)
 
     def binary(
         self, expr: tree.BinaryExpr, context: Context, expected: Type | None
@@ -360,31 +366,35 @@ def _number_hint(expected: Type | None) -> Type | None:
     return None
 
 
+_RESULTS: Mapping[tuple[type[Type], str, type[Type]], Type] = {
+    **{(IntType, op, IntType): INT for op in "+-*/%"},
+    **{(FloatType, op, FloatType): FLOAT for op in "+-*/"},
+    **{(DurationType, op, DurationType): DURATION for op in "+-"},
+    **{(DurationType, op, IntType): DURATION for op in "*/"},
+    (IntType, "*", DurationType): DURATION,
+}
+"""What an operator gives between two single values."""
+
+
 def _arithmetic(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
-    if isinstance(lt, IntType) and isinstance(rt, IntType):
-        return typed.TypedBinary(INT, span, op, left, right)
-    if isinstance(lt, FloatType) and isinstance(rt, FloatType) and op != "%":
-        return typed.TypedBinary(FLOAT, span, op, left, right)
-    if isinstance(lt, DurationType) and isinstance(rt, DurationType) and op in {"+", "-"}:
-        return typed.TypedBinary(DURATION, span, op, left, right)
-    if isinstance(lt, DurationType) and isinstance(rt, IntType) and op in {"*", "/"}:
-        return typed.TypedBinary(DURATION, span, op, left, right)
-    if isinstance(lt, IntType) and isinstance(rt, DurationType) and op == "*":
-        return typed.TypedBinary(DURATION, span, op, left, right)
+    result = _RESULTS.get((type(lt), op, type(rt)))
+    if result is not None:
+        return typed.TypedBinary(result, span, op, left, right)
     if is_vector(lt) and lt == rt and op in {"+", "-"}:
         return typed.Vector(lt, span, op, left, right)
-    if is_vector(rt) and op == "*":
-        scalar = left if isinstance(lt, FloatType) else float_literal(left)
-        if scalar is not None:
-            return typed.Vector(rt, span, op, scalar, right)
-    if is_vector(lt) and op in {"*", "/"}:
-        scalar = right if isinstance(rt, FloatType) else float_literal(right)
-        if scalar is not None:
-            return typed.Vector(lt, span, op, left, scalar)
+    if is_vector(rt) and op == "*" and (scalar := _scalar(left)) is not None:
+        return typed.Vector(rt, span, op, scalar, right)
+    if is_vector(lt) and op in {"*", "/"} and (scalar := _scalar(right)) is not None:
+        return typed.Vector(lt, span, op, left, scalar)
     return None
+
+
+def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
+    """A float that a vector may be multiplied with; None for anything else."""
+    return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
 def _of_a_case(
@@ -425,38 +435,61 @@ def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
 def _operator_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
-    op, left, right = expr.op, expr.left.span, expr.right.span
+    op, kinds = expr.op, {type(lt), type(rt)}
     if op == "+" and isinstance(lt, ListType) and isinstance(rt, (ListType, ArrayType)):
-        one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
-        what = one[0].span.text if len(one) == 1 else "x"
-        loop = "" if len(one) == 1 else f" in a loop, `for x in {right.text} {{ ... }}`"
-        return (f"a statement adds to a list: `push {left.text}, {what};`{loop}",)
-    kinds = {type(lt), type(rt)}
-    if kinds == {IntType, FloatType}:
-        of = left if isinstance(lt, IntType) else right
-        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
+        return (_push_instead(expr),)
     if is_vector(lt) and is_vector(rt):
-        if op in "*/" and expected is not None and lt == rt == expected:
-            return (_by_components(expr, lt),)
-        if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
-            title = "for the scalar product write `dot(a, b)`"
-            if expected is None:
-                return (title, texts([_by_components(expr, lt)])[0])
-            return (replace(expr.span, f"dot({left.text}, {right.text})", title),)
-        if op in {"+", "-"}:
-            return ("both sides must be vectors of one type",)
-    if op == "%" and kinds == {FloatType}:
-        x, y = left.text, right.text
-        rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
-        return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
-    if op not in "*/%" and kinds == {DurationType, FloatType}:
-        of = left if isinstance(lt, DurationType) else right
-        title = "`seconds(d)` is a time as a `float`"
-        return (replace(of, f"seconds({of.text})", title),)
-    if DurationType in kinds and kinds <= {DurationType, FloatType, IntType}:
-        return ("`seconds(d)` is a time as a `float`",)
+        return _vector_help(expr, lt, rt, expected)
+    if kinds <= {IntType, FloatType, DurationType}:
+        return _number_help(expr, lt, rt)
     if op in COMPARISONS and kinds <= {RecordType, ArrayType, ListType}:
         return ("compare the parts one by one",)
     if op in COMPARISONS and kinds <= {BoolType, EnumType} and lt == rt:
         return ("only `==` and `!=` compare these",)
     return ()
+
+
+def _push_instead(expr: tree.BinaryExpr) -> str:
+    """`push xs, x;` for `xs + [x]`."""
+    one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
+    what = one[0].span.text if len(one) == 1 else "x"
+    loop = "" if len(one) == 1 else f" in a loop, `for x in {expr.right.span.text} {{ ... }}`"
+    return f"a statement adds to a list: `push {expr.left.span.text}, {what};`{loop}"
+
+
+def _vector_help(
+    expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
+) -> tuple[Help, ...]:
+    """For an operator between two vectors: the scalar product, or component by component."""
+    op = expr.op
+    if op in "*/" and expected is not None and lt == rt == expected:
+        return (_by_components(expr, lt),)
+    if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
+        title = "for the scalar product write `dot(a, b)`"
+        if expected is None:
+            return (title, texts([_by_components(expr, lt)])[0])
+        product = f"dot({expr.left.span.text}, {expr.right.span.text})"
+        return (replace(expr.span, product, title),)
+    if op in {"+", "-"}:
+        return ("both sides must be vectors of one type",)
+    comparable = op in COMPARISONS and {type(lt), type(rt)} <= {RecordType, ArrayType}
+    return ("compare the parts one by one",) if comparable else ()
+
+
+def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+    """For an operator between numbers or times of two types: one side converted."""
+    op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
+    if kinds == {IntType, FloatType}:
+        of = left if isinstance(lt, IntType) else right
+        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
+    if op == "%" and kinds == {FloatType}:
+        x, y = left.text, right.text
+        rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
+        return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
+    if DurationType not in kinds:
+        return ()
+    title = "`seconds(d)` is a time as a `float`"
+    if op in "*/%" or kinds != {DurationType, FloatType}:
+        return (title,)
+    of = left if isinstance(lt, DurationType) else right
+    return (replace(of, f"seconds({of.text})", title),)

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from soter.diagnostics.diagnostic import Edit, Fix, append, remove, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
-from soter.language.syntax.foreign_words import item_advice, item_meant
+from soter.language.syntax.clause_words import NODE, body_of
 from soter.language.syntax.parsing.expression_elements import unclosed
 from soter.language.syntax.parsing.misplaced_words import (
     assigned,
@@ -29,6 +28,7 @@ from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementPar
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -188,7 +188,7 @@ class BodyParser(StatementParser):
             raise Panic  # that it stands before the body was told
         message = f"expected an item of {what}, found {self.found()}"
         body = body_of(items, 0)
-        meant = INSTEAD.get((body, word)) or self._item_meant(body, word)
+        meant = meaning("instead", word, body) or self._item_meant(body, word)
         if meant is not None and self._reads_as(meant):
             self._taken_for(meant, message, parts, items)
             return
@@ -210,13 +210,13 @@ class BodyParser(StatementParser):
         sort = what.partition(" `")[0]
         known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
         notes = (f"the items of {sort} are {', '.join(known)}",)
-        advice = item_advice(body, word)
+        advice = meaning("no_item", word, body)
         raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
 
     def _item_meant(self, body: str, word: str) -> str | None:
         """The item of this body that a word of other languages stands for, if no `=` follows."""
         follows = self.kinds[self.i + 1] in PLACE_FOLLOWS or self.kinds[self.i + 1] == "("
-        return None if follows else item_meant(body, word)
+        return None if follows else meaning("item", word, body)
 
     def _reads_as(self, word: str) -> bool:
         """Whether the item at the cursor is one without a syntax error once `word` leads it."""
@@ -267,7 +267,7 @@ class BodyParser(StatementParser):
         helps: tuple[Help, ...] = ()
         if self.kinds[self.i] == NAME:
             helps = assigned(self, body)
-        self.report("S010", message, notes=(STATEMENTS[body],), helps=helps)
+        self.report("S010", message, notes=(meaning("loose_statement", body) or "",), helps=helps)
         self.damaged = True
         while body != NODE and self._at_statement() and self.texts[self.i] not in items:
             self.advance()

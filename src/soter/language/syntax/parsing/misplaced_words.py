@@ -3,7 +3,7 @@
 Purpose: clauses in the wrong order, clauses of a topic behind its name in a node, items in another
 body. Whatever is offered as an edit was parsed before.
 Non-goals: where words belong (`clause_words.py`); phrases of other languages
-(`foreign_idioms.py`).
+(`foreign_phrases.py`).
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Edit, Fix, Label, applied, made, replace
 from soter.diagnostics.source import Source, Span
 from soter.language.syntax.clause_words import (
-    PLACES,
     PLANT,
     SYSTEM,
     TEST,
     body_of,
     is_clause,
     misplaced,
+    places,
 )
 from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, STRING, lex
 
@@ -267,8 +267,9 @@ def item_end(cursor: Cursor) -> int:
 def at_word_of_elsewhere(cursor: Cursor) -> bool:
     """Whether a word that leads an item of another body stands here, and not a name."""
     word = cursor.texts[cursor.i]
-    known = word in PLACES and (cursor.blocks > 0 or word not in cursor.items)
-    return known and is_clause(word, cursor.source.text[cursor.ends[cursor.i] :][:40])
+    elsewhere = cursor.blocks > 0 or word not in cursor.items
+    rest = cursor.source.text[cursor.ends[cursor.i] :][:40]
+    return elsewhere and is_clause(word, rest) and word in places()
 
 
 def _elsewhere(cursor: Cursor, code: Code, notes: tuple[str, ...]) -> tuple[Diagnostic, int] | None:

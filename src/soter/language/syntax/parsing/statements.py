@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_words import NO_STATEMENT
 from soter.language.syntax.parsing.expression_elements import c_style_loop, unclosed
 from soter.language.syntax.parsing.expressions import ExpressionParser
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
@@ -33,6 +32,7 @@ from soter.language.syntax.tokens import (
     string_value,
     visible,
 )
+from soter.language.syntax.word_tables import meaning
 
 #: Statement blocks may nest so deep.
 BLOCKS_MAX = 64
@@ -267,9 +267,9 @@ class StatementParser(ExpressionParser):
             raise self.failure("S011", f"expected a statement, found `{visible(word)}`")
         if following in PLACE_FOLLOWS:
             return None
-        if word in NO_STATEMENT:
+        if advice := meaning("no_statement", word):
             message = f"`{word}` is no statement of Soter"
-            raise self.failure("S011", message, helps=(NO_STATEMENT[word],))
+            raise self.failure("S011", message, helps=(advice,))
         if word in _ELSEIF:
             raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
         if following in (NAME, INT) or following in RESERVED:

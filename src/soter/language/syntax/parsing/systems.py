@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import exchange, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
-from soter.language.syntax.foreign_words import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
 from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, NAME, visible
+from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -118,9 +118,9 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     if parser.kinds[i + 2] not in (";", "{", "."):
         return False
     word = parser.texts[i]
-    if at_word_of_elsewhere(parser) or item_meant("system", word):
+    if word in _SYSTEM_ITEMS or at_word_of_elsewhere(parser) or meaning("item", word, "system"):
         return False
-    return word not in _SYSTEM_ITEMS and parser.close_word(word, _SYSTEM_ITEMS) is None
+    return parser.close_word(word, _SYSTEM_ITEMS) is None
 
 
 def _use(parser: BodyParser, parts: _SystemParts) -> None:
