@@ -19,9 +19,10 @@ from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_idioms import place_of
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT
+from soter.language.syntax.parsing.bodies import BodyParser
 from soter.language.syntax.parsing.functions_and_plants import fun, plant
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
-from soter.language.syntax.parsing.nodes import NodeParser
+from soter.language.syntax.parsing.nodes import node, rta
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
@@ -97,7 +98,7 @@ def _too_many(last: Diagnostic) -> Diagnostic:
 # ---------------------------------------------------------------- parts of a body
 
 
-class Parser(NodeParser):
+class Parser(BodyParser):
     """The whole parser: files, declarations and their bodies."""
 
     __slots__ = ("edition",)
@@ -463,7 +464,7 @@ class Parser(NodeParser):
         if following == "fun":
             return fun(self)
         if following == "node":
-            return self._node()
+            return node(self)
         if following == "plant":
             return plant(self)
         self.i += 1
@@ -482,8 +483,8 @@ _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
     "fun": fun,
     "extern": Parser._extern,
     "topic": Parser._topic,
-    "node": Parser._node,
-    "rta": Parser._rta,
+    "node": node,
+    "rta": rta,
     "plant": plant,
     "system": system,
     "test": test,

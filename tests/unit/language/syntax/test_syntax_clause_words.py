@@ -53,9 +53,9 @@ def test_what_a_word_is_told_to_look_like_is_soter(word: str, form: str) -> None
 
 def test_every_word_of_an_item_has_a_place() -> None:
     tables = (
-        nodes._NODE_ITEMS, nodes._RTA_ITEMS, functions_and_plants._PLANT_ITEMS,
-        systems._SYSTEM_ITEMS, systems._TEST_ITEMS, faults.FAULT_ITEMS, verification._VERIFY_ITEMS,
-        verification._VIEW_ITEMS,
+        nodes.NODE_ITEMS, nodes.RTA_ITEMS, functions_and_plants.PLANT_ITEMS,
+        systems.SYSTEM_ITEMS, systems.TEST_ITEMS, faults.FAULT_ITEMS, verification.VERIFY_ITEMS,
+        verification.VIEW_ITEMS,
     )  # fmt: skip
     words = {word for table in tables for word in table}
     # Words of declarations and statements, too: they are told by what follows them.
@@ -63,13 +63,13 @@ def test_every_word_of_an_item_has_a_place() -> None:
 
 
 ITEMS_OF: dict[str, Collection[str]] = {
-    "node": nodes._NODE_ITEMS,
-    "node without a step": nodes._NODE_ITEMS,
-    "rta": nodes._RTA_ITEMS,
-    "verify": verification._VERIFY_ITEMS,
-    "plant": functions_and_plants._PLANT_ITEMS,
-    "system": systems._SYSTEM_ITEMS,
-    "test": systems._TEST_ITEMS,
+    "node": nodes.NODE_ITEMS,
+    "node without a step": nodes.NODE_ITEMS,
+    "rta": nodes.RTA_ITEMS,
+    "verify": verification.VERIFY_ITEMS,
+    "plant": functions_and_plants.PLANT_ITEMS,
+    "system": systems.SYSTEM_ITEMS,
+    "test": systems.TEST_ITEMS,
     "faults": faults.FAULT_ITEMS,
 }
 
@@ -344,13 +344,13 @@ def test_what_soter_has_no_item_for_is_told_what_to_do(body: str, item: str) -> 
 
 
 def test_the_bodies_are_told_apart_by_their_items() -> None:
-    assert clause_words.body_of(nodes._NODE_ITEMS, 0) == "node"
-    assert clause_words.body_of(nodes._NODE_ITEMS, 1) == "step"
-    assert clause_words.body_of(nodes._RTA_ITEMS, 0) == "rta"
-    assert clause_words.body_of(functions_and_plants._PLANT_ITEMS, 0) == "plant"
-    assert clause_words.body_of(systems._SYSTEM_ITEMS, 0) == "system"
-    assert clause_words.body_of(systems._TEST_ITEMS, 0) == "test"
-    assert clause_words.body_of(verification._VERIFY_ITEMS, 0) == "verify"
+    assert clause_words.body_of(nodes.NODE_ITEMS, 0) == "node"
+    assert clause_words.body_of(nodes.NODE_ITEMS, 1) == "step"
+    assert clause_words.body_of(nodes.RTA_ITEMS, 0) == "rta"
+    assert clause_words.body_of(functions_and_plants.PLANT_ITEMS, 0) == "plant"
+    assert clause_words.body_of(systems.SYSTEM_ITEMS, 0) == "system"
+    assert clause_words.body_of(systems.TEST_ITEMS, 0) == "test"
+    assert clause_words.body_of(verification.VERIFY_ITEMS, 0) == "verify"
     assert clause_words.body_of(faults.FAULT_ITEMS, 0) == "faults"
     assert clause_words.body_of((), 1) == "function"
     assert clause_words.body_of((), 0) == "top"
