@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from itertools import permutations
 from typing import TYPE_CHECKING
 
@@ -195,17 +196,15 @@ def test_a_clause_that_the_topic_has_already_is_left_out() -> None:
 # ---------------------------------------------------------------- the order of clauses
 
 ORDERED = (
-    ("top", "topic speed: float", ('unit "m/s"', "in [0.0, 2.0]", "= 0.5", "max_age 20ms"), ";"),
+    ("top", "topic speed: float", ("in [0.0, 2.0]", "= 0.5", "max_age 20ms", "static"), ";"),
     ("top", "param GAIN: float", ("= 0.5", "in [0.0, 2.0]"), ";"),
     ("plant", "state x: float", ("in [0.0, 2.0]", "= 0.5"), ";"),
     ("plant", "disturbance w: float", ("in [0.0, 2.0]", "hold 1s"), ";"),
     ("system", "input goal", ("in { 1.0, 2.0 }", "every 1s"), ";"),
-    ("system", "measure far", ("= x", "in [0.0, 2.0] / 4", "every 1s"), ";"),
     ("system", "external topic t", ("every 1s", "delayed 1ms", "measured t within 0.1"), ";"),
     ("top", "node Lamp", ("period 10ms", "phase 2ms"), " { step { } }"),
     ("top", "extern node Lamp", ("period 10ms", "phase 2ms", 'from "c:a"'), " { }"),
-    ("faults", "noise t", ("by 0.1", "at 1", "per 1s", "for 2s"), ";"),
-    ("verify", "grid x", ("in [0.0, 2.0]", "/ 4", "open"), ";"),
+    ("top", "extern plant Arm", ("period 10ms", 'from "c:a"'), " { }"),
 )
 SHUFFLED = [
     (body, head, order, clauses, end)
@@ -215,18 +214,27 @@ SHUFFLED = [
 ]
 
 
+def spoken(text: str) -> str:
+    """The tree of a text, without the places where its parts stand."""
+    tree = parse(Source("t.soter", f"soter 1;\n{text}\n"), Diagnostics())
+    return re.sub(r"Span\(source=Source\(name='t.soter'\), start=\d+, end=\d+\)", "", repr(tree))
+
+
 @all_rows(("body", "head", "order", "clauses", "end"), SHUFFLED)
-def test_clauses_out_of_order_get_the_line_in_order(
+def test_the_order_of_clauses_says_nothing(
     body: str, head: str, order: tuple[str, ...], clauses: tuple[str, ...], end: str
 ) -> None:
-    right = BODIES[body].format(f"{head} {' '.join(clauses)}{end}")
+    right, other = (BODIES[body].format(f"{head} {' '.join(c)}{end}") for c in (clauses, order))
     assert not errors(right)
-    problems = errors(BODIES[body].format(f"{head} {' '.join(order)}{end}"))
-    assert problems
-    fixes = [f for d in problems for f in d.fixes]
-    assert len(problems) == len(fixes) == 1, [d.message for d in problems]
-    (mended,) = applied(fixes[0]).values()
-    assert mended == f"soter 1;\n{right}\n"
+    assert not errors(other)
+    assert spoken(other) == spoken(right)
+
+
+@all_rows(("body", "head", "clauses", "end"), ORDERED)
+def test_a_clause_stands_once(body: str, head: str, clauses: tuple[str, ...], end: str) -> None:
+    for again in clauses:
+        text = BODIES[body].format(f"{head} {' '.join((*clauses, again))}{end}")
+        assert len(errors(text)) == 1, text
 
 
 # ---------------------------------------------------------------- statements beside a step

@@ -16,7 +16,7 @@ from soter.language.syntax import tree
 from soter.language.syntax.clause_words import INSTEAD, NODE, STATEMENTS, body_of
 from soter.language.syntax.foreign_words import item_advice, item_meant
 from soter.language.syntax.parsing.expression_elements import unclosed
-from soter.language.syntax.parsing.items import Parts
+from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic, Help
-    from soter.language.syntax.parsing.items import Item, Items
+    from soter.language.syntax.parsing.items import Item, Items, Step
     from soter.language.syntax.tokens import Tokens
 
     Other = Callable[["BodyParser", Parts], bool] | None
@@ -320,12 +320,23 @@ class BodyParser(StatementParser):
         pairs = zip(self.kinds, self.texts[1:], strict=False)
         return any(kind == "topic" and text == word for kind, text in pairs)
 
+    def head_of(
+        self, what: str, name: tree.Name, *, extern: bool
+    ) -> tuple[tree.SyntaxExpr, tree.SyntaxExpr | None, str | None, Span | None]:
+        """Period, phase and origin in the head of a node or plant, in any order."""
+        rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._origin}
+        rows |= {"phase": time("`phase`")} if what == "node" else {}
+        if not extern:
+            rows.pop("from")
+        found = clauses(self, what, rows)
+        if "period" not in found:
+            found |= {"period": self.period(what, name), **clauses(self, what, rows)}
+        origin = found.get("from", (None, None)) if extern else self.stray_origin(what)
+        return found["period"], found.get("phase"), *origin
+
     def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
         word = self.texts[self.i]
-        if word == "period":
-            self.i += 1
-            return self.time("`period`")
         example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {what}, found {self.found()}"
         self.without_period = f"{what} `{name.text}`"
@@ -396,8 +407,9 @@ class BodyParser(StatementParser):
 
     def origin(self) -> tuple[str | None, Span | None]:
         """`from "..."` of an extern declaration, if it is there."""
-        if not self.accept_word("from"):
-            return None, None
+        return self._origin() if self.accept_word("from") else (None, None)
+
+    def _origin(self) -> tuple[str | None, Span | None]:
         i = self.i
         if self.kinds[i] != STRING:
             self.report(

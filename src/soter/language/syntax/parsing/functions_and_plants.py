@@ -13,13 +13,17 @@ from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.items import (
     Items,
+    clauses,
     each,
+    equal,
     expr,
     group,
     often,
     once,
     pair,
     path,
+    range_of,
+    time,
     word,
 )
 from soter.language.syntax.parsing.token_cursor import Panic
@@ -172,8 +176,7 @@ def plant(parser: BodyParser) -> tree.Decl:
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the plant")
-    period = parser.period("plant", name)
-    source, source_span = parser.origin() if extern else parser.stray_origin("plant")
+    period, _, source, source_span = parser.head_of("plant", name, extern=extern)
     items = EXTERN_PLANT_ITEMS if extern else PLANT_ITEMS
     parts = parser.body(f"plant `{visible(name.text)}`", items)
     return tree.PlantDecl(
@@ -238,14 +241,20 @@ def _driven(parser: BodyParser, *, extern: bool) -> Iterator[Driven]:
     yield topic, value
 
 
+_OF_A_STATE = {
+    "in": range_of("the initial range"),
+    "=": equal("before the initial value", "the initial value"),
+}
+_OF_A_DISTURBANCE = {"in": range_of("the range of the disturbance"), "hold": time("`hold`")}
+
+
 def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     name = parser.name("the name of a state")
     type_ = parser.typed("the state")
-    interval = parser.range_of("the initial range") if parser.accept("in") else None
-    initial: tree.SyntaxExpr | None = None
-    if parser.kinds[parser.i] in ("=", ":=", "=="):
-        parser.assign("before the initial value")
-        initial = parser.value("the initial value")
+    found = clauses(parser, "state", _OF_A_STATE)
+    interval, initial = found.get("in"), found.get("=")
+    if initial is not None:
+        initial = parser.ended(initial, "the initial value")
     else:
         parser.no_initial("the type of the state")
     return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
@@ -254,24 +263,21 @@ def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
 def _disturbance(parser: BodyParser, _word: str, start: int) -> tree.DisturbanceItem:
     name = parser.name("the name of a disturbance")
     type_ = parser.typed("the disturbance")
-    hold: tree.SyntaxExpr | None = None
-    if parser.kinds[parser.i] != "in" and isinstance(type_, tree.RangedIntType):
+    found = clauses(parser, "disturbance", _OF_A_DISTURBANCE)
+    interval = found.get("in")
+    if interval is None and isinstance(type_, tree.RangedIntType):
         # `int in [a, b]` reads as a type first; here the range is the disturbance's.
         interval = type_.interval
         type_ = tree.BuiltinType(type_.span, "int")
-    elif parser.accept("in"):
-        interval = parser.range_of("the range of the disturbance")
-    else:
+    elif interval is None:
         message = f"expected `in` and a range after the disturbance, found {parser.found()}"
         notes = ("a proof needs the bound of every disturbance",)
         helps = (f"write `disturbance {name.text}: float in [-1.0, 1.0];`: the worst it can be",)
         parser.report("S005", message, notes=notes, helps=helps)
         error = tree.ErrorExpr(parser.after_previous())
         interval = tree.IntervalExpr(error, error, error.span)
-    if parser.accept_word("hold"):
-        hold = parser.time("`hold`")
     parser.semicolon("the disturbance")
-    return tree.DisturbanceItem(name, type_, interval, hold, parser.span_from(start))
+    return tree.DisturbanceItem(name, type_, interval, found.get("hold"), parser.span_from(start))
 
 
 def _plant_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     Read = Callable[[BodyParser, str, int], Any]
     """Reads what stands behind the word of an item, given that and the offset where it begins."""
 
+EQUALS = ("=", ":=", "==", "<-")
 NOTHING = object()
 """What a step gives that reads a sign or a word."""
 
@@ -108,7 +109,7 @@ def _sign(method: str) -> Callable[[str], Step]:
     return of
 
 
-expr, value, time, time_value, dotted = map(_step, ("expr", "value", "time", "time_value", "path"))
+expr, value, time, time_value = map(_step, ("expr", "value", "time", "time_value"))
 name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of"))
 assign, semicolon = map(_sign, ("assign", "semicolon"))
 
@@ -127,6 +128,11 @@ def word(text: str, where: str) -> Step:
         return NOTHING
 
     return read
+
+
+def equal(where: str, what: str) -> Step:
+    """`= e`, as a clause of `clauses`."""
+    return group(lambda value: value, assign(where), expr(what))
 
 
 def maybe(text: str, step: Step) -> Step:
@@ -149,6 +155,28 @@ def commas(step: Step) -> Step:
 def word_of(*texts: str) -> Step:
     """One of some words, or "" where none of them stands."""
     return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
+
+
+def clauses(parser: BodyParser, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
+    """What stands behind a name: clauses by the word or sign that leads each, in any order.
+
+    S022 for one that stands twice in this `item`.
+    """
+    found: dict[str, Any] = {}
+    while (lead := "=" if parser.kinds[parser.i] in EQUALS else parser.texts[parser.i]) in rows:
+        at = parser.i
+        parser.i += lead != "="
+        parser.before_equal = lead != "=" and "=" in rows
+        try:
+            read = rows[lead](parser)
+        finally:
+            parser.before_equal = False
+        if lead in found:
+            parser.quiet = -1
+            parser.report("S022", f"`{lead}` stands twice in this {item}", parser.token_span(at))
+            parser.quiet = -1
+        found.setdefault(lead, read)
+    return found
 
 
 def values_of(parser: BodyParser, *steps: Step) -> list[Any]:

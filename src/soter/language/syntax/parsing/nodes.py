@@ -51,9 +51,7 @@ def node(parser: BodyParser) -> tree.Decl:
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the node")
-    period = parser.period("node", name)
-    phase = parser.time("`phase`") if parser.accept("phase") else None
-    source, source_span = parser.origin() if extern else parser.stray_origin("node")
+    period, phase, source, source_span = parser.head_of("node", name, extern=extern)
     what = f"node `{visible(name.text)}`"
     parts = parser.body(what, NODE_ITEMS)
     fields = parts.fields(NODE_ITEMS)

@@ -19,14 +19,13 @@ from soter.language.syntax.parsing.items import (
     Item,
     Items,
     assign,
+    clauses,
     commas,
-    dotted,
     each,
     expr,
     group,
     interval,
     made,
-    maybe,
     name,
     of_word,
     often,
@@ -49,7 +48,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.language.syntax.parsing.bodies import BodyParser
-    from soter.language.syntax.parsing.items import Parts
+    from soter.language.syntax.parsing.items import Parts, Step
 
 
 def system(parser: BodyParser) -> tree.Decl:
@@ -250,9 +249,36 @@ _BOUND = group(
 )  # fmt: skip
 
 
-def _bounds(parser: BodyParser) -> tuple[tuple[tree.DottedPath, tree.SyntaxExpr], ...]:
-    """`measured t.x within e, ...` of an external topic, or nothing."""
-    return maybe("measured", commas(_BOUND))(parser) or ()
+_OF_AN_EXTERNAL_TOPIC: dict[str, Step] = {
+    "every": time("`every`"),
+    "delayed": time("`delayed`"),
+    "measured": commas(_BOUND),
+}
+
+
+def _external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
+    """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
+    parser.expect("topic", "after `external`")
+    topic = parser.path("the name of a topic")
+    found = clauses(parser, "external topic", _OF_AN_EXTERNAL_TOPIC)
+    parser.semicolon("the external topic")
+    return tree.ExternalTopic(
+        topic,
+        found.get("every"),
+        found.get("delayed"),
+        found.get("measured", ()),
+        parser.span_from(start),
+    )
+
+
+def _input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
+    topic = instance_arrays.path(parser, "the name of an input topic")
+    found = clauses(parser, "input", {"in": _values, "every": time("`every`")})
+    if "every" not in found:
+        parser.expect_word("every", "after the input")
+        found["every"] = parser.time("`every`")
+    parser.semicolon("`every`")
+    return tree.DriveInput(topic, found.get("in"), found["every"], parser.span_from(start))
 
 
 def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
@@ -358,10 +384,7 @@ _IN_BOTH: Items = {
     "set": often("sets", _set),
     "input": often(
         "inputs",
-        made(
-            tree.DriveInput, path("the name of an input topic"), maybe("in", _values),
-            word("every", "after the input"), time_value("`every`"),
-        ),
+        _input,
     ),
     "always": often("properties", _always),
     "never": often("properties", _always),
@@ -417,11 +440,7 @@ SYSTEM_ITEMS |= {
     ),
     "external": often(
         "externals",
-        made(
-            tree.ExternalTopic, word("topic", "after `external`"), dotted("the name of a topic"),
-            maybe("every", time("`every`")), maybe("delayed", time("`delayed`")), _bounds,
-            semicolon("the external topic"),
-        ),
+        _external,
         "external topic",
     ),
 }  # fmt: skip
