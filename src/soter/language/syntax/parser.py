@@ -455,7 +455,7 @@ _OF_A_PARAMETER: dict[str, Step] = {
     "in": range_of("the range of the parameter"),
 }
 _OF_A_TOPIC: dict[str, Step] = {
-    "in": Parser._value_set,  # type: ignore[dict-item]
+    "in": Parser._value_set,
     "=": equal("before the default of the topic", "the default of the topic"),
     "max_age": time("`max_age`"),
     "static": lambda _: True,

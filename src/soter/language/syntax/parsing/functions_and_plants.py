@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
+from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Items,
     clauses,
@@ -21,7 +22,6 @@ from soter.language.syntax.parsing.items import (
     often,
     once,
     pair,
-    path,
     range_of,
     time,
     word,
@@ -311,7 +311,7 @@ def _integrate(parser: BodyParser, _word: str, _start: int) -> tuple[str, tree.S
 
 
 _BOUND = group(
-    pair, path("a topic or one of its fields"), word("within", "after the measured value"),
+    pair, dotted("a topic or one of its fields"), word("within", "after the measured value"),
     expr("the bound of the error"),
 )  # fmt: skip
 

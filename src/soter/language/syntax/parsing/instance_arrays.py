@@ -14,7 +14,7 @@ from soter.language.syntax.tokens import EOF, NAME
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.bodies import BodyParser, Other
-    from soter.language.syntax.parsing.items import Items, Read
+    from soter.language.syntax.parsing.items import Items, Read, Step
 
 LOOPS_MAX = 8
 """Loops of items may nest so deep."""
@@ -56,6 +56,11 @@ def path(parser: BodyParser, what: str) -> tree.DottedPath:
     while parser.accept("."):
         parts.append(element(parser, parser.name("a name after `.`")))
     return tree.DottedPath(tuple(parts), parser.span_from(first.span.start))
+
+
+def dotted(what: str) -> Step:
+    """`path`, as a step of a row of items."""
+    return lambda parser: path(parser, what)
 
 
 def setting(parser: BodyParser, *, inside: bool = False) -> tree.SetParam:

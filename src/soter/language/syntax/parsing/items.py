@@ -12,17 +12,16 @@ from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.tokens import RESERVED
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.diagnostics.source import Span
-    from soter.language.syntax.parsing.bodies import BodyParser
+    from soter.language.syntax.parsing.token_cursor import Cursor
 
-    Step = Callable[[BodyParser], Any]
-    Read = Callable[[BodyParser, str, int], Any]
+    Step = Callable[[Any], Any]
+    Read = Callable[[Any, str, int], Any]
     """Reads what stands behind the word of an item, given that and the offset where it begins."""
 
 EQUALS = ("=", ":=", "==", "<-")
@@ -100,7 +99,7 @@ def _step(method: str) -> Callable[[str], Step]:
 
 def _sign(method: str) -> Callable[[str], Step]:
     def of(where: str) -> Step:
-        def read(parser: BodyParser) -> object:
+        def read(parser: Cursor) -> object:
             getattr(parser, method)(where)
             return NOTHING
 
@@ -114,15 +113,10 @@ name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of
 assign, semicolon = map(_sign, ("assign", "semicolon"))
 
 
-def path(what: str) -> Step:
-    """A dotted name, with elements of arrays."""
-    return lambda parser: instance_arrays.path(parser, what)
-
-
 def word(text: str, where: str) -> Step:
     """A word or a sign that has to stand here."""
 
-    def read(parser: BodyParser) -> object:
+    def read(parser: Cursor) -> object:
         of_its_kind = text in RESERVED or not text.isalpha()
         (parser.expect if of_its_kind else parser.expect_word)(text, where)
         return NOTHING
@@ -143,7 +137,7 @@ def maybe(text: str, step: Step) -> Step:
 def commas(step: Step) -> Step:
     """One or more, between commas."""
 
-    def read(parser: BodyParser) -> tuple[Any, ...]:
+    def read(parser: Cursor) -> tuple[Any, ...]:
         found = [step(parser)]
         while parser.accept(","):
             found.append(step(parser))
@@ -157,7 +151,7 @@ def word_of(*texts: str) -> Step:
     return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
 
 
-def clauses(parser: BodyParser, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
+def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
     """What stands behind a name: clauses by the word or sign that leads each, in any order.
 
     S022 for one that stands twice in this `item`.
@@ -179,7 +173,7 @@ def clauses(parser: BodyParser, item: str, rows: Mapping[str, Step]) -> dict[str
     return found
 
 
-def values_of(parser: BodyParser, *steps: Step) -> list[Any]:
+def values_of(parser: Cursor, *steps: Step) -> list[Any]:
     """What steps read one after another, signs and words aside."""
     return [v for step in steps if (v := step(parser)) is not NOTHING]
 
@@ -203,7 +197,7 @@ def made(make: Callable[..., Any], *steps: Step, kind: bool = False) -> Read:
     `kind`: the word of the item comes first.
     """
 
-    def read(parser: BodyParser, word: str, start: int) -> Any:  # noqa: ANN401 - a node
+    def read(parser: Cursor, word: str, start: int) -> Any:  # noqa: ANN401 - a node
         found = values_of(parser, *steps)
         return make(*([word] if kind else ()), *found, parser.span_from(start))
 
@@ -223,7 +217,7 @@ def of_word(method: str) -> Read:
 def spanned(*steps: Step) -> Read:
     """Where the item stands, that alone."""
 
-    def read(parser: BodyParser, _word: str, start: int) -> Span:
+    def read(parser: Cursor, _word: str, start: int) -> Span:
         values_of(parser, *steps)
         return parser.span_from(start)
 

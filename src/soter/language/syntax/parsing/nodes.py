@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import remove
 from soter.language.syntax import tree
+from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Items,
     assign,
@@ -24,7 +25,6 @@ from soter.language.syntax.parsing.items import (
     once,
     only,
     pair,
-    path,
     range_of,
     ref,
     semicolon,
@@ -258,7 +258,7 @@ def _moves(parser: BodyParser) -> tuple[tree.Move, ...]:
 
 
 _MOVE = group(
-    tree.Move, path("a topic or one of its fields"),
+    tree.Move, dotted("a topic or one of its fields"),
     word("by", "and how far, behind what moves"), expr("how far it moves"), word_of("down", "up"),
 )  # fmt: skip
 _FAILSAFE = group(

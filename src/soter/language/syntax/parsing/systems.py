@@ -15,6 +15,7 @@ from soter.language.syntax.foreign_words import item_meant
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS
 from soter.language.syntax.parsing.faults import FAULT_ITEMS
+from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Item,
     Items,
@@ -32,7 +33,6 @@ from soter.language.syntax.parsing.items import (
     once,
     only,
     pair,
-    path,
     ref,
     semicolon,
     spanned,
@@ -244,7 +244,7 @@ def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
 
 
 _BOUND = group(
-    pair, path("the topic or one of its fields"), word("within", "after the measured value"),
+    pair, dotted("the topic or one of its fields"), word("within", "after the measured value"),
     expr("the bound of the error"),
 )  # fmt: skip
 
@@ -372,11 +372,16 @@ def _within(parser: BodyParser) -> tree.SyntaxExpr:
     return tree.ErrorExpr(parser.after_previous())
 
 
+_HISTOGRAM = (
+    word("in", "and the range of the histogram: `in [0.0, 5.0] / 50`"),
+    interval("the range of the histogram"), word("/", "and the number of bins after the range"),
+    expr("the number of bins"),
+)  # fmt: skip
 _IN_BOTH: Items = {
     "replace": often(
         "replaces",
         made(
-            tree.Replace, path("the name of what is replaced"),
+            tree.Replace, dotted("the name of what is replaced"),
             word("by", "after what is replaced"), ref("the name of the replacement"),
             semicolon("the replacement"),
         ),
@@ -431,10 +436,7 @@ SYSTEM_ITEMS |= {
         "measures",
         made(
             tree.MeasureItem, name("the name of a measure"),
-            assign("after the name of the measure"), expr("what is measured"),
-            word("in", "and the range of the histogram: `in [0.0, 5.0] / 50`"),
-            interval("the range of the histogram"),
-            word("/", "and the number of bins after the range"), expr("the number of bins"),
+            assign("after the name of the measure"), expr("what is measured"), *_HISTOGRAM,
             word("every", "after the bins"), time_value("`every`"),
         ),
     ),

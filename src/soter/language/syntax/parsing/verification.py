@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
+from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     NOTHING,
     Items,
@@ -24,7 +25,6 @@ from soter.language.syntax.parsing.items import (
     once,
     only,
     pair,
-    path,
     range_of,
     ref,
     semicolon,
@@ -120,14 +120,14 @@ def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | N
 
 
 _CELLS = group(
-    _grid_axis, path("a topic or one of its fields"), word("in", "after the axis"),
+    _grid_axis, dotted("a topic or one of its fields"), word("in", "after the axis"),
     range_of("the range of the axis"),
     word("/", "and the number of cells after the range of the axis"),
     expr("the number of cells"), _open,
 )  # fmt: skip
 _RANGE = group(
     lambda place, within: tree.GridAxis(place, within, None),
-    path("a state or a field of a topic"), maybe("in", range_of("the range of the axis")),
+    dotted("a state or a field of a topic"), maybe("in", range_of("the range of the axis")),
 )  # fmt: skip
 _ABSTRACTION = group(
     tree.Abstraction, name("the name of an abstraction"),
@@ -155,7 +155,7 @@ VERIFY_ITEMS: Items = {
     "commands": often(
         "commands",
         made(
-            tree.CommandSet, path("an output topic or one of its fields"),
+            tree.CommandSet, dotted("an output topic or one of its fields"),
             word("in", "after the output"), word("{", "before the commands"),
             commas(expr("a command")), word("}", "after the commands"), semicolon("the commands"),
         ),
