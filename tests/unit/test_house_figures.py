@@ -211,7 +211,6 @@ REASONS = {
     "src/soter/language/model/typed.py": "the checked tree, records only",
     "src/soter/language/syntax/tree.py": "the tree, records only",
     "src/soter/language/syntax/parsing/token_cursor.py": "a cursor and its recovery",
-    "src/soter/language/syntax/parsing/systems.py": "not cut yet: systems and tests",
     "src/soter/language/check/parts/system.py": "not cut yet: systems and what tests share",
     "src/soter/language/elaborate/tests_and_faults/tested_system.py": "not cut yet: stand-ins",
     "src/soter/runtime/soter.h": "one header is what a user of the kernel includes",

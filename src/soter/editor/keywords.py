@@ -6,47 +6,27 @@ Non-goals: the reference (`docs/language.md`).
 
 from __future__ import annotations
 
-BLOCK = ("let", "var", "publish", "push", "if", "for", "return", "assert")
-NODE = (
-    "subscribes", "publishes", "var", "step", "failsafe", "assumes", "guarantees", "on takeover",
-    "takes", "wcet", "jitter",
-)  # fmt: skip
-VERIFY = (
-    "grid", "polytope", "abstracts", "commands", "core", "enters", "horizon", "levels", "late",
-    "response", "acts within", "recover within", "recover never", "dropout", "induction", "lemma",
-    "progress", "view",
-)  # fmt: skip
-SYSTEM = (
-    "module", "node", "always", "never", "until", "force", "inline", "replace", "set", "input",
-    "for", "faults", "measure", "external topic",
-)  # fmt: skip
-TEST = (
-    "system", "horizon", "skew", "quantum", "order deployed", "replace", "input", "set", "late",
-    "overrun", "skip", "for", "always", "never", "eventually",
-)  # fmt: skip
+from soter.language.syntax.parsing.faults import FAULT_ITEMS
+from soter.language.syntax.parsing.functions_and_plants import PLANT_ITEMS
+from soter.language.syntax.parsing.items import begins
+from soter.language.syntax.parsing.nodes import NODE_ITEMS, RTA_ITEMS
+from soter.language.syntax.parsing.systems import SYSTEM_ITEMS, TEST_ITEMS
+from soter.language.syntax.parsing.verification import VERIFY_ITEMS, VIEW_ITEMS
 
 PLACES: dict[str, tuple[str, ...]] = {
     "file": (
         "import", "type", "const", "param", "fun", "extern", "topic", "input topic", "node", "rta",
         "plant", "system", "test",
     ),
-    "node": NODE,
-    "rta": (
-        "ac", "sc", "period", "safe", "safer", "ttf", "clean", "returns after", "returns never",
-        "rest", "shield", "failsafe", "wcet", "jitter", "assumes", "guarantees", "verify",
-    ),
-    "verify": VERIFY,
-    "view": ("grid", "polytope", "abstracts"),
-    "plant": (
-        "reads", "drives", "state", "disturbance", "let", "der", "next", "integrate", "measured",
-    ),
-    "system": SYSTEM,
-    "test": TEST,
-    "faults": (
-        "order any", "late", "overrun", "bias", "noise", "scale", "skip", "nan", "stuck", "silent",
-        "saturated",
-    ),
-    "block": BLOCK,
+    "node": begins(NODE_ITEMS),
+    "rta": begins(RTA_ITEMS),
+    "verify": begins(VERIFY_ITEMS),
+    "view": begins(VIEW_ITEMS),
+    "plant": begins(PLANT_ITEMS),
+    "system": begins(SYSTEM_ITEMS),
+    "test": begins(TEST_ITEMS),
+    "faults": begins(FAULT_ITEMS),
+    "block": ("let", "var", "publish", "push", "if", "for", "return", "assert"),
 }  # fmt: skip
 """By place the words that can begin an item there."""
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 HUSHED = {
     "W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017", "W018", "W019", "W021",
-    "W022", "W023", "W024", "W025", "W026", "W027", "W028", "W029", "W030", "W031", "W032", "W033",
+    "W022", "W023", "W024", "W025", "W026", "W027", "W028", "W030", "W032", "W033",
     "W034", "W035", "W036",
 }  # fmt: skip
 """Warnings of what is not there, or hardly meant: beside errors they are left out, as an error may

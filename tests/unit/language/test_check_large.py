@@ -332,7 +332,7 @@ topic turn: float in [-1.0, 1.0] = 0.0;
 node Fast period 10ms {
   subscribes speed; publishes turn;
   step {
-    if speed > 3.0 { publish turn = 1.0; } elseif speed + speed < -5.0 { publish turn = 0.5; }
+    if speed > 1.0 { publish turn = 3.0; } elseif speed + speed < -2.0 { publish turn = -5.0; }
     publish turn = speed * 0.25;
   }
 }
@@ -343,12 +343,12 @@ system S { node Fast; until 1s; }
 def test_looking_through_a_step_may_become_too_hard_anywhere(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Where it does, fewer conditions are doubted, and nothing else happens."""
+    """Where it does, fewer values are doubted, and nothing else happens."""
     said = []
     for budget in range(60):
         monkeypatch.setattr(step_ranges, "BUDGET", budget)
         checked = check_file("step.soter", STEP)
         assert checked.ok, checked.diagnostics.items
-        said.append([d.code for d in checked.diagnostics.items].count("W026"))
+        said.append([d.code for d in checked.diagnostics.items].count("W015"))
     assert said == sorted(said)
     assert {0, 1, 2} == set(said)

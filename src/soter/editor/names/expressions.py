@@ -295,9 +295,13 @@ class Expressions:
             for name in piece.type.members:
                 self.definition(name, "member", piece, place.file, Shape("enum", place.file))
         elif hasattr(piece, "__dataclass_fields__") and not isinstance(piece, (Span, tree.Name)):
-            for part in piece.__dataclass_fields__:
-                if not part.endswith("span"):
-                    self.walk(getattr(piece, part), place)
+            self.walk_but(piece, place)
+
+    def walk_but(self, piece: Any, place: NameContext, *done: str) -> None:  # noqa: ANN401 - a node
+        """Note all names below the parts of a piece of syntax, but for what was looked at."""
+        for part in piece.__dataclass_fields__:
+            if part not in done and not part.endswith("span"):
+                self.walk(getattr(piece, part), place)
 
     def _block(self, block: tree.Block, place: NameContext) -> None:
         frame: dict[str, Definition] = {}
@@ -329,13 +333,7 @@ class Expressions:
         elif isinstance(s, tree.ForEachStmt):
             self._loop(s, self._inside_of(self.expression(s.sequence, place)), place)
         else:
-            self.walk_fields(s, place)
-
-    def walk_fields(self, s: tree.SyntaxStmt, place: NameContext) -> None:
-        """The parts of a statement without a rule of its own."""
-        for part in s.__dataclass_fields__:
-            if not part.endswith("span"):
-                self.walk(getattr(s, part), place)
+            self.walk_but(s, place)
 
     def _loop(
         self, s: tree.ForRangeStmt | tree.ForEachStmt, shape: Shape | None, place: NameContext

@@ -180,8 +180,6 @@ class _Resolver(Expressions):
         self.walk(decl.body, place.inner(frame, result=Shape(decl.result, place.file)))
 
     def _node(self, decl: tree.NodeDecl, place: NameContext) -> None:
-        self.walk((decl.period, decl.phase, decl.takes, decl.wcet, decl.jitter), place)
-        self.walk((decl.subscribes, decl.publishes), place)
         self._law(decl.failsafe, place)
         frame: dict[str, Definition] = {}
         for local in decl.locals:
@@ -189,8 +187,8 @@ class _Resolver(Expressions):
             shape = Shape(local.type, place.file)
             self.expression(local.initial, place, shape)
             self._local(frame, local.name, "variable", local, place, shape, decl.span)
-        self.walk((decl.assumes, decl.guarantees), place)
         self.walk((decl.takeover, decl.step), place.inner(frame))
+        self.walk_but(decl, place, "failsafe", "locals", "takeover", "step")
 
     def _law(self, law: tuple[tuple[tree.Ref, tree.SyntaxExpr], ...], place: NameContext) -> None:
         for ref, value in law:
@@ -228,13 +226,10 @@ class _Resolver(Expressions):
     # ------------------------------------------------------------ modules
 
     def _rta(self, decl: tree.RtaDecl, place: NameContext) -> None:
-        parts = (decl.ac, decl.sc, decl.period, decl.safe, decl.safer, decl.ttf, decl.clean)
-        self.walk((*parts, decl.wcet, decl.jitter), place)
+        self._law(decl.failsafe, place)
         for clause in decl.contract:
             self.definition(clause.name, "clause", clause, place.file)
-            self.walk(clause.condition, place)
-        self._law(decl.failsafe, place)
-        self.walk((decl.returns, decl.rest), place)
+        self.walk_but(decl, place, "failsafe", "verify")
         if decl.verify is not None:
             self._verify(decl.verify, place.inside(self._beside(decl)))
 
@@ -267,8 +262,7 @@ class _Resolver(Expressions):
         for view in block.views:
             self.definition(view.name, "view", view, place.file)
             self._verify(view, place)
-        done = ("groups", "abstracts", "views", "stays", "induction", "span")
-        self.walk([getattr(block, n) for n in block.__dataclass_fields__ if n not in done], place)
+        self.walk_but(block, place, "groups", "abstracts", "views")
 
     def _axis(self, axis: tree.GridAxis, axes: dict[str, Definition], place: NameContext) -> None:
         first, *rest = axis.path.parts
@@ -286,17 +280,11 @@ class _Resolver(Expressions):
     # ------------------------------------------------------------ systems and tests
 
     def _system(self, decl: tree.SystemDecl, place: NameContext) -> None:
-        self.walk(decl.deploys, place)
         inside = place.inside(self.instances_of(decl, place.file))
-        self._items(decl.instances, inside, decl)
-        for part in (decl.until, decl.faults, decl.externals):
-            self.walk(part, inside)
-        for group in (decl.properties, decl.forces, decl.replaces, decl.sets, decl.inputs):
-            self._items(group, inside, decl)
-        self._items(decl.inlines, inside, decl)
         for measure in decl.measures:
             self.definition(measure.name, "measure", measure, place.file)
-            self.walk((measure.value, measure.interval, measure.bins, measure.every), inside)
+        self.walk(decl.deploys, place)
+        self._all_items(decl, inside, "deploys")
 
     def _instance(self, item: tree.Instance, place: NameContext) -> None:
         self.element(item.name, place)
@@ -339,10 +327,16 @@ class _Resolver(Expressions):
             system = self.find(decl.system, place)
             if system is not None and isinstance(system.node, tree.SystemDecl):
                 inside = place.inside(self.instances_of(system.node, system.file))
-        self.walk((decl.skew, decl.horizon, decl.quantum), place)
-        groups = (decl.replaces, decl.properties, decl.faults, decl.inputs, decl.sets, decl.stated)
-        for group in groups:
-            self._items(group, inside, decl)
+        self._all_items(decl, inside, "system")
+
+    def _all_items(self, decl: tree.Decl, place: NameContext, *done: str) -> None:
+        """The items of a system or a test, but for what was looked at already."""
+        for field in decl.__dataclass_fields__:
+            items = getattr(decl, field)
+            if isinstance(items, tuple):
+                self._items(items, place, decl)
+            elif field not in done:
+                self.walk(items, place)
 
     def _items(self, items: tuple[object, ...], place: NameContext, decl: tree.Decl) -> None:
         """Items of a system or a test, loops included; instances were seen before."""

@@ -18,9 +18,11 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, insert, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
+from soter.language.syntax.parsing.bodies import BodyParser
 from soter.language.syntax.parsing.functions_and_plants import fun, plant
+from soter.language.syntax.parsing.items import clauses, equal, range_of, time
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
-from soter.language.syntax.parsing.nodes import NodeParser
+from soter.language.syntax.parsing.nodes import node, rta
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.diagnostics.source import Source
+    from soter.language.syntax.parsing.items import Step
 
 #: The language edition this compiler reads.
 EDITION = 1
@@ -71,7 +74,7 @@ def _too_many(last: Diagnostic) -> Diagnostic:
 # ---------------------------------------------------------------- parts of a body
 
 
-class Parser(NodeParser):
+class Parser(BodyParser):
     """The whole parser: files, declarations and their bodies."""
 
     __slots__ = ("edition",)
@@ -365,11 +368,12 @@ class Parser(NodeParser):
         self.i += 1
         name = self.declare("the name of the parameter")
         type_ = self.typed("the parameter")
-        self.assign("after the type of the parameter")
-        default = self.expr("the default of the parameter")
-        interval = self.range_of("the range of the parameter") if self.accept("in") else None
+        found = clauses(self, "parameter", _OF_A_PARAMETER)
+        if "=" not in found:
+            self.assign("after the type of the parameter")
         self.semicolon("the parameter")
-        return tree.ParamDecl(name, self.span_from(start), type_, default, interval)
+        span = self.span_from(start)
+        return tree.ParamDecl(name, span, type_, found["="], found.get("in"))
 
     def _topic(self) -> tree.Decl:
         start = self.starts[self.i]
@@ -377,46 +381,18 @@ class Parser(NodeParser):
         self.i += 1
         name = self.declare("the name of the topic")
         type_ = self.typed("the topic")
-        values: tree.ValueSet | None = None
-        default: tree.SyntaxExpr | None = None
-        max_age: tree.SyntaxExpr | None = None
-        static, order = False, 0
-        while True:
-            at = self.i
-            if self.accept("in"):
-                position, values = 1, self._value_set()
-            elif self.kinds[at] in ("=", ":="):
-                self.assign("before the default of the topic")
-                position, default = 2, self.expr("the default of the topic")
-            elif self.accept_word("max_age"):
-                position, max_age = 3, self.time("`max_age`")
-            elif self.accept_word("static"):
-                position, static = 4, True
-            else:
-                break
-            if position <= order:
-                self._out_of_order(at, position == order)
-            order = max(order, position)
+        found = clauses(self, "topic", _OF_A_TOPIC)
         self.semicolon("the topic")
-        span = self.span_from(start)
         return tree.TopicDecl(
-            name, span, is_input, type_, values, default=default, max_age=max_age, static=static
+            name,
+            self.span_from(start),
+            is_input,
+            type_,
+            found.get("in"),
+            default=found.get("="),
+            max_age=found.get("max_age"),
+            static="static" in found,
         )
-
-    def _out_of_order(self, at: int, again: bool) -> None:
-        word = self.texts[at]
-        self.quiet = -1
-        span = self.token_span(at)
-        if again:
-            self.report("S005", f"`{word}` stands twice in this topic", span)
-        else:
-            self.report(
-                "S005",
-                f"`{word}` stands too late in this topic",
-                span,
-                notes=("the order is: `in` values, `=` default, `max_age`, `static`",),
-            )
-        self.quiet = -1
 
     def _value_set(self) -> tree.ValueSet:
         start = self.i
@@ -438,7 +414,7 @@ class Parser(NodeParser):
         if following == "fun":
             return fun(self)
         if following == "node":
-            return self._node()
+            return node(self)
         if following == "plant":
             return plant(self)
         self.i += 1
@@ -449,6 +425,16 @@ class Parser(NodeParser):
         )
 
 
+_OF_A_PARAMETER: dict[str, Step] = {
+    "=": equal("after the type of the parameter", "the default of the parameter"),
+    "in": range_of("the range of the parameter"),
+}
+_OF_A_TOPIC: dict[str, Step] = {
+    "in": Parser._value_set,
+    "=": equal("before the default of the topic", "the default of the topic"),
+    "max_age": time("`max_age`"),
+    "static": lambda _: True,
+}
 _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
     "import": Parser._import,
     "type": Parser._type_declaration,
@@ -457,8 +443,8 @@ _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
     "fun": fun,
     "extern": Parser._extern,
     "topic": Parser._topic,
-    "node": Parser._node,
-    "rta": Parser._rta,
+    "node": node,
+    "rta": rta,
     "plant": plant,
     "system": system,
     "test": test,

@@ -181,7 +181,6 @@ SLIPS = [
     ("(m: Motion)", "(m)", "S005"),
     ("): bool {", ") -> bool {", "S015"),
     ("): bool {", ") {", "S005"),
-    ("in [-A, A] = 0.0", "= 0.0 in [-A, A]", "S005"),
     ("state x: float", "state x", "S015"),
     ("wind: float in [-0.2, 0.2]", "wind: float", "S005"),
     ("drives motion = { x: x, v: v }", "drives motion", "S024"),

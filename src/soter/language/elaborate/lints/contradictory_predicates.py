@@ -25,7 +25,7 @@ from soter.language.evaluate.predicates import (
 )
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
-from soter.language.model.tree_walk import calls_in, children, nodes, rewritten, topic_reads
+from soter.language.model.tree_walk import children, nodes, topic_reads
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -50,8 +50,6 @@ LEAVES_MAX = 24
 NUMBERS_MAX = 12
 LOST_MIN = 20
 """So many of the values that were tried lose `safe`, before something is said of all of them."""
-FAR_APART = 50.0
-"""A time in ms is 1000 times one in s; `safer` looks a few times as far ahead as `ttf`."""
 TURNED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 ROLES = "`ttf` says when AC must not go on, `safer` when it may have control again"
 BUDGET = 400_000
@@ -111,8 +109,6 @@ def doubt_predicates(
     both = [t for t in trials if t[0] and t[1]]
     if both and _turned_round(symbol, trials, diagnostics):
         return True
-    if both and _in_milliseconds(system, module, both, diagnostics):
-        return True
     if both and (_alike(ttf, safer) or same_expression(safer, symbol.safe)):
         where = shown(system, tried_topics(module), both[0][3])
         diagnostics.warning(
@@ -126,47 +122,6 @@ def doubt_predicates(
         )
         return True
     return False
-
-
-def _in_milliseconds(
-    system: System, module: Module, both: Sequence[Trial], diagnostics: Diagnostics
-) -> bool:
-    """W013 for `ahead(x, 80.0)` of `ttf` beside `ahead(x, 0.2)` of `safer`: no such trial in s."""
-    symbol = module.symbol
-    ttf, safer = symbol.ttf, symbol.safer
-    assert ttf is not None
-    assert safer is not None
-    others = calls_in(safer)
-    for call, i in ((c, i) for c in calls_in(ttf) for i in range(len(c.arguments))):
-        number = _float_of(call.arguments[i])
-        near = [_float_of(o.arguments[i]) for o in others if o.fun is call.fun]
-        if number is None or not any(n is not None and 0 < FAR_APART * n <= number for n in near):
-            continue
-        at = call.arguments[i]
-        mended = _with_number(ttf, at, number / 1000)
-        holds = predicates_at(system, module, tried_topics(module))
-        if any(all(holds((mended, safer), t[3])) for t in both):
-            continue
-        diagnostics.warning(
-            "W013",
-            f"`ttf` of module `{symbol.name}` looks much further ahead than `safer`",
-            at.span,
-            "where `safer` has less than a fiftieth of it",
-            also=((safer.span, "`safer`, which can hold together with `ttf`"),),
-            notes=("a number that is a time is in s",),
-            helps=(replace(at.span, f"{number / 1000!r}"),),
-        )
-        return True
-    return False
-
-
-def _with_number(predicate: typed.TypedExpr, at: typed.TypedExpr, number: float) -> Any:  # noqa: ANN401
-    """The predicate with a number in the place of a part of it."""
-    return rewritten(predicate, lambda n: typed.Literal(at.type, at.span, number) if n is at else n)
-
-
-def _float_of(e: typed.TypedExpr) -> float | None:
-    return e.value if isinstance(e, typed.Literal) and isinstance(e.value, float) else None
 
 
 def _turned_round(

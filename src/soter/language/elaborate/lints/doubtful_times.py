@@ -2,8 +2,7 @@
 
 Purpose: W028 (a topic is older than its `max_age` before it is published again, or is never
 published), W034 (a measured topic may be of any age), W035 (an age is compared with what it never
-is), W031 (a disturbance is held for less than a step of its plant), W026 (a property speaks
-of a time at which the system has ended).
+is), W026 (a property speaks of a time at which the system has ended).
 Non-goals: what late steps do (`timing/`), P1a (`wellformed.py`).
 """
 
@@ -12,8 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import remove, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import replace
 from soter.language.elaborate.undriven_topic_fixes import added
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
@@ -210,30 +208,6 @@ def _publishes(c: Component) -> list[typed.TopicSymbol]:
     if c.plant is not None:
         return [t for t, _ in c.plant.drives]
     return list(c.node.publishes) if c.node is not None else []
-
-
-def doubt_holds(plant: Component, diagnostics: Diagnostics) -> None:
-    """W031: a disturbance that is held for less than a step is drawn once a step all the same."""
-    symbol = plant.plant
-    assert symbol is not None
-    for d, of in zip(plant.disturbances, symbol.disturbances, strict=True):
-        if of.hold is None or not 0 < d.hold_ns < plant.period_ns:
-            continue
-        text = of.hold.span.source.text
-        before = text.rindex("hold", 0, of.hold.span.start)
-        clause = Span(of.hold.span.source, len(text[:before].rstrip()), of.hold.span.end)
-        diagnostics.warning(
-            "W031",
-            f"`{d.variable.name}` is held for less than a step of plant `{symbol.name}`",
-            of.hold.span,
-            f"held for {show_ns(d.hold_ns)}",
-            also=((symbol.period.span, f"a step lasts {show_ns(plant.period_ns)}"),),
-            notes=("a disturbance is drawn once a step at most: this changes nothing",),
-            helps=(
-                remove(clause, "leave `hold` out: then it is drawn each step"),
-                "or hold it for several steps",
-            ),
-        )
 
 
 def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:

@@ -18,12 +18,10 @@ from soter.language.elaborate.lints.doubtful_times import (
     doubt_age_units,
     doubt_ageless,
     doubt_ages,
-    doubt_holds,
     doubt_property_times,
 )
 from soter.language.elaborate.lints.refuted_at_once import (
     doubt_constants,
-    doubt_first_publications,
     doubt_properties,
     doubt_readers,
     doubt_start,
@@ -233,8 +231,6 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
             _unmoved(component.plant, diagnostics)
             _times_dt(component.plant, diagnostics)
             doubt_scheme(system, component, diagnostics)
-            doubt_first_publications(system, component, diagnostics)
-            doubt_holds(component, diagnostics)
         _hears_itself(component, diagnostics)
     doubt_steps(system, diagnostics)
     doubt_properties(system, diagnostics)

@@ -2,8 +2,7 @@
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM looks rarely beside its plant), W027 (a property that the start violates), W015 (a plant that
-begins outside of the set of a topic).
+DM looks rarely beside its plant), W027 (a property that the start violates).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -31,7 +30,7 @@ from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType, has_list, leaf_name, leaves
+from soter.language.model.types import FloatType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -130,30 +129,6 @@ def _first_state(component: Component, end: int) -> Value | None:
     ranges = component.initial_range or (None,) * len(component.initial)
     pairs = zip(component.initial, ranges, strict=True)
     return tuple(first if span is None else span[end] for first, span in pairs)
-
-
-def doubt_first_publications(system: System, plant: Component, diagnostics: Diagnostics) -> None:
-    """W015 for what a plant publishes first, from constant states: outside of the set."""
-    assert plant.plant is not None
-    for topic, value in () if plant.plant.extern else plant.plant.drives:
-        placed = system.topics[plant.scope.topics[topic]]
-        first = _published_at_first(plant, value, 0)
-        if first is None or has_list(topic.type):
-            continue
-        for (path, _), x, bound in zip(leaves(topic.type), flat(first), placed.bounds, strict=True):
-            if bound is None or bound.low <= x <= bound.high:
-                continue
-            name = leaf_name(topic.name, path)
-            diagnostics.warning(
-                "W015",
-                f"{x!r} is outside of the set of `{name}`",
-                value.span,
-                f"the first value; [{bound.low!r}, {bound.high!r}] is allowed",
-                also=((topic.span, "declared here"),),
-                notes=("publishing it is a step fault: the plant stands still from then on",),
-                helps=("begin inside of it: `state x: float = ...;`", "or widen the set"),
-            )
-            break
 
 
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:

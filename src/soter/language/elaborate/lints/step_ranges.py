@@ -1,10 +1,10 @@
 """What the steps of nodes and plants do for certain, whatever they read.
 
-Purpose: `doubt_steps`: W015 (a value that lies outside of the set of its topic), W025 (an operation
-that faults, or gives no number, wherever it is reached), W026 (a condition that never holds, as
-the declared sets say). Every expression is evaluated once over the declared ranges.
-Non-goals: what may happen and need not: a search and a proof answer that; conditions inside of
-functions, which may be right for other calls.
+Purpose: `doubt_steps`: W015 (a value that lies outside of the set of its topic), W025 (an index, an
+int or the bounds of a `clamp` that fault wherever they are reached). Every expression is evaluated
+once over the declared ranges.
+Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
+the first run tells; branches that are never taken (`soter test --coverage`).
 """
 
 from __future__ import annotations
@@ -12,21 +12,19 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.diagnostic import Edit, Fix, exchange, replace
+from soter.diagnostics.diagnostic import exchange, replace
 from soter.diagnostics.source import Span
-from soter.language.elaborate.lints.variables_reset_each_step import doubt_variables
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     TooHardError,
     anything,
 )
-from soter.language.evaluate.ranges import ANY_FLOAT, FALSE, TRUE, Range
+from soter.language.evaluate.ranges import FALSE, TRUE, Range
 from soter.language.evaluate.topic_ranges import declared
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (
     BOOL,
-    INT_MAX,
     ArrayType,
     FloatType,
     IntType,
@@ -65,8 +63,6 @@ def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
         if key in system.program.doubted:
             continue
         system.program.doubted.add(key)
-        if c.node is not None:
-            doubt_variables(c.node, diagnostics)
         _StepRanges(system, c, diagnostics).look()
 
 
@@ -79,14 +75,8 @@ class _StepRanges(RangeEvaluator):
         self.system = system
         self.component = component
         self.diagnostics = diagnostics
-        self.calls = 0
-        """How many functions deep the evaluation is."""
         self.silent = 0
         """In how many functions of the prelude it is: nothing is said of those."""
-        self.longer = False
-        """Whether lists may be longer than their capacities."""
-        self.decided: dict[t.TypedExpr, Range | None] = {}
-        """Conditions of the step itself, and what they were in all rounds together."""
         self.loops: dict[t.Variable, t.ForRange] = {}
 
     def look(self) -> None:
@@ -96,13 +86,9 @@ class _StepRanges(RangeEvaluator):
             if plant is not None:
                 self._look_at_plant(plant)
             elif node is not None:
-                arms = [n.arms for n in nodes(node.step) if isinstance(n, t.TypedIf)]
-                choices = [n.condition for n in nodes(node.step) if isinstance(n, t.Conditional)]
-                self.decided = dict.fromkeys([*(c for a in arms for c, _ in a), *choices])
                 self._run(node.takeover or (), None, BOOL)
                 self.variables = {}
                 self._run(node.step, None, BOOL)
-            self._conditions()  # not where a step was too hard: they may hold further on
         except TooHardError:
             return  # what was certain so far was said
 
@@ -222,14 +208,6 @@ class _StepRanges(RangeEvaluator):
 
     # ------------------------------------------------------------ what faults for certain
 
-    def number(self, e: t.TypedExpr) -> Range:
-        """Of a scalar; of a condition of the step it is noted, too."""
-        known = super().number(e)
-        if e in self.decided and not self.calls:
-            before = self.decided[e]
-            self.decided[e] = known if before is None else before.joined(known)
-        return known
-
     def _call(self, e: t.TypedCall) -> Known:
         if e.fun.prelude:
             for a in e.arguments:
@@ -237,64 +215,24 @@ class _StepRanges(RangeEvaluator):
         if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
             return anything(e.type)
         if e.fun.prelude and not self.silent:
-            value, low, high = e.arguments
-            self._reversed(low, high, "the bounds of `clamp` are the wrong way round")
-            self._value_behind(value, low, high)
-        self.calls += 1
+            self._reversed(*e.arguments[1:])
         self.silent += e.fun.prelude
         try:
             return super()._call(e)
         finally:
-            self.calls -= 1
             self.silent -= e.fun.prelude
 
-    def _reversed(self, low: t.TypedExpr, high: t.TypedExpr, message: str) -> None:
+    def _reversed(self, low: t.TypedExpr, high: t.TypedExpr) -> None:
         a, b = self.number(low), self.number(high)
         if a.nan or b.nan or a.low <= b.high:
             return
         self._say(
-            message,
+            "the bounds of `clamp` are the wrong way round",
             low.span.to(high.span),
             f"{low.span.text} is above {high.span.text}",
             "no number lies between them: the result is no number (NaN), and publishing it faults",
             (exchange(low.span, high.span, f"write `{high.span.text}, {low.span.text}`"),),
         )
-
-    def _value_behind(self, value: t.TypedExpr, low: t.TypedExpr, high: t.TypedExpr) -> None:
-        """`clamp(0.0, x, 1.0)`, `clamp(0.0, 1.0, x)`: what varies stands where a bound does."""
-        varies = [_reads(a) for a in (value, low, high)]
-        a, b, c = self.number(value), self.number(low), self.number(high)
-        if varies == [False, True, False] and b.high > c.low:
-            meant, order = low, (low, value, high)
-        elif varies == [False, False, True] and a.high <= b.low and b.high > c.low:
-            meant, order = high, (high, value, low)
-        else:
-            return
-        texts = [x.span.text for x in order]
-        places = (value.span, low.span, high.span)
-        edits = tuple(Edit(s, x) for s, x in zip(places, texts, strict=True) if s.text != x)
-        self._say(
-            f"`{_short(value.span)}` stands where `clamp` expects the value",
-            value.span,
-            "the value comes first, its bounds follow",
-            f"as a bound `{_short(meant.span)}` may leave no number between the two: the result is "
-            "no number (NaN) then, and publishing it faults",
-            (Fix(f"write `clamp({', '.join(texts)})`", edits),),
-        )
-
-    def _binary(self, e: t.TypedBinary) -> Known:
-        known = super()._binary(e)
-        if e.op in {"/", "%"} and not self.silent:
-            divisor = self.number(e.right)
-            if divisor == Range(0, 0):
-                self._say(
-                    f"`{_short(e.right.span)}` is always 0",
-                    e.right.span,
-                    "the divisor",
-                    "dividing by zero is a step fault",
-                    ("divide by what can be something else than 0",),
-                )
-        return known
 
     def _index(self, e: t.Index) -> Known:
         self._inside(e.target.type, e.index)
@@ -315,14 +253,6 @@ class _StepRanges(RangeEvaluator):
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
         at = self.number(index)
-        read = index.operand if isinstance(index, t.Narrow) else index
-        if at == Range(1, size) and isinstance(read, t.VarRead):
-            # only where an index is suspect
-            from soter.language.elaborate.lints.declared_ranges import (  # noqa: PLC0415
-                counts_from_one,
-            )
-
-            counts_from_one(read, of, size, list(self.decided), self.diagnostics)
         if at.high >= 0 and at.low < size:
             return
         value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
@@ -343,12 +273,7 @@ class _StepRanges(RangeEvaluator):
         if not self.silent:
             a = self.number(e.operand)
             if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
-                # as above
-                from soter.language.elaborate.lints.declared_ranges import (  # noqa: PLC0415
-                    one_fits,
-                )
-
-                one_fits(e, a, self.diagnostics)
+                self._one_fits(e, a)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
                 inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
@@ -361,121 +286,29 @@ class _StepRanges(RangeEvaluator):
                 )
         return super()._narrow(e)
 
-    def _builtin(self, e: t.Builtin) -> Known:
-        known = super()._builtin(e)
-        if self.silent or e.name not in {"sqrt", "saturate", "min", "max"}:
-            return known
-        reads = any(isinstance(n, (t.TopicRead, t.VarRead)) for n in nodes(e.arguments[:1]))
-        if e.name == "sqrt" and reads and self.number(e.arguments[0]).high < 0:
-            of = e.arguments[0].span
-            self._say(
-                f"`{_short(of)}` is below 0",
-                of,
-                "",
-                "its root is no number (NaN), and publishing it faults",
-                (f"`sqrt(max({of.text}, 0.0))` where 0 is meant",),
-            )
-        elif e.name == "saturate" and self.number(e.arguments[1]).high < 0:
-            of = e.arguments[1].span
-            note = "the limit of `saturate` is an amount, for both directions"
-            helps = ("an amount above 0, as in `saturate(v, 1.0)`",)
-            self._say(f"`{_short(of)}` is below 0", of, "", note, helps)
-        elif e.name in {"min", "max"}:
-            self._always_the_bound(e)
-        return known
-
-    def _always_the_bound(self, e: t.Builtin) -> None:
-        """`min(max(x, 1.0), -1.0)`: x is never seen."""
-        inner, bound = e.arguments
-        other = "max" if e.name == "min" else "min"
-        if isinstance(bound, t.Builtin):
-            inner, bound = bound, inner
-        if not isinstance(inner, t.Builtin) or inner.name != other:
-            return
-        high = self.number(bound)
-        for given, low in (inner.arguments, inner.arguments[::-1]):
-            a = self.number(low)
-            crossed = a.low > high.high if e.name == "min" else a.high < high.low
-            if crossed and not a.nan and not high.nan and not self.number(given).single:
-                self._say(
-                    f"`{_short(e.span)}` is always `{_short(bound.span)}`",
-                    e.span,
-                    f"`{_short(low.span)}` and `{_short(bound.span)}` leave nothing between them",
-                    "a value is kept between two bounds by `min(max(x, low), high)`",
-                    (exchange(low.span, bound.span, "exchange the two bounds"),),
-                )
-                return
+    def _one_fits(self, e: t.Narrow, known: Range) -> None:
+        """`n = max(n + 1, 9)` of an `int in [0, 9]`: only 9 fits, so that `n` never changes."""
+        assert isinstance(e.type, IntType)
+        only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
+        self._say(
+            f"of what this may be only {only} fits into `{e.type}`",
+            e.span,
+            f"it is from {known.low} to {known.high}",
+            "putting anything else there is a step fault",
+            (f"keep it inside: `{keeps}(x, {only})`",),
+        )
 
     def _say(
         self, message: str, span: Span, label: str, note: str, helps: tuple[Help, ...]
     ) -> None:
         self.diagnostics.warning("W025", message, span, label, notes=(note,), helps=helps)
 
-    # ------------------------------------------------------------ conditions
-
-    def _conditions(self) -> None:
-        """W026 for conditions that read what varies, and never hold all the same."""
-        for condition, known in self.decided.items():
-            if known != FALSE:
-                continue
-            label = self._why(condition)
-            if label:
-                self.diagnostics.warning(
-                    "W026",
-                    "this condition never holds",
-                    condition.span,
-                    label,
-                    notes=("the declared sets and types say so: its branch is never taken",),
-                )
-
-    def _why(self, condition: t.TypedExpr) -> str:
-        """The ranges of what it reads of topics and of the lengths of lists, the first few."""
-        ranges: dict[str, str] = {}
-        inner: set[t.TypedExpr] = set()
-        for n in nodes([condition]):
-            if isinstance(n, t.TypedLength) and isinstance(n.target.type, ListType):
-                if self._holds_of_longer(condition):
-                    capacity = n.target.type.capacity
-                    ranges[n.span.text] = f"`{_short(n.span)}` is in [0, {capacity}]"
-                continue
-            if not isinstance(n, (t.TopicRead, t.TypedField)) or n in inner:
-                continue
-            top = n
-            while isinstance(n, t.TypedField):
-                inner.add(n := n.target)
-            if isinstance(n, t.TopicRead) and isinstance(top.type, (FloatType, IntType)):
-                r = super().number(top)
-                if not r.single and r != ANY_FLOAT:
-                    ranges[top.span.text] = f"`{top.span.text}` is in [{r.low!r}, {r.high!r}]"
-        return " and ".join(list(ranges.values())[:2])
-
-    def _holds_of_longer(self, condition: t.TypedExpr) -> bool:
-        """Whether it may hold were there no capacity: `xs.len < 0` is let be."""
-        self.longer = True
-        try:
-            return super().number(condition) != FALSE
-        except TooHardError:
-            return False
-        finally:
-            self.longer = False
-
-    def _length(self, e: t.TypedLength) -> Known:
-        return Range(0, INT_MAX) if self.longer else super()._length(e)
-
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
         **RangeEvaluator.EXPRESSIONS,
-        t.TypedBinary: _binary,
         t.TypedCall: _call,
-        t.Builtin: _builtin,
         t.Index: _index,
-        t.TypedLength: _length,
         t.Narrow: _narrow,
     }
-
-
-def _reads(e: t.TypedExpr) -> bool:
-    """Whether it may vary while the program runs."""
-    return any(isinstance(n, (t.TopicRead, t.VarRead, t.TypedCall)) for n in nodes([e]))
 
 
 def _short(span: Span) -> str:

@@ -8,14 +8,14 @@ Non-goals: the items themselves (`nodes.py`, `functions_and_plants.py`, `systems
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Edit, Fix, append, remove, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.clause_words import NODE, body_of
 from soter.language.syntax.parsing.expression_elements import unclosed
+from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,
@@ -31,24 +31,18 @@ from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visibl
 from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostic, Help
+    from soter.language.syntax.parsing.items import Item, Items, Step
     from soter.language.syntax.tokens import Tokens
 
-_Parts = TypeVar("_Parts")
+    Other = Callable[["BodyParser", Parts], bool] | None
+    """Tries to read an item that no word leads."""
 
 #: Items of a kind of body that no word leads, as lists of items name them.
 LEADERLESS: dict[str, tuple[str, ...]] = {}
-
-
-@dataclass(slots=True)
-class OnceParts:
-    """The items of a body that stand at most once, and where each stood first."""
-
-    once: dict[str, Any] = field(default_factory=dict)
-    first: dict[str, Span] = field(default_factory=dict)
 
 
 #: By which item a system or a test names what is declared by a word.
@@ -58,12 +52,13 @@ _ITEM_OF = {"node": "node", "rta": "module", "system": "system"}
 class BodyParser(StatementParser):
     """The part of the parser that reads bodies of any kind."""
 
-    __slots__ = ("broken", "declared")
+    __slots__ = ("broken", "declared", "loops")
 
     def __init__(self, tokens: Tokens) -> None:
         super().__init__(tokens)
         self.broken: set[str] = set()  # names of declarations that lost something
         self.declared: tree.Name | None = None  # by the declaration at hand
+        self.loops = 0  # around the items at hand
 
     def declare(self, what: str) -> tree.Name:
         """The name of the declaration at hand."""
@@ -86,7 +81,7 @@ class BodyParser(StatementParser):
 
     # ------------------------------------------------------------ items
 
-    def _open_body(self, what: str, items: Mapping[str, object]) -> int:
+    def _open_body(self, what: str, items: Items) -> int:
         """The `{` of a body, or the token that stands in its place."""
         if self.kinds[self.i] == "{":
             self.opened.append(self.i)
@@ -105,27 +100,16 @@ class BodyParser(StatementParser):
                 raise Panic
         return self.i - 1
 
-    def body(
-        self,
-        what: str,
-        parts: _Parts,
-        items: Mapping[str, Callable[[Any, _Parts], None]],
-        other: Callable[[Any, _Parts], bool] | None = None,
-    ) -> None:
-        """`{ items }`: one function per leading word; `other` tries what has none."""
+    def body(self, what: str, items: Items, other: Other = None) -> Parts:
+        """`{ items }`: a row for each leading word; `other` tries what has none."""
+        parts = Parts()
         opener = self._open_body(what, items)
         outer, self.items = self.items, frozenset(items)
         self._items_of(opener, what, parts, items, other)
         self.items = outer
+        return parts
 
-    def _items_of(
-        self,
-        opener: int,
-        what: str,
-        parts: _Parts,
-        items: Mapping[str, Callable[[Any, _Parts], None]],
-        other: Callable[[Any, _Parts], bool] | None,
-    ) -> None:
+    def _items_of(self, opener: int, what: str, parts: Parts, items: Items, other: Other) -> None:
         while True:
             kind = self.kinds[self.i]
             if kind == "}":
@@ -148,7 +132,7 @@ class BodyParser(StatementParser):
                     item = items.get(self.texts[before])
                     if item is not None:
                         self._no_colon(before)
-                        item(self, parts)
+                        self._item(item, parts)
                     else:
                         self._unknown_item(what, parts, items)
             except Panic:
@@ -177,12 +161,23 @@ class BodyParser(StatementParser):
         start, end = self.ends[index - 1], self.starts[index + 1]
         return replace(Span(self.source, start, end), " ", "leave it out")
 
-    def _unknown_item(
-        self,
-        what: str,
-        parts: _Parts,
-        items: Mapping[str, Callable[[Any, _Parts], None]],
-    ) -> None:
+    def _item(self, item: Item, parts: Parts) -> None:
+        """Read an item, at its word, and keep what it says."""
+        at, word = self.i, self.texts[self.i]
+        self.i += 1
+        read = item.read(self, word, self.starts[at])
+        if item.how == "once":
+            self._keep_once(item, parts, read, at)
+            return
+        if item.how == "loop":
+            for field, value in read.items():
+                parts.several[field].append(value)
+            return
+        (field,) = item.defaults
+        for value in read if item.how == "each" else (read,):
+            parts.several[field].append(value)
+
+    def _unknown_item(self, what: str, parts: Parts, items: Items) -> None:
         word, kind = self.texts[self.i], self.kinds[self.i]
         if word == "period" and what == self.without_period:
             raise Panic  # that it stands before the body was told
@@ -224,12 +219,7 @@ class BodyParser(StatementParser):
         return leads_on(self, fix, self.starts[self.i], self.ends[item_end(self)])
 
     def _taken_for(
-        self,
-        word: str,
-        message: str,
-        parts: _Parts,
-        items: Mapping[str, Callable[[Any, _Parts], None]],
-        title: str | None = None,
+        self, word: str, message: str, parts: Parts, items: Items, title: str | None = None
     ) -> None:
         """Report the word at the cursor, and read the item as if `word` led it."""
         token = self.token_span(self.i)
@@ -238,9 +228,9 @@ class BodyParser(StatementParser):
         self.report("S010", message, helps=(replace(token, word, title),))
         self.quiet = -1
         self.texts[self.i] = word
-        items[word](self, parts)
+        self._item(items[word], parts)
 
-    def _named_alone(self, word: str, items: Mapping[str, object]) -> Help:
+    def _named_alone(self, word: str, items: Items) -> Help:
         """`House;` for `system House;`: by what is declared under that name."""
         kinds, texts = self.kinds, self.texts
         declared = {k for i, k in enumerate(kinds[:-1]) if texts[i + 1] == word and k in _ITEM_OF}
@@ -252,7 +242,7 @@ class BodyParser(StatementParser):
             return f"write `system {name};`"
         return f"write `node {name};`, `module {name};`, or `c: {name};` for a plant"
 
-    def _asked_with_always(self, items: Mapping[str, object]) -> str:
+    def _asked_with_always(self, items: Items) -> str:
         """What to write for `invariant(M);`: a property like others."""
         at = self.i
         while self.kinds[at] in (NAME, ".", "(", ")"):
@@ -261,7 +251,7 @@ class BodyParser(StatementParser):
         where = "" if "eventually" in items else " in a `test` block"
         return f"write `always {text};`{where}"
 
-    def _loose_statements(self, message: str, items: Mapping[str, object]) -> None:
+    def _loose_statements(self, message: str, items: Items) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""
         body = body_of(items, 0)
         helps: tuple[Help, ...] = ()
@@ -290,9 +280,9 @@ class BodyParser(StatementParser):
             i += 1
         return self.kinds[i] in (";", "}") or self.kinds[i] in BODY_WORDS
 
-    def keep_once(self, parts: Any, what: str, value: object, at: int) -> None:  # noqa: ANN401
-        """Keep the value of an item that may stand once; report the second."""
-        span = self.token_span(at)
+    def _keep_once(self, item: Item, parts: Parts, read: Any, at: int) -> None:  # noqa: ANN401
+        """Keep what an item says that may stand once; report the second."""
+        what, span = item.told or self.texts[at], self.token_span(at)
         if what in parts.first:
             self.quiet = -1
             also = ((parts.first[what], "the first one"),)
@@ -300,16 +290,17 @@ class BodyParser(StatementParser):
             self.quiet = -1
             return
         parts.first[what] = span
-        parts.once[what] = value
+        values = (read,) if len(item.defaults) == 1 else read
+        parts.once.update(zip(item.defaults, values, strict=True))
 
     def refs(self, what: str) -> list[tree.Ref]:
         """One name or more, between commas."""
         refs = [self.ref(what)]
-        while self.accept(",") or self._forgotten_comma():
+        while self.accept(",") or self.forgotten_comma():
             refs.append(self.ref(what))
         return refs
 
-    def _forgotten_comma(self) -> bool:
+    def forgotten_comma(self) -> bool:
         """`a b` in a list of names: report and go on as if a comma stood between them."""
         i = self.i
         if self.kinds[i] != NAME or self.new_line() or self.kinds[i + 1] not in (",", ";", "."):
@@ -329,12 +320,23 @@ class BodyParser(StatementParser):
         pairs = zip(self.kinds, self.texts[1:], strict=False)
         return any(kind == "topic" and text == word for kind, text in pairs)
 
+    def head_of(
+        self, what: str, name: tree.Name, *, extern: bool
+    ) -> tuple[tree.SyntaxExpr, tree.SyntaxExpr | None, str | None, Span | None]:
+        """Period, phase and origin in the head of a node or plant, in any order."""
+        rows: dict[str, Step] = {"period": time("`period`"), "from": BodyParser._origin}
+        rows |= {"phase": time("`phase`")} if what == "node" else {}
+        if not extern:
+            rows.pop("from")
+        found = clauses(self, what, rows)
+        if "period" not in found:
+            found |= {"period": self.period(what, name), **clauses(self, what, rows)}
+        origin = found.get("from", (None, None)) if extern else self.stray_origin(what)
+        return found["period"], found.get("phase"), *origin
+
     def period(self, what: str, name: tree.Name) -> tree.SyntaxExpr:
         """The period in the head of a declaration, an ErrorExpr where there is none."""
         word = self.texts[self.i]
-        if word == "period":
-            self.i += 1
-            return self.time("`period`")
         example = f"write `{what} {visible(name.text)} period 10ms {{ ... }}`"
         message = f"expected `period` after the name of the {what}, found {self.found()}"
         self.without_period = f"{what} `{name.text}`"
@@ -405,8 +407,9 @@ class BodyParser(StatementParser):
 
     def origin(self) -> tuple[str | None, Span | None]:
         """`from "..."` of an extern declaration, if it is there."""
-        if not self.accept_word("from"):
-            return None, None
+        return self._origin() if self.accept_word("from") else (None, None)
+
+    def _origin(self) -> tuple[str | None, Span | None]:
         i = self.i
         if self.kinds[i] != STRING:
             self.report(
@@ -439,15 +442,3 @@ class BodyParser(StatementParser):
             self.damaged = True
             self.origin()
         return None, None
-
-
-def predicate(word: str, what: str) -> Callable[[Any, Any], None]:
-    """The parser of an item `word expr ;` that stands at most once."""
-
-    def item(parser: BodyParser, parts: Any) -> None:  # noqa: ANN401
-        at = parser.i
-        parser.i += 1
-        value = parser.value(what)
-        parser.keep_once(parts, word, value, at)
-
-    return item

@@ -249,7 +249,8 @@ def slip(cursor: Cursor, kind: str) -> str | None:
         if word in _SLIPS and cursor.kinds[cursor.i + 1] in _OPERAND_WORDS:
             return _SLIPS[word]
         return None
-    return None if cursor.strict and kind == "=" else _SLIPS.get(kind)
+    no_slip = kind == "=" and (cursor.strict or cursor.before_equal)
+    return None if no_slip else _SLIPS.get(kind)
 
 
 def report_slip(cursor: Cursor, meant: str) -> None:

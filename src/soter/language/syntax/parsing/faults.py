@@ -7,11 +7,11 @@ Non-goals: what they mean (`language/elaborate/tests_and_faults/faults.py`), fau
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
+from soter.language.syntax.parsing.items import Items, often, semicolon, spanned, word
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,17 +24,8 @@ TIMED = ("late", "overrun")
 """Those of them that say it in time."""
 
 
-@dataclass(slots=True)
-class FaultParts:
-    """The items that were read."""
-
-    found: list[tree.SystemFault] = field(default_factory=list)
-
-
-def _fault(parser: BodyParser, parts: FaultParts) -> None:
+def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
     """`kind target [by X] [at N per T] [for T];`."""
-    start, kind = parser.starts[parser.i], parser.texts[parser.i]
-    parser.i += 1
     target = instance_arrays.path(parser, f"what `{kind}` is about")
     by: tuple[tree.SyntaxExpr, ...] = ()
     if kind in GIVEN:
@@ -49,8 +40,7 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
         if parser.accept("for"):
             lasts = parser.time("`for`")
     parser.semicolon("the fault")
-    span = parser.span_from(start)
-    parts.found.append(tree.SystemFault(kind, target, by, rate, per, lasts, span))
+    return tree.SystemFault(kind, target, by, rate, per, lasts, parser.span_from(start))
 
 
 def _amounts(
@@ -66,20 +56,15 @@ def _amounts(
     return tuple(amounts)
 
 
-def _order(parser: BodyParser, parts: FaultParts) -> None:
-    """`order any;`."""
-    start = parser.starts[parser.i]
-    parser.i += 1
-    parser.expect_word("any", "after `order`")
-    parser.semicolon("the order")
-    span = parser.span_from(start)
-    parts.found.append(tree.SystemFault("order", None, (), None, None, None, span))
-
-
+_order = spanned(word("any", "after `order`"), semicolon("the order"))
 OF_TESTS = ("late", "skip", "overrun")
 """Kinds that a test knows, too."""
 KINDS = (*OF_TESTS, "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
-FAULT_ITEMS: dict[str, Callable[[BodyParser, FaultParts], None]] = {
-    "order": _order,
-    **dict.fromkeys(KINDS, _fault),
+FAULT_ITEMS: Items = {
+    "order": often(
+        "faults",
+        lambda *at: tree.SystemFault("order", None, (), None, None, None, _order(*at)),
+        "order any",
+    ),
+    **dict.fromkeys(KINDS, often("faults", _fault)),
 }

@@ -7,20 +7,32 @@ Non-goals: statements (`statements.py`), calls (`expressions.py`), well-formedne
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing import instance_arrays
-from soter.language.syntax.parsing.bodies import OnceParts
+from soter.language.syntax.parsing.instance_arrays import dotted
+from soter.language.syntax.parsing.items import (
+    Items,
+    clauses,
+    each,
+    equal,
+    expr,
+    group,
+    often,
+    once,
+    pair,
+    range_of,
+    time,
+    word,
+)
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.schemes import SCHEMES
 from soter.language.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Fix
     from soter.language.syntax.parsing.bodies import BodyParser
@@ -158,29 +170,15 @@ def _parameter(parser: BodyParser) -> tuple[tree.Name, tree.TypeExpr]:
 _ONE_DRIVES = "write one `drives` for each topic"
 
 
-@dataclass(slots=True)
-class _PlantParts(OnceParts):
-    extern: bool = False
-    reads: list[tree.Ref] = field(default_factory=list)
-    drives: list[tuple[tree.Ref, tree.SyntaxExpr | None]] = field(default_factory=list)
-    states: list[tree.PlantState] = field(default_factory=list)
-    disturbances: list[tree.DisturbanceItem] = field(default_factory=list)
-    lets: list[tree.PlantLet] = field(default_factory=list)
-    der: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
-    next: list[tuple[tree.Name, tree.SyntaxExpr]] = field(default_factory=list)
-    measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = field(default_factory=list)
-
-
 def plant(parser: BodyParser) -> tree.Decl:
     """`plant` and `extern plant`."""
     start = parser.starts[parser.i]
     extern = parser.accept("extern")
     parser.i += 1
     name = parser.declare("the name of the plant")
-    period = parser.period("plant", name)
-    source, source_span = parser.origin() if extern else parser.stray_origin("plant")
-    parts = _PlantParts(extern=extern)
-    parser.body(f"plant `{visible(name.text)}`", parts, _PLANT_ITEMS)
+    period, _, source, source_span = parser.head_of("plant", name, extern=extern)
+    items = EXTERN_PLANT_ITEMS if extern else PLANT_ITEMS
+    parts = parser.body(f"plant `{visible(name.text)}`", items)
     return tree.PlantDecl(
         name,
         parser.span_from(start),
@@ -188,32 +186,28 @@ def plant(parser: BodyParser) -> tree.Decl:
         extern=extern,
         source=source,
         source_span=source_span,
-        reads=tuple(parts.reads),
-        drives=tuple(parts.drives),
-        states=tuple(parts.states),
-        disturbances=tuple(parts.disturbances),
-        lets=tuple(parts.lets),
-        der=tuple(parts.der),
-        next=tuple(parts.next),
-        integrate=parts.once.get("integrate"),
-        measured=tuple(parts.measured),
+        **parts.fields(items),
     )
 
 
-def _reads(parser: BodyParser, parts: _PlantParts) -> None:
-    parser.i += 1
-    parts.reads.extend(parser.refs("the name of a topic"))
+def _reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Ref]:
+    yield from parser.refs("the name of a topic")
     parser.semicolon("the read topics")
 
 
-def _drives(parser: BodyParser, parts: _PlantParts) -> None:
-    parser.i += 1
-    while _driven(parser, parts):
-        parser.i += 1
+Driven = tuple[tree.Ref, "tree.SyntaxExpr | None"]
 
 
-def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
-    """`topic = value;`; whether a comma stands for the `;`, and another topic behind it."""
+def _drives(parser: BodyParser, _word: str, _start: int) -> Iterator[Driven]:
+    return _driven(parser, extern=False)
+
+
+def _extern_drives(parser: BodyParser, _word: str, _start: int) -> Iterator[Driven]:
+    return _driven(parser, extern=True)
+
+
+def _driven(parser: BodyParser, *, extern: bool) -> Iterator[Driven]:
+    """`topic = value;`, and more topics where a comma stands for the `;`."""
     topic = parser.ref("the name of a topic")
     value: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
@@ -221,8 +215,10 @@ def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
         value = parser.expr("the driven value")
         if parser.kinds[parser.i] == "," and parser.kinds[parser.i + 1] == NAME:
             parser.missing_semicolon("the driven value", (_ONE_DRIVES,))
-            parts.drives.append((topic, value))
-            return True
+            yield topic, value
+            parser.i += 1
+            yield from _driven(parser, extern=extern)
+            return
         value = parser.ended(value, "the driven value")
     elif parser.kinds[parser.i] == ",":
         parser.report(
@@ -232,7 +228,7 @@ def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
         )
         parser.damaged = True
         parser.skip_statement()
-    elif parts.extern:
+    elif extern:
         parser.semicolon("the driven topic")
     else:
         parser.report(
@@ -242,70 +238,56 @@ def _driven(parser: BodyParser, parts: _PlantParts) -> bool:
         )
         value = tree.ErrorExpr(topic.span)
         parser.skip_statement()
-    parts.drives.append((topic, value))
-    return False
+    yield topic, value
 
 
-def _state(parser: BodyParser, parts: _PlantParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
+_OF_A_STATE = {
+    "in": range_of("the initial range"),
+    "=": equal("before the initial value", "the initial value"),
+}
+_OF_A_DISTURBANCE = {"in": range_of("the range of the disturbance"), "hold": time("`hold`")}
+
+
+def _state(parser: BodyParser, _word: str, start: int) -> tree.PlantState:
     name = parser.name("the name of a state")
     type_ = parser.typed("the state")
-    interval = parser.range_of("the initial range") if parser.accept("in") else None
-    initial: tree.SyntaxExpr | None = None
-    if parser.kinds[parser.i] in ("=", ":=", "=="):
-        parser.assign("before the initial value")
-        initial = parser.value("the initial value")
+    found = clauses(parser, "state", _OF_A_STATE)
+    interval, initial = found.get("in"), found.get("=")
+    if initial is not None:
+        initial = parser.ended(initial, "the initial value")
     else:
         parser.no_initial("the type of the state")
-    span = parser.span_from(start)
-    parts.states.append(tree.PlantState(name, type_, interval, initial, span))
+    return tree.PlantState(name, type_, interval, initial, parser.span_from(start))
 
 
-def _disturbance(parser: BodyParser, parts: _PlantParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
+def _disturbance(parser: BodyParser, _word: str, start: int) -> tree.DisturbanceItem:
     name = parser.name("the name of a disturbance")
     type_ = parser.typed("the disturbance")
-    hold: tree.SyntaxExpr | None = None
-    if parser.kinds[parser.i] != "in" and isinstance(type_, tree.RangedIntType):
+    found = clauses(parser, "disturbance", _OF_A_DISTURBANCE)
+    interval = found.get("in")
+    if interval is None and isinstance(type_, tree.RangedIntType):
         # `int in [a, b]` reads as a type first; here the range is the disturbance's.
         interval = type_.interval
         type_ = tree.BuiltinType(type_.span, "int")
-    elif parser.accept("in"):
-        interval = parser.range_of("the range of the disturbance")
-    else:
+    elif interval is None:
         message = f"expected `in` and a range after the disturbance, found {parser.found()}"
         notes = ("a proof needs the bound of every disturbance",)
         helps = (f"write `disturbance {name.text}: float in [-1.0, 1.0];`: the worst it can be",)
         parser.report("S005", message, notes=notes, helps=helps)
         error = tree.ErrorExpr(parser.after_previous())
         interval = tree.IntervalExpr(error, error, error.span)
-    if parser.accept_word("hold"):
-        hold = parser.time("`hold`")
     parser.semicolon("the disturbance")
-    span = parser.span_from(start)
-    parts.disturbances.append(tree.DisturbanceItem(name, type_, interval, hold, span))
+    return tree.DisturbanceItem(name, type_, interval, found.get("hold"), parser.span_from(start))
 
 
-def _plant_let(parser: BodyParser, parts: _PlantParts) -> None:
+def _plant_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.PlantLet]:
+    parser.i -= 1
     statement = parser.let()
     if isinstance(statement, tree.LetStmt):
-        parts.lets.append(
-            tree.PlantLet(statement.name, statement.type, statement.value, statement.span)
-        )
+        yield tree.PlantLet(statement.name, statement.type, statement.value, statement.span)
 
 
-def _der(parser: BodyParser, parts: _PlantParts) -> None:
-    parts.der.append(_equation(parser, "der"))
-
-
-def _next(parser: BodyParser, parts: _PlantParts) -> None:
-    parts.next.append(_equation(parser, "next"))
-
-
-def _equation(parser: BodyParser, word: str) -> tuple[tree.Name, tree.SyntaxExpr]:
-    parser.i += 1
+def _equation(parser: BodyParser, word: str, _start: int) -> tuple[tree.Name, tree.SyntaxExpr]:
     name = parser.name(f"the name of a state after `{word}`")
     start = parser.i
     try:
@@ -317,9 +299,7 @@ def _equation(parser: BodyParser, word: str) -> tuple[tree.Name, tree.SyntaxExpr
     return name, parser.value("the equation")
 
 
-def _integrate(parser: BodyParser, parts: _PlantParts) -> None:
-    at = parser.i
-    parser.i += 1
+def _integrate(parser: BodyParser, _word: str, _start: int) -> tuple[str, tree.SyntaxExpr | None]:
     method = parser.texts[parser.i]
     if method not in SCHEMES:
         names = " or ".join(f"`{name}`" for name in SCHEMES)
@@ -327,28 +307,34 @@ def _integrate(parser: BodyParser, parts: _PlantParts) -> None:
     parser.i += 1
     substeps = parser.expr("the number of substeps") if parser.accept_word("substeps") else None
     parser.semicolon("the method of integration")
-    parser.keep_once(parts, "integrate", (method, substeps), at)
+    return method, substeps
 
 
-def _measured(parser: BodyParser, parts: _PlantParts) -> None:
-    parser.i += 1
+_BOUND = group(
+    pair, dotted("a topic or one of its fields"), word("within", "after the measured value"),
+    expr("the bound of the error"),
+)  # fmt: skip
+
+
+def _measured(
+    parser: BodyParser, _word: str, _start: int
+) -> Iterator[tuple[tree.DottedPath, tree.SyntaxExpr]]:
     while True:
-        path = instance_arrays.path(parser, "a topic or one of its fields")
-        parser.expect_word("within", "after the measured value")
-        parts.measured.append((path, parser.expr("the bound of the error")))
+        yield _BOUND(parser)
         if not parser.accept(","):
             break
     parser.semicolon("the measurement bounds")
 
 
-_PLANT_ITEMS: dict[str, Callable[[BodyParser, _PlantParts], None]] = {
-    "reads": _reads,
-    "drives": _drives,
-    "state": _state,
-    "disturbance": _disturbance,
-    "let": _plant_let,
-    "der": _der,
-    "next": _next,
-    "integrate": _integrate,
-    "measured": _measured,
+PLANT_ITEMS: Items = {
+    "reads": each("reads", _reads),
+    "drives": each("drives", _drives),
+    "state": often("states", _state),
+    "disturbance": often("disturbances", _disturbance),
+    "let": each("lets", _plant_let),
+    "der": often("der", _equation),
+    "next": often("next", _equation),
+    "integrate": once("integrate", _integrate),
+    "measured": each("measured", _measured),
 }
+EXTERN_PLANT_ITEMS: Items = {**PLANT_ITEMS, "drives": each("drives", _extern_drives)}

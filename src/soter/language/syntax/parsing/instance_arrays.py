@@ -7,16 +7,14 @@ Non-goals: the items (`systems.py`), what a loop comes to
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import EOF, NAME
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from soter.language.syntax.parsing.bodies import BodyParser
+    from soter.language.syntax.parsing.bodies import BodyParser, Other
+    from soter.language.syntax.parsing.items import Items, Read, Step
 
 LOOPS_MAX = 8
 """Loops of items may nest so deep."""
@@ -60,6 +58,11 @@ def path(parser: BodyParser, what: str) -> tree.DottedPath:
     return tree.DottedPath(tuple(parts), parser.span_from(first.span.start))
 
 
+def dotted(what: str) -> Step:
+    """`path`, as a step of a row of items."""
+    return lambda parser: path(parser, what)
+
+
 def setting(parser: BodyParser, *, inside: bool = False) -> tree.SetParam:
     """`set K = 3`, at `set`; `inside` the braces of an instance a comma may follow."""
     start = parser.starts[parser.i]
@@ -71,51 +74,45 @@ def setting(parser: BodyParser, *, inside: bool = False) -> tree.SetParam:
     return tree.SetParam(param, value, parser.span_from(start))
 
 
-def loop(items: Mapping[str, Callable[[Any, Any], None]], other: object) -> Callable[..., None]:
-    """The parser of `for i in low..high { items }`.
+def loop(items: Items, other: Other) -> Read:
+    """`for i in low..high { items }`, at `for`; `items` and `other` as for `BodyParser.body`.
 
-    `items` and `other` as for `BodyParser.body`; the kinds of items are the lists of the parts.
+    It reads what the loop holds by field, each kind of items as one `Repeated`.
     """
 
-    def item(parser: BodyParser, parts: Any) -> None:  # noqa: ANN401 - of a system or a test
-        start = parser.starts[parser.i]
+    def read(parser: BodyParser, _word: str, start: int) -> dict[str, tree.Repeated]:
+        parser.i -= 1
         at = parser.i
         name, low = parser.loop_head()
         if not parser.accept(".."):
             message = f"expected `..` and the end of the range, found {parser.found()}"
             raise parser.failure("S005", message, helps=("write `for i in 0..3 { ... }`",))
         high = parser.head("the end of the range")
-        inner = type(parts)()
-        inner.loops = parts.loops + 1
-        if inner.loops > LOOPS_MAX:
+        if parser.loops >= LOOPS_MAX:
             notes = (f"at most {LOOPS_MAX} levels",)
             parser.report("S020", "loops nest too deeply", parser.token_span(at), notes=notes)
             parser.damaged = True
             parser.skip_braces()
-            return
-        parser.body(f"the loop over `{name.text}`", inner, items, other)  # type: ignore[arg-type]
-        _once_in_a_loop(parser, inner)
+            return {}
+        parser.loops += 1
+        try:
+            inner = parser.body(f"the loop over `{name.text}`", items, other)
+        finally:
+            parser.loops -= 1
+        for word, span in inner.first.items():
+            notes = ("it is said once",)
+            parser.report("S010", f"`{word}` does not belong in a loop", span, notes=notes)
+            parser.damaged = True
+            parser.quiet = -1
         span = parser.span_from(start)
-        empty = True
-        for field in fields(inner):
-            elements = getattr(inner, field.name)
-            if isinstance(elements, list) and elements:
-                empty = False
-                repeated = tree.Repeated(name, low, high, tuple(elements), span)
-                getattr(parts, field.name).append(repeated)
-        if empty and not parser.damaged and not inner.once:
+        if not inner.several and not parser.damaged and not inner.once:
             parser.report("S010", "this loop has nothing in it", parser.token_span(at))
+        return {
+            kind: tree.Repeated(name, low, high, tuple(found), span)
+            for kind, found in inner.several.items()
+        }
 
-    return item
-
-
-def _once_in_a_loop(parser: BodyParser, inner: Any) -> None:  # noqa: ANN401 - see `loop`
-    """S010 for what a system or a test says once."""
-    for word, span in inner.first.items():
-        notes = ("it is said once",)
-        parser.report("S010", f"`{word}` does not belong in a loop", span, notes=notes)
-        parser.damaged = True
-        parser.quiet = -1
+    return read
 
 
 def at_instance(parser: BodyParser, at: int) -> bool:

@@ -35,38 +35,13 @@ TRIED_MAX = 400_000
 _SHOWN_MAX = 90
 """So many characters of a line are shown."""
 
-_RATES = ("by", "at", "per", "for")
-#: The clauses of an item, in their order.
-_ORDERS: dict[str, tuple[str, ...]] = {
-    "topic": ("unit", "in", "=", "max_age", "static"),
-    "param": ("unit", "=", "in"),
-    "state": ("unit", "in", "="),
-    "disturbance": ("unit", "in", "hold"),
-    **dict.fromkeys(("const", "var", "let"), (":", "=")),
-    "input": ("in", "every"),
-    "measure": ("=", "in", "every"),
-    "external": ("every", "delayed", "measured"),
-    **dict.fromkeys(("node", "plant"), ("period", "phase", "from")),
-    **dict.fromkeys(("late", "overrun", "bias", "noise", "scale"), _RATES),
-    **dict.fromkeys(("skip", "nan", "stuck", "silent", "saturated"), _RATES),
-    "grid": ("in", "/", "open"),
-}
-_LEADERS = frozenset(
-    [
-        *_ORDERS,
-        "subscribes",
-        "publishes",
-        "reads",
-        "drives",
-        "publish",
-        "type",
-        "fun",
-        "measured",
-        "rta",
-        "system",
-        "test",
-    ]
-)
+_LEADERS = frozenset([
+    "topic", "param", "state", "disturbance", "const", "var", "let", "input", "measure", "external",
+    "node", "plant", "late", "overrun", "bias", "noise", "scale", "skip", "nan", "stuck", "silent",
+    "saturated", "grid", "subscribes", "publishes", "reads", "drives", "publish", "type", "fun",
+    "measured", "rta", "system", "test",
+])  # fmt: skip
+"""Words of items and statements of which it is said that a clause does not belong behind them."""
 _CLOSERS = {"}": "{", "]": "[", ")": "("}
 _SAME_LINE = frozenset(["S004", "S005", "S007", "S016"])
 _ITEMS = frozenset(["S009", "S010", "S011"])
@@ -106,11 +81,9 @@ def out_of_place(
     """
     if code in _SAME_LINE:
         leader = _leader(cursor)
-        if helps and leader is not None and cursor.texts[leader] in ("node", "plant"):
-            return _reordered(cursor, leader)
-        said = None if leader is None else _reordered(cursor, leader)
-        if said is not None or cursor.new_line():
-            return said
+        in_a_head = leader is not None and cursor.texts[leader] in ("node", "plant")
+        if cursor.new_line() or (helps and in_a_head):
+            return None
     elif code not in _ITEMS or helps:
         return None
     return _elsewhere(cursor, code, tuple(n for n in notes if "`}`" in n))
@@ -137,41 +110,6 @@ def _first(cursor: Cursor, i: int) -> bool:
     """Whether an item or a declaration begins at a token."""
     before = cursor.texts[i - 1] if i else ";"
     return before in (";", "{", "}", "input", "extern") or cursor.first_on_line(i)
-
-
-# ---------------------------------------------------------------- the order of clauses
-
-
-def _reordered(cursor: Cursor, leader: int) -> tuple[Diagnostic, int] | None:
-    """The item at the cursor with its clauses in their order, where they are not in it."""
-    order = _ORDERS.get(cursor.texts[leader])
-    if order is None:
-        return None
-    ends = ("{", ";") if cursor.texts[leader] in ("node", "plant") else (";",)
-    starts, end = _clauses(cursor, leader, order, ends)
-    words = [cursor.texts[i] for i in starts]
-    in_order = sorted(words, key=order.index)
-    late = next((i for i, w, o in zip(starts, words, in_order, strict=True) if w != o), None)
-    if late is None or len(set(words)) < len(words) or cursor.kinds[end] not in ends:
-        return None
-    text = cursor.source.text
-    stops = [*starts[1:], end]
-    part_by_word = {
-        w: text[cursor.starts[a] : cursor.ends[b - 1]]
-        for w, a, b in zip(words, starts, stops, strict=True)
-    }
-    whole = Span(cursor.source, cursor.starts[leader], cursor.ends[end - 1])
-    head = text[whole.start : cursor.ends[starts[0] - 1]]
-    parts = [part_by_word[w] for w in in_order]
-    joined = head + "".join(p if p[0] == ":" else f" {p}" for p in parts)
-    stop = ";" if cursor.kinds[end] == ";" else " { ... }"
-    fix = Fix(f"write `{' '.join(joined.split())}{stop}`", (Edit(whole, joined),))
-    if not may_try(cursor) or not leads_on(cursor, fix, whole.start, cursor.ends[end]):
-        return None
-    message = f"`{words[starts.index(late)]}` stands too early in this `{cursor.texts[leader]}`"
-    shown = ", ".join(f"`{w}`" for w in order if w in words)
-    label = Label(cursor.token_span(late).to(cursor.token_span(starts[-1])))
-    return made("S005", message, label, (), (f"the order is {shown}",), (fix,)), end
 
 
 def _clauses(

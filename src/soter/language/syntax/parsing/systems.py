@@ -6,41 +6,49 @@ Non-goals: composition and well-formedness (`language/elaborate/`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import exchange, replace
 from soter.diagnostics.source import Span
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
-from soter.language.syntax.parsing.bodies import LEADERLESS, OnceParts
-from soter.language.syntax.parsing.faults import FAULT_ITEMS, FaultParts
+from soter.language.syntax.parsing.bodies import LEADERLESS
+from soter.language.syntax.parsing.faults import FAULT_ITEMS
+from soter.language.syntax.parsing.instance_arrays import dotted
+from soter.language.syntax.parsing.items import (
+    Item,
+    Items,
+    assign,
+    clauses,
+    commas,
+    each,
+    expr,
+    group,
+    interval,
+    made,
+    name,
+    of_word,
+    often,
+    once,
+    only,
+    pair,
+    ref,
+    semicolon,
+    spanned,
+    time,
+    time_value,
+    word,
+)
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, NAME, visible
 from soter.language.syntax.word_tables import meaning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterator
 
     from soter.language.syntax.parsing.bodies import BodyParser
-
-
-@dataclass(slots=True)
-class _SystemParts(OnceParts):
-    instances: list[tree.Instance | tree.Repeated] = field(default_factory=list)
-    properties: list[tree.PropertyItem | tree.Repeated] = field(default_factory=list)
-    forces: list[tree.Force | tree.Repeated] = field(default_factory=list)
-    replaces: list[tree.Replace | tree.Repeated] = field(default_factory=list)
-    stated: list[tree.StatedValues | tree.Repeated] = field(default_factory=list)
-    sets: list[tree.SetParam | tree.Repeated] = field(default_factory=list)
-    inputs: list[tree.DriveInput | tree.Repeated] = field(default_factory=list)
-    faults: list[tree.TimingFaultItem | tree.Repeated] = field(default_factory=list)
-    disturbed: list[tree.SystemFault] = field(default_factory=list)
-    measures: list[tree.MeasureItem] = field(default_factory=list)
-    inlines: list[tree.Inline | tree.Repeated] = field(default_factory=list)
-    externals: list[tree.ExternalTopic] = field(default_factory=list)
-    loops: int = 0  # around these items
+    from soter.language.syntax.parsing.items import Parts, Step
 
 
 def system(parser: BodyParser) -> tree.Decl:
@@ -50,35 +58,19 @@ def system(parser: BodyParser) -> tree.Decl:
     name = parser.declare("the name of the system")
     default = parser.accept_word("default")
     deploys = parser.ref("the name of a system") if parser.accept_word("deploys") else None
-    parts = _SystemParts()
-    what = f"system `{visible(name.text)}`"
-    parser.body(what, parts, _SYSTEM_ITEMS, _instance)
-    return tree.SystemDecl(
-        name,
-        parser.span_from(start),
-        default=default,
-        instances=tuple(parts.instances),
-        until=parts.once.get("until"),
-        properties=tuple(parts.properties),
-        forces=tuple(parts.forces),
-        replaces=tuple(parts.replaces),
-        sets=tuple(parts.sets),
-        inputs=tuple(parts.inputs),
-        faults=tuple(parts.disturbed),
-        measures=tuple(parts.measures),
-        inlines=tuple(parts.inlines),
-        externals=tuple(parts.externals),
-        deploys=deploys,
-    )
+    parts = parser.body(f"system `{visible(name.text)}`", SYSTEM_ITEMS, _instance)
+    span = parser.span_from(start)
+    fields = parts.fields(SYSTEM_ITEMS)
+    return tree.SystemDecl(name, span, default=default, deploys=deploys, **fields)
 
 
-def _instance(parser: BodyParser, parts: _SystemParts) -> bool:
+def _instance(parser: BodyParser, parts: Parts) -> bool:
     """`name: What;` if that stands here."""
     i = parser.i
     _no_leads_to(parser, i)
     element = parser.kinds[i + 1] == "[" and instance_arrays.at_instance(parser, i)
     colon = parser.kinds[i + 1] == ":" or element
-    if colon and not element and parser.texts[i] in _SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
+    if colon and not element and parser.texts[i] in SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
         return False
     if not colon and not _instance_without_colon(parser, i):
         return False
@@ -92,8 +84,8 @@ def _instance(parser: BodyParser, parts: _SystemParts) -> bool:
     what = parser.ref("what the instance is made of")
     renames, sets = _inside_of(parser, what)
     parser.semicolon("the instance")
-    span = parser.span_from(start)
-    parts.instances.append(tree.Instance(name, what, None, renames, span, sets))
+    instance = tree.Instance(name, what, None, renames, parser.span_from(start), sets)
+    parts.several["instances"].append(instance)
     return True
 
 
@@ -118,20 +110,16 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     if parser.kinds[i + 2] not in (";", "{", "."):
         return False
     word = parser.texts[i]
-    if word in _SYSTEM_ITEMS or at_word_of_elsewhere(parser) or meaning("item", word, "system"):
+    if word in SYSTEM_ITEMS or at_word_of_elsewhere(parser) or meaning("item", word, "system"):
         return False
-    return parser.close_word(word, _SYSTEM_ITEMS) is None
+    return parser.close_word(word, SYSTEM_ITEMS) is None
 
 
-def _use(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    kind = "node" if parser.texts[parser.i] == "node" else "module"
-    parser.i += 1
+def _use(parser: BodyParser, kind: str, start: int) -> tree.Instance:
     what = parser.ref(f"the name of a {kind}")
     renames, sets = _inside_of(parser, what)
     parser.semicolon(f"the {kind}")
-    instance = tree.Instance(what.name, what, kind, renames, parser.span_from(start), sets)
-    parts.instances.append(instance)
+    return tree.Instance(what.name, what, kind, renames, parser.span_from(start), sets)
 
 
 def _inside_of(
@@ -195,47 +183,17 @@ def _reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | Non
     return parser.ref("a topic inside"), path
 
 
-def _faults(parser: BodyParser, parts: _SystemParts) -> None:
+def _faults(parser: BodyParser, _word: str, _start: int) -> tuple[tree.SystemFault, ...]:
     """`faults { ... }`."""
-    at = parser.i
-    parser.i += 1
-    inner = FaultParts()
-    parser.body("`faults`", inner, FAULT_ITEMS)
-    parser.keep_once(parts, "faults", True, at)
-    parts.disturbed += inner.found
+    found: tuple[tree.SystemFault, ...]
+    found = parser.body("`faults`", FAULT_ITEMS).fields(FAULT_ITEMS)["faults"]
+    return found
 
 
-def _measure(parser: BodyParser, parts: _SystemParts) -> None:
-    """`measure name = e in [low, high] / bins every d;`."""
-    start = parser.starts[parser.i]
-    parser.i += 1
-    name = parser.name("the name of a measure")
-    parser.assign("after the name of the measure")
-    value = parser.expr("what is measured")
-    parser.expect("in", "and the range of the histogram: `in [0.0, 5.0] / 50`")
-    interval = parser.interval("the range of the histogram")
-    parser.expect("/", "and the number of bins after the range")
-    bins = parser.expr("the number of bins")
-    parser.expect_word("every", "after the bins")
-    every = parser.time_value("`every`")
-    span = parser.span_from(start)
-    parts.measures.append(tree.MeasureItem(name, value, interval, bins, every, span))
-
-
-def _until(parser: BodyParser, parts: _SystemParts) -> None:
-    at = parser.i
-    parser.i += 1
-    parser.keep_once(parts, "until", parser.time_value("`until`"), at)
-
-
-def _always(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    kind = "never" if parser.texts[parser.i] == "never" else "always"
-    parser.i += 1
+def _always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
     _no_name(parser)
     condition = parser.value("the property")
-    span = parser.span_from(start)
-    parts.properties.append(tree.PropertyItem(kind, None, condition, None, span))
+    return tree.PropertyItem(kind, None, condition, None, parser.span_from(start))
 
 
 def _no_name(parser: BodyParser) -> None:
@@ -250,9 +208,7 @@ def _no_name(parser: BodyParser) -> None:
     parser.i += 2
 
 
-def _force(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
+def _force(parser: BodyParser, _word: str, start: int) -> tree.Force:
     module = instance_arrays.path(parser, "the name of a module after `force`")
     to = parser.texts[parser.i]
     if to not in ("ac", "sc"):
@@ -261,83 +217,75 @@ def _force(parser: BodyParser, parts: _SystemParts) -> None:
         )
     parser.i += 1
     parser.semicolon("the forced mode")
-    parts.forces.append(tree.Force(module, to, parser.span_from(start)))
+    return tree.Force(module, to, parser.span_from(start))
 
 
-def _inline(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
+def _inline(parser: BodyParser, _word: str, start: int) -> Iterator[tree.Inline]:
     while True:
         what = instance_arrays.path(parser, "the name of a node after `inline`")
-        parts.inlines.append(tree.Inline(what, parser.span_from(start)))
+        yield tree.Inline(what, parser.span_from(start))
         if not parser.accept(","):
             break
     parser.semicolon("the nodes of `inline`")
 
 
-def _replace(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
-    what = instance_arrays.path(parser, "the name of what is replaced")
-    parser.expect_word("by", "after what is replaced")
-    by = parser.ref("the name of the replacement")
-    parser.semicolon("the replacement")
-    parts.replaces.append(tree.Replace(what, by, parser.span_from(start)))
+def _set(parser: BodyParser, _word: str, _start: int) -> tree.SetParam:
+    parser.i -= 1
+    return instance_arrays.setting(parser)
 
 
-def _set(parser: BodyParser, parts: _SystemParts) -> None:
-    parts.sets.append(instance_arrays.setting(parser))
-
-
-def _input(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
-    topic = instance_arrays.path(parser, "the name of an input topic")
-    values = tuple(_values(parser)) if parser.accept("in") else None
-    parser.expect_word("every", "after the input")
-    every = parser.time_value("`every`")
-    item = tree.DriveInput(topic, values, every, parser.span_from(start))
-    parts.inputs.append(item)
-
-
-def _stated(parser: BodyParser, parts: _SystemParts) -> None:
+def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
     """`guarantees t.x in { a, b };`, `assumes ...`: values of what stands for its publisher."""
-    start = parser.starts[parser.i]
-    kind = "assumes" if parser.texts[parser.i] == "assumes" else "guarantees"
-    parser.i += 1
     topic = instance_arrays.path(parser, f"the name of a topic after `{kind}`")
     parser.expect("in", "after the topic")
-    values = tuple(_values(parser))
+    values = _values(parser)
     parser.semicolon("the values")
-    parts.stated.append(tree.StatedValues(kind, topic, values, parser.span_from(start)))
+    return tree.StatedValues(kind, topic, values, parser.span_from(start))
 
 
-def _external(parser: BodyParser, parts: _SystemParts) -> None:
+_BOUND = group(
+    pair, dotted("the topic or one of its fields"), word("within", "after the measured value"),
+    expr("the bound of the error"),
+)  # fmt: skip
+
+
+_OF_AN_EXTERNAL_TOPIC: dict[str, Step] = {
+    "every": time("`every`"),
+    "delayed": time("`delayed`"),
+    "measured": commas(_BOUND),
+}
+
+
+def _external(parser: BodyParser, _word: str, start: int) -> tree.ExternalTopic:
     """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
-    start = parser.starts[parser.i]
-    parser.i += 1
     parser.expect("topic", "after `external`")
     topic = parser.path("the name of a topic")
-    every = parser.time("`every`") if parser.accept_word("every") else None
-    delayed = parser.time("`delayed`") if parser.accept_word("delayed") else None
-    measured: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
-    if parser.accept_word("measured"):
-        while True:
-            path = instance_arrays.path(parser, "the topic or one of its fields")
-            parser.expect_word("within", "after the measured value")
-            measured.append((path, parser.expr("the bound of the error")))
-            if not parser.accept(","):
-                break
+    found = clauses(parser, "external topic", _OF_AN_EXTERNAL_TOPIC)
     parser.semicolon("the external topic")
-    span = parser.span_from(start)
-    parts.externals.append(tree.ExternalTopic(topic, every, delayed, tuple(measured), span))
+    return tree.ExternalTopic(
+        topic,
+        found.get("every"),
+        found.get("delayed"),
+        found.get("measured", ()),
+        parser.span_from(start),
+    )
 
 
-def _values(parser: BodyParser) -> list[tree.SyntaxExpr]:
+def _input(parser: BodyParser, _word: str, start: int) -> tree.DriveInput:
+    topic = instance_arrays.path(parser, "the name of an input topic")
+    found = clauses(parser, "input", {"in": _values, "every": time("`every`")})
+    if "every" not in found:
+        parser.expect_word("every", "after the input")
+        found["every"] = parser.time("`every`")
+    parser.semicolon("`every`")
+    return tree.DriveInput(topic, found.get("in"), found["every"], parser.span_from(start))
+
+
+def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
     """`{ a, b }`: the values of an input, or of a stand-in."""
     parser.expect("{", "before the values")
     if parser.accept("}"):
-        return []  # the checker says what it says of every empty choice
+        return ()  # the checker says what it says of every empty choice
     values = [parser.expr("a value")]
     while parser.accept(","):
         values.append(parser.expr("a value"))
@@ -349,7 +297,7 @@ def _values(parser: BodyParser) -> list[tree.SyntaxExpr]:
             parser.i += 1
         parser.accept("}")
         parser.quiet = parser.i
-    return values
+    return tuple(values)
 
 
 def test(parser: BodyParser) -> tree.Decl:
@@ -357,66 +305,20 @@ def test(parser: BodyParser) -> tree.Decl:
     start = parser.starts[parser.i]
     parser.i += 1
     name = parser.declare("the name of the test")
-    parts = _SystemParts()
-    parser.body(f"test `{visible(name.text)}`", parts, _TEST_ITEMS, _leads_to)
-    once = parts.once.get
-    return tree.TestDecl(
-        name,
-        parser.span_from(start),
-        system=once("system"),
-        replaces=tuple(parts.replaces),
-        skew=once("skew"),
-        horizon=once("horizon"),
-        properties=tuple(parts.properties),
-        quantum=once("quantum"),
-        faults=tuple(parts.faults),
-        inputs=tuple(parts.inputs),
-        sets=tuple(parts.sets),
-        stated=tuple(parts.stated),
-        order=once("order"),
-    )
+    parts = parser.body(f"test `{visible(name.text)}`", TEST_ITEMS, _leads_to)
+    return tree.TestDecl(name, parser.span_from(start), **parts.fields(TEST_ITEMS))
 
 
-def _order(parser: BodyParser, parts: _SystemParts) -> None:
-    """`order deployed;`."""
-    at = parser.i
-    parser.i += 1
-    parser.expect_word("deployed", "after `order`")
-    parser.semicolon("the order")
-    parser.keep_once(parts, "order", parser.span_from(parser.starts[at]), at)
-
-
-def _tested_system(parser: BodyParser, parts: _SystemParts) -> None:
-    at = parser.i
-    parser.i += 1
-    system = parser.ref("the name of a system")
-    parser.semicolon("the system")
-    parser.keep_once(parts, "system", system, at)
-
-
-def _test_time(parser: BodyParser, parts: _SystemParts) -> None:
-    at = parser.i
-    word = parser.texts[at] if parser.texts[at] in ("horizon", "quantum") else "skew"
-    parser.i += 1
-    parser.keep_once(parts, word, parser.time_value(f"`{word}`"), at)
-
-
-def _late(parser: BodyParser, parts: _SystemParts) -> None:
+def _late(parser: BodyParser, kind: str, start: int) -> tree.TimingFaultItem:
     """`late N by d;` and `overrun N by d;`."""
-    start = parser.starts[parser.i]
-    kind = "overrun" if parser.texts[parser.i] == "overrun" else "late"
-    parser.i += 1
     component = instance_arrays.path(parser, f"the name of a node after `{kind}`")
     parser.expect_word("by", "and a time after the node")
     by = parser.time_value("`by`")
-    fault = tree.TimingFaultItem(kind, component, by, None, parser.span_from(start))
-    parts.faults.append(fault)
+    return tree.TimingFaultItem(kind, component, by, None, parser.span_from(start))
 
 
-def _skip(parser: BodyParser, parts: _SystemParts) -> None:
+def _skip(parser: BodyParser, _word: str, start: int) -> tree.TimingFaultItem:
     """`skip N [at most k];`."""
-    start = parser.starts[parser.i]
-    parser.i += 1
     component = instance_arrays.path(parser, "the name of a node after `skip`")
     at_most: tree.SyntaxExpr | None = None
     if parser.accept_word("at"):
@@ -424,25 +326,21 @@ def _skip(parser: BodyParser, parts: _SystemParts) -> None:
         at_most = parser.value("`at most`")
     else:
         parser.semicolon("the node that may skip a step")
-    fault = tree.TimingFaultItem("skip", component, None, at_most, parser.span_from(start))
-    parts.faults.append(fault)
+    return tree.TimingFaultItem("skip", component, None, at_most, parser.span_from(start))
 
 
-def _eventually(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
+def _eventually(parser: BodyParser, _word: str, start: int) -> tree.PropertyItem:
     _no_name(parser)
     condition = parser.expr("the property")
     within = _within(parser)
-    span = parser.span_from(start)
-    parts.properties.append(tree.PropertyItem("eventually", None, condition, within, span))
+    return tree.PropertyItem("eventually", None, condition, within, parser.span_from(start))
 
 
-def _leads_to(parser: BodyParser, parts: _SystemParts) -> bool:
+def _leads_to(parser: BodyParser, parts: Parts) -> bool:
     """`premise leadsto condition within d;` if that stands here."""
     i = parser.i
     kinds, texts = parser.kinds, parser.texts
-    if texts[i] in _TEST_ITEMS and kinds[i + 1] not in (".", "<", "<=", "==", "&&", "||"):
+    if texts[i] in TEST_ITEMS and kinds[i + 1] not in (".", "<", "<=", "==", "&&", "||"):
         return False
     at = i
     while kinds[at] not in (";", "}", EOF) and texts[at] != "leadsto":
@@ -455,7 +353,8 @@ def _leads_to(parser: BodyParser, parts: _SystemParts) -> bool:
     condition = parser.expr("the property")
     within = _within(parser)
     span = parser.span_from(start)
-    parts.properties.append(tree.PropertyItem("leadsto", premise, condition, within, span))
+    item = tree.PropertyItem("leadsto", premise, condition, within, span)
+    parts.several["properties"].append(item)
     return True
 
 
@@ -473,41 +372,80 @@ def _within(parser: BodyParser) -> tree.SyntaxExpr:
     return tree.ErrorExpr(parser.after_previous())
 
 
-_SYSTEM_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
-    "module": _use,
-    "node": _use,
-    "until": _until,
-    "always": _always,
-    "never": _always,
-    "force": _force,
-    "inline": _inline,
-    "replace": _replace,
-    "set": _set,
-    "input": _input,
+_HISTOGRAM = (
+    word("in", "and the range of the histogram: `in [0.0, 5.0] / 50`"),
+    interval("the range of the histogram"), word("/", "and the number of bins after the range"),
+    expr("the number of bins"),
+)  # fmt: skip
+_IN_BOTH: Items = {
+    "replace": often(
+        "replaces",
+        made(
+            tree.Replace, dotted("the name of what is replaced"),
+            word("by", "after what is replaced"), ref("the name of the replacement"),
+            semicolon("the replacement"),
+        ),
+    ),
+    "set": often("sets", _set),
+    "input": often(
+        "inputs",
+        _input,
+    ),
+    "always": often("properties", _always),
+    "never": often("properties", _always),
+}  # fmt: skip
+SYSTEM_ITEMS: Items = {
+    "module": often("instances", _use),
+    "node": often("instances", _use),
+    "until": once("until", of_word("time_value")),
+    "always": _IN_BOTH["always"],
+    "never": _IN_BOTH["never"],
+    "force": often("forces", _force),
+    "inline": each("inlines", _inline),
+    **_IN_BOTH,
 }
-_TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
-    "system": _tested_system,
-    "replace": _replace,
-    "skew": _test_time,
-    "horizon": _test_time,
-    "always": _always,
-    "never": _always,
-    "eventually": _eventually,
-    "quantum": _test_time,
-    "order": _order,
-    "late": _late,
-    "overrun": _late,
-    "skip": _skip,
-    "input": _input,
-    "set": _set,
-    "assumes": _stated,
-    "guarantees": _stated,
+TEST_ITEMS: Items = {
+    "system": once("system", only(ref("the name of a system"), semicolon("the system"))),
+    "replace": _IN_BOTH["replace"],
+    "skew": once("skew", of_word("time_value")),
+    "horizon": once("horizon", of_word("time_value")),
+    "always": _IN_BOTH["always"],
+    "never": _IN_BOTH["never"],
+    "eventually": often("properties", _eventually),
+    "quantum": once("quantum", of_word("time_value")),
+    "order": once(
+        "order",
+        spanned(word("deployed", "after `order`"), semicolon("the order")),
+        "order deployed",
+    ),
+    "late": often("faults", _late),
+    "overrun": often("faults", _late),
+    "skip": often("faults", _skip),
+    "input": _IN_BOTH["input"],
+    "set": _IN_BOTH["set"],
+    "assumes": often("stated", _stated),
+    "guarantees": often("stated", _stated),
 }
-_IN_LOOPS = dict(_SYSTEM_ITEMS)
-_IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = instance_arrays.loop(_IN_LOOPS, _instance)
-_SYSTEM_ITEMS["faults"] = _faults
-_SYSTEM_ITEMS["measure"] = _measure
-_SYSTEM_ITEMS["external"] = _external
-_TEST_ITEMS["for"] = instance_arrays.loop(_TEST_ITEMS, _leads_to)
+_IN_LOOPS = dict(SYSTEM_ITEMS)
+_IN_LOOPS["for"] = SYSTEM_ITEMS["for"] = Item(
+    {}, instance_arrays.loop(_IN_LOOPS, _instance), "loop"
+)
+SYSTEM_ITEMS |= {
+    "faults": once("faults", _faults, none=()),
+    "measure": often(
+        "measures",
+        made(
+            tree.MeasureItem, name("the name of a measure"),
+            assign("after the name of the measure"), expr("what is measured"), *_HISTOGRAM,
+            word("every", "after the bins"), time_value("`every`"),
+        ),
+    ),
+    "external": often(
+        "externals",
+        _external,
+        "external topic",
+    ),
+}  # fmt: skip
+TEST_ITEMS["for"] = Item({}, instance_arrays.loop(TEST_ITEMS, _leads_to), "loop")
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)

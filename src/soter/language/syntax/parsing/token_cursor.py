@@ -81,6 +81,7 @@ class Cursor:
     """Tokens of one file and where the parser stands in them."""
 
     __slots__ = (
+        "before_equal",
         "blocks",
         "damaged",
         "depth",
@@ -117,6 +118,7 @@ class Cursor:
         self.quiet = -1  # no further error at this token
         self.depth = 0  # of expressions and types
         self.blocks = 0  # of nested statement blocks
+        self.before_equal = False  # in a clause behind which `=` may begin another one
         self.strict = False  # in an interval or a size, where `=` is no slip for `==`
         self.inner = False  # inside a declaration that stands inside another one
         self.indent = 0  # of the declaration at hand

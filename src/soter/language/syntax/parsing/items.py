@@ -1,0 +1,224 @@
+"""Items of bodies as rows of tables: the word that leads one, how it is read, where it is kept.
+
+Purpose: `Item` and its kinds (`once`, `often`, `each`); what the rows are made of: steps, each of
+which reads a part (`expr`, `time`, `word`, ...), and `made`, which makes a node of what they read.
+Frames of bodies, "stands twice", loops and the editor's completion are read off these tables.
+Non-goals: the tables (`nodes.py`, `verification.py`, `functions_and_plants.py`, `systems.py`).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.language.syntax.tokens import RESERVED
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.diagnostics.source import Span
+    from soter.language.syntax.parsing.token_cursor import Cursor
+
+    Step = Callable[[Any], Any]
+    Read = Callable[[Any, str, int], Any]
+    """Reads what stands behind the word of an item, given that and the offset where it begins."""
+
+EQUALS = ("=", ":=", "==", "<-")
+NOTHING = object()
+"""What a step gives that reads a sign or a word."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """A row: how an item is read, and what it is in the node that its body becomes."""
+
+    defaults: Mapping[str, Any]
+    """The fields that it fills, and what they hold where it does not stand."""
+    read: Read
+    how: str = "once"
+    """It may stand `once`, or `often`; `read` yields what it holds, one for `each`; of a `loop` it
+    gives what it holds by field."""
+    begins: tuple[str, ...] = ()
+    """How it begins, where its word alone says too little: `acts within`."""
+    told: str = ""
+    """What it is called where it stands twice; "": its word."""
+
+
+def once(
+    fields: str | Mapping[str, Any], read: Read, *begins: str, told: str = "", none: object = None
+) -> Item:
+    """An item that may stand once. One of several fields reads a tuple of their values."""
+    return Item({fields: none} if isinstance(fields, str) else fields, read, "once", begins, told)
+
+
+def often(field: str, read: Read, *begins: str) -> Item:
+    """An item that may stand often; it reads one value of a field."""
+    return Item({field: ()}, read, "often", begins)
+
+
+def each(field: str, read: Read) -> Item:
+    """An item that may stand often; it yields values of a field one after another."""
+    return Item({field: ()}, read, "each")
+
+
+Items = dict[str, Item]
+
+
+class Parts:
+    """What was read of a body."""
+
+    __slots__ = ("first", "once", "several")
+
+    def __init__(self) -> None:
+        self.once: dict[str, Any] = {}
+        self.first: dict[str, Span] = {}
+        """Of what may stand once: where it stood first."""
+        self.several: defaultdict[str, list[Any]] = defaultdict(list)
+
+    def fields(self, items: Items) -> dict[str, Any]:
+        """The fields of the node that a body with such items becomes."""
+        values = {name: value for i in items.values() for name, value in i.defaults.items()}
+        return values | self.once | {name: tuple(found) for name, found in self.several.items()}
+
+
+def begins(items: Items) -> tuple[str, ...]:
+    """How the items of a table begin, as completion offers it."""
+    return tuple(text for word, item in items.items() for text in item.begins or (word,))
+
+
+# ---------------------------------------------------------------- steps
+
+
+def _step(method: str) -> Callable[[str], Step]:
+    def of(what: str) -> Step:
+        return lambda parser: getattr(parser, method)(what)
+
+    return of
+
+
+def _sign(method: str) -> Callable[[str], Step]:
+    def of(where: str) -> Step:
+        def read(parser: Cursor) -> object:
+            getattr(parser, method)(where)
+            return NOTHING
+
+        return read
+
+    return of
+
+
+expr, value, time, time_value = map(_step, ("expr", "value", "time", "time_value"))
+name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of"))
+assign, semicolon = map(_sign, ("assign", "semicolon"))
+
+
+def word(text: str, where: str) -> Step:
+    """A word or a sign that has to stand here."""
+
+    def read(parser: Cursor) -> object:
+        of_its_kind = text in RESERVED or not text.isalpha()
+        (parser.expect if of_its_kind else parser.expect_word)(text, where)
+        return NOTHING
+
+    return read
+
+
+def equal(where: str, what: str) -> Step:
+    """`= e`, as a clause of `clauses`."""
+    return group(lambda value: value, assign(where), expr(what))
+
+
+def maybe(text: str, step: Step) -> Step:
+    """What stands behind a word, if that stands here; else None."""
+    return lambda parser: step(parser) if parser.accept(text) or parser.accept_word(text) else None
+
+
+def commas(step: Step) -> Step:
+    """One or more, between commas."""
+
+    def read(parser: Cursor) -> tuple[Any, ...]:
+        found = [step(parser)]
+        while parser.accept(","):
+            found.append(step(parser))
+        return tuple(found)
+
+    return read
+
+
+def word_of(*texts: str) -> Step:
+    """One of some words, or "" where none of them stands."""
+    return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
+
+
+def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
+    """What stands behind a name: clauses by the word or sign that leads each, in any order.
+
+    S022 for one that stands twice in this `item`.
+    """
+    found: dict[str, Any] = {}
+    while (lead := "=" if parser.kinds[parser.i] in EQUALS else parser.texts[parser.i]) in rows:
+        at = parser.i
+        parser.i += lead != "="
+        parser.before_equal = lead != "=" and "=" in rows
+        try:
+            read = rows[lead](parser)
+        finally:
+            parser.before_equal = False
+        if lead in found:
+            parser.quiet = -1
+            parser.report("S022", f"`{lead}` stands twice in this {item}", parser.token_span(at))
+            parser.quiet = -1
+        found.setdefault(lead, read)
+    return found
+
+
+def values_of(parser: Cursor, *steps: Step) -> list[Any]:
+    """What steps read one after another, signs and words aside."""
+    return [v for step in steps if (v := step(parser)) is not NOTHING]
+
+
+def group(make: Callable[..., Any], *steps: Step) -> Step:
+    """A part that is made of several."""
+    return lambda parser: make(*values_of(parser, *steps))
+
+
+def pair(*parts: object) -> tuple[object, ...]:
+    """A tuple of what was read."""
+    return parts
+
+
+# ---------------------------------------------------------------- ways to read an item
+
+
+def made(make: Callable[..., Any], *steps: Step, kind: bool = False) -> Read:
+    """A node of what the steps read, the last of which reads the `;`, and of its span.
+
+    `kind`: the word of the item comes first.
+    """
+
+    def read(parser: Cursor, word: str, start: int) -> Any:  # noqa: ANN401 - a node
+        found = values_of(parser, *steps)
+        return make(*([word] if kind else ()), *found, parser.span_from(start))
+
+    return read
+
+
+def only(*steps: Step) -> Read:
+    """What the one step reads that reads something."""
+    return lambda parser, _word, _start: values_of(parser, *steps)[0]
+
+
+def of_word(method: str) -> Read:
+    """A value or a time that is called like the item's word."""
+    return lambda parser, word, _start: getattr(parser, method)(f"`{word}`")
+
+
+def spanned(*steps: Step) -> Read:
+    """Where the item stands, that alone."""
+
+    def read(parser: Cursor, _word: str, start: int) -> Span:
+        values_of(parser, *steps)
+        return parser.span_from(start)
+
+    return read
