@@ -1,10 +1,10 @@
-"""The schemas of docs/json.md, from the lists of fields and the types of the records.
+"""The JSON Schemas in docs/schemas, from the lists of fields and the types of the records.
 
-    .venv/bin/python docs/site/json_schemas.py          writes them into the page
+    .venv/bin/python docs/site/json_schemas.py          writes them
 
-Purpose: a block `json schema=NAME` for every document that `soter` makes of a `JsonObject`, and for
-every object of it that has a name.
-Non-goals: the prose of the page; documents whose blocks are written by hand.
+Purpose: a file `NAME.json` for every document that `soter` makes of a `JsonObject`, and for every
+object of it that has a name.
+Non-goals: what the fields mean (docs/json.md); the schemas of `BY_HAND`.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from soter.diagnostics.command_records import JsonObject
 
 Hint: TypeAlias = Any
 """A type, as annotations have it."""
-PAGE = Path(__file__).resolve().parents[1] / "json.md"
-BLOCK = re.compile(r"^(```json schema=(\w+)\n)(.*?)^```", re.MULTILINE | re.DOTALL)
+FOLDER = Path(__file__).resolve().parents[1] / "schemas"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCUMENTS = {
     **{
         name: f"soter.cli.{name}"
@@ -36,12 +36,12 @@ DOCUMENTS = {
     },
     "run": "soter.simulate.outputs.run_fields",
 }
-"""Name of a block -> the module that has its `DOCUMENT`."""
+"""Name of a schema -> the module that has its `DOCUMENT`."""
 WIDTH = 120
 TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(None): "null"}
 
 
-def blocks() -> dict[str, dict[str, Any]]:
+def schemas() -> dict[str, dict[str, Any]]:
     """The schemas by name."""
     made: dict[str, dict[str, Any]] = {}
     for name, module in DOCUMENTS.items():
@@ -53,7 +53,7 @@ def blocks() -> dict[str, dict[str, Any]]:
 
 
 def named(document: JsonObject) -> Iterator[JsonObject]:
-    """The objects of a document that have their own block."""
+    """The objects of a document that have a schema of their own."""
     for shape in document.shapes.values():
         if isinstance(shape, JsonObject):
             if shape.named:
@@ -162,7 +162,7 @@ def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return {"type": "array", "items": of_type(args[0], shape, where)}
     if isinstance(shape, JsonObject):
-        return {"$ref": shape.named} if shape.named else of_object(shape)
+        return {"$ref": f"{shape.named}.json"} if shape.named else of_object(shape)
     if shape is not None:
         return dict(shape)
     if hint in TYPES:
@@ -199,15 +199,14 @@ def laid_out(value: object, indent: str = "", head: int = 0) -> str:
     return "{\n" + ",\n".join(parts) + f"\n{indent}}}"
 
 
-def written(page: str) -> str:
-    """The page with these schemas."""
-    made = blocks()
-    there = {m[2] for m in BLOCK.finditer(page)}
-    assert set(made) <= there, f"no block in the page: {set(made) - there}"
-    return BLOCK.sub(lambda m: f"{m[1]}{laid_out(made[m[2]])}\n```" if m[2] in made else m[0], page)
+def texts() -> dict[str, str]:
+    """The text of every file by its name."""
+    made = schemas()
+    return {f"{n}.json": laid_out({"$schema": DIALECT, **s}) + "\n" for n, s in made.items()}
 
 
 if __name__ == "__main__":
-    text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(written(text), encoding="utf-8")
-    sys.stdout.write(f"{len(blocks())} schemas\n")
+    written = texts()
+    for name, text in written.items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
+    sys.stdout.write(f"{len(written)} schemas\n")

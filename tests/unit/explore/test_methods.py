@@ -51,10 +51,10 @@ def test_the_engine_leads_each_strategy_to_its_own_search() -> None:
 
 
 def test_the_schema_of_results_names_them_all() -> None:
-    page = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+    schema = (ROOT / "docs" / "schemas" / "test.json").read_text(encoding="utf-8")
     for what, names in (("strategy", STRATEGIES), ("storage", STORAGES), ("reduction", REDUCTIONS)):
         listed = ", ".join(f'"{n}"' for n in names)
-        assert f'"{what}": {{ "enum": [{listed}] }}' in page
+        assert f'"{what}": {{ "enum": [{listed}] }}' in schema
 
 
 CHOSEN = {"test", "system", "until", "seed"}
