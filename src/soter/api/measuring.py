@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.api.arguments import mistake, time_ns
+from soter.measure import MARGIN, SAMPLES
 from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, timed, timed_components
 from soter.simulate.externs.bindings import bind
 
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
     from soter.api.program import Program
 
 SCHEMA = 1
-SAMPLES = 20_000
-MARGIN = 2.0
 NO_BOUND = (
     "a measurement is no bound: it has seen the states, the caches and the interrupts that it "
     "has seen, on this machine"

@@ -6,9 +6,11 @@ Non-goals: what it answers (`soter.editor`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser, UsageError, whole
+from soter.cli.terminal.command_line import CommandOutcome, UsageError
+from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -23,12 +25,12 @@ EXAMPLES = """\
 PORT_MAX = 65_535
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("lsp", "Serve an editor: the language server of Soter.", EXAMPLES)
-    made.add_argument("--stdio", action="store_true", help="over standard input and output")
-    made.add_argument("--tcp", metavar="PORT", type=whole, help="over a port of this machine")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Serve an editor: the language server of Soter."""
+
+    stdio: bool = option("--stdio", False, "over standard input and output", SWITCH)
+    tcp: int | None = option("--tcp PORT", None, "over a port of this machine", Kind("whole"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

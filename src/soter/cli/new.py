@@ -10,10 +10,11 @@ import os
 import re
 import secrets
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser
+from soter.cli.terminal.command_line import CommandOutcome, file_option
 from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
@@ -42,11 +43,11 @@ EXAMPLES = """\
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("new", "Make a small robot that runs, in a new folder.", EXAMPLES)
-    made.add_argument("name", metavar="NAME", help="of the robot and of its folder")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Make a small robot that runs, in a new folder."""
+
+    name: str = file_option("NAME", "of the robot and of its folder", told="")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

@@ -7,11 +7,12 @@ Non-goals: the checks (`certificate/`), making certificates (`soter verify --cer
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.api.arguments import write_sections
+from soter.api.arguments import mistake, write_sections
 from soter.certificate.format import errors
 from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
 from soter.certificate.report import CONTRADICTED, UNCONFIRMED
@@ -23,21 +24,19 @@ from soter.cli.terminal.command_line import (
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
-    add_report,
-    exit_of,
+    file_option,
+    report_option,
     report_path,
 )
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.command_records import JsonObject, one_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.certificate.report import FlightReport, RecheckedModule, Report
     from soter.cli.terminal.console import Console
@@ -80,20 +79,18 @@ IN_FLIGHT = (
 NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
-    made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
-    made.add_argument(
-        "--log",
-        action="append",
-        default=[],
-        metavar="LOG",
-        dest="logs",
-        help="a flight of its program, of `soter run --log`: confirm its verdicts (also several)",
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Check a certificate of `soter verify --cert`."""
+
+    folder: str = file_option("DIR", "the folder of the certificate", told="certificate")
+    logs: Sequence[str] = option(
+        "--log LOG",
+        (),
+        "a flight of its program, of `soter run --log`: confirm its verdicts (also several)",
+        SEVERAL,
     )
-    add_report(made, "what was confirmed", ENDING)
-    return made
+    report: str | None = report_option("what was confirmed", ENDING)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -103,18 +100,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         report_file = report_path(args.report, args.folder, ENDING)
         if Path(args.folder).resolve() in report_file.resolve().parents:
             text = f"`{report_file}` lies in the certificate, every file of which counts"
-            problem = Diagnostic("U001", text, helps=("write the page elsewhere",))
-            return CommandOutcome(exit_of((problem,)), (problem,), {"certificate": args.folder})
-    try:
-        with ProgressBar(console) as progress:
-            report = recheck(args.folder, progress, args.logs)
-    except SoterError as error:
-        return CommandOutcome(
-            exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
-        )
+            raise mistake("U001", text, "write the page elsewhere")
+    with ProgressBar(console) as progress:
+        report = recheck(args.folder, progress, args.logs)
     _say(report, args.folder, console)
     _say_flights(report, console)
-    fields = {"certificate": args.folder, **DOCUMENT.of(report)}
+    fields = DOCUMENT.of(report)
     if report_file is not None:
         colour, headline = _verdict(report, args.folder)
         verdict = {"green": "good", "red": "bad"}.get(colour, "")

@@ -7,6 +7,7 @@ Non-goals: running it (`explore/replay.py`, `verify/attack/counterexample.py`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import replay
@@ -14,10 +15,12 @@ from soter.cli.terminal.command_line import (
     FINE,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
     exit_of,
+    file_option,
+    report_option,
     report_path,
 )
+from soter.diagnostics.command_records import SWITCH, option
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -37,34 +40,24 @@ EXAMPLES = """\
 
 exit codes: 0 reproduced, 3 not reproduced, 1 diagnostics, 2 usage
 """
+ENDING = "-replay.html"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("replay", "Run a trace again, in the reference interpreter.", EXAMPLES)
-    made.add_argument("trace", metavar="TRACE", help="a file of `soter test` or `soter verify`")
-    made.add_argument("--text", action="store_true", help="print every step (the default)")
-    made.add_argument(
-        "--report",
-        "--html",
-        dest="html",
-        nargs="?",
-        const="",
-        metavar="PATH",
-        help="write the sequence: one HTML page (.soter/...-replay.html)",
-    )
-    made.add_argument("--mcap", metavar="PATH", help="write the steps as an MCAP log")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run a trace again, in the reference interpreter."""
+
+    trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", told="trace")
+    text: bool = option("--text", False, "print every step (the default)", SWITCH)
+    html: str | None = report_option("the sequence", ENDING, "--report --html")
+    mcap: str | None = option("--mcap PATH", None, "write the steps as an MCAP log")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Replay."""
     if args.html is not None:
-        args.html = str(report_path(args.html, args.trace, "-replay.html"))
-    try:
-        report = replay(args.trace)
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"trace": args.trace})
+        args.html = str(report_path(args.html, args.trace, ENDING))
+    report = replay(args.trace)
     _say(report, console)
     written, problems = _files(report, args)
     for kind, path in written.items():

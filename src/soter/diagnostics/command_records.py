@@ -113,16 +113,18 @@ _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGN
 
 @dataclass(frozen=True)
 class Kind:
-    """What values an option takes. `text`: how a command line reads one; `allowed`: the range.
+    """What values an option takes. `text`: how a command line reads one, a name or a function.
 
+    `allowed`: the range.
     `in_python`: what its words say where no command line is, with the unit.
     """
 
-    text: str = ""
+    text: str | Callable[[str], Any] = ""
     allowed: str = ""
     fits: Callable[[Any], bool] = lambda _: True
     read: Callable[[Any], Any] = lambda given: given
     in_python: str = "{}"
+    names: tuple[str, ...] = ()
 
 
 ANYTHING = Kind()
@@ -130,10 +132,15 @@ ANYTHING = Kind()
 SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
+def read_by(function: Callable[[str], Any]) -> Kind:
+    """What a function makes of a text; ArgumentTypeError where it is none."""
+    return Kind(function)
+
+
 def choice(*names: str) -> Kind:
     """One of some names."""
     said = f"{', '.join(names[:-1])} or {names[-1]}"
-    return Kind("", said, lambda given: given in names)
+    return Kind("", said, lambda given: given in names, names=names)
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
@@ -176,7 +183,8 @@ def bytes_of(given: int | str) -> int | None:
 class Option:
     """What is known of a field of a record.
 
-    `flags`: as a command line has them, with what stands for a value; none where it has none.
+    `flags`: as a command line has them, with what stands for a value; none where it has none, and
+    no dashes where it is known by its place. Ellipsis as `given`: it has to be there.
     `given`: the default as a caller writes it; `words` may quote it (`{default}`), and how a text
     is written (`{text}`). `told`: its field in the JSON document of a result. `keyword`: whether
     callers in Python have it, too.
@@ -188,6 +196,11 @@ class Option:
     kind: Kind
     told: str
     keyword: bool
+
+    @property
+    def dashed(self) -> bool:
+        """Whether a command line knows it by a flag, not by its place."""
+        return self.flags.startswith("-")
 
     def help(self, text: str = "") -> str:
         """The words for a command line; `text`: how a text is written, where one is read."""
@@ -210,7 +223,7 @@ def option(
 ) -> Any:  # noqa: ANN401 - the same
     """A field of a record of options."""
     known = Option(flags, given, words, kind, told, keyword)
-    default = given if given is None else kind.read(given)
+    default = given if given in (None, ...) else kind.read(given)
     return field(default=default, metadata={"option": known})
 
 

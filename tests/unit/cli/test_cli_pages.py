@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import load
-from soter.cli.main import command_of
+from soter.cli.main import parser_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +25,7 @@ PAGES = ("run", "test", "replay", "verify", "recheck", "campaign", "monitor", "a
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_command_that_makes_a_page_takes_report(name: str) -> None:
-    options = command_of(name).parser()._option_string_actions
+    options = parser_of(name)._option_string_actions
     assert "--report" in options
     assert ("--html" in options) is (name in ("test", "replay")), "as they called it first"
     if name not in ("test", "advise"):  # several pages; a page in any case

@@ -275,7 +275,9 @@ def test_all_properties_that_can_be_violated_are_told(soter: Soter, here: Path) 
     assert soter("replay", ".soter/two-T-2.trace.json").exit == 0
     (test,) = soter("test", "two.soter", "--all", "--json").document["tests"]
     assert (
-        list(_check(SCHEMAS["test.json"], soter("test", "two.soter", "--all", "--json").document, ""))
+        list(
+            _check(SCHEMAS["test.json"], soter("test", "two.soter", "--all", "--json").document, "")
+        )
         == []
     )
     assert test["violated"] == "never x == 1"

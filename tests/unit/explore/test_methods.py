@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-import soter.cli.run
-import soter.cli.test
 from soter.api.program import Program
+from soter.cli.main import parser_of
 from soter.diagnostics.command_records import made, options_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.search_options import (
@@ -60,8 +59,8 @@ def test_the_schema_of_results_names_them_all() -> None:
 CHOSEN = {"test", "system", "until", "seed"}
 """What the page gives another value than the default."""
 RECORDS = [
-    (SearchOptions, SearchKeywords, Program.explore, soter.cli.test.parser()),
-    (RunOptions, RunKeywords, Program.simulate, soter.cli.run.parser()),
+    (SearchOptions, SearchKeywords, Program.explore, parser_of("test")),
+    (RunOptions, RunKeywords, Program.simulate, parser_of("run")),
 ]
 
 

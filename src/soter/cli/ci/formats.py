@@ -1,7 +1,7 @@
 """An outcome in the format that `--format` names.
 
 Purpose: the option, and what is printed in place of the text for people or the JSON document.
-Non-goals: the formats (`sarif_junit_github.py`, `sarif_junit_github.py`, `sarif_junit_github.py`).
+Non-goals: the formats (`sarif_junit_github.py`).
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ from soter.cli.terminal.command_line import of_diagnostics
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.cli.terminal.command_line import CommandOutcome, CommandParser
+    from soter.cli.terminal.command_line import CommandOutcome
 
 FORMATS = ("sarif", "junit", "github")
+FORMAT = (
+    f"--format {{{','.join(FORMATS)}}}",
+    None,
+    "for CI, on standard output (docs/commands.md)",
+)
+"""The option of those that print one."""
 COMMANDS = ("check", "verify", "test", "monitor")
-
-
-def add_format(parser: CommandParser) -> None:
-    """`--format`."""
-    parser.add_argument(
-        "--format", choices=FORMATS, help="for CI, on standard output (docs/commands.md)"
-    )
 
 
 def format_of(name: str | None, options: Sequence[str]) -> str | None:

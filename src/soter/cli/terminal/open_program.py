@@ -22,13 +22,24 @@ if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
 
 
-def loaded(args: argparse.Namespace, console: Console) -> Program:
-    """The program of `args.file` with `args.bindings`; `SoterError` where it is none."""
+def opened(args: argparse.Namespace, console: Console) -> Program:
+    """The program of `args.file`; its warnings are told with whatever comes of the command."""
     with LineOfProgress(console) as line:
         program = load(args.file, line)
+    console.of_program = program.diagnostics if program.ok else ()
+    return program
+
+
+def bound(program: Program, args: argparse.Namespace) -> Program:
+    """The same with `args.bindings`; `SoterError` where it is none."""
     for name, target in args.bindings:
         program.bind(name, target)
     return program
+
+
+def loaded(args: argparse.Namespace, console: Console) -> Program:
+    """Both."""
+    return bound(opened(args, console), args)
 
 
 STDIN = "<stdin>"
