@@ -20,7 +20,7 @@ from soter.cli.terminal.command_line import (
     report_option,
     report_path,
 )
-from soter.diagnostics.command_records import SWITCH, option
+from soter.diagnostics.command_records import option
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -48,7 +48,6 @@ class Options:
     """Run a trace again, in the reference interpreter."""
 
     trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", told="trace")
-    text: bool = option("--text", False, "print every step (the default)", SWITCH)
     html: str | None = report_option("the sequence", ENDING, "--report --html")
     mcap: str | None = option("--mcap PATH", None, "write the steps as an MCAP log")
 
