@@ -23,7 +23,7 @@ from inspect import get_annotations, getattr_static
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from soter.diagnostics.command_records import JsonObject
+from soter.diagnostics.command_records import JsonObject, Shape
 
 Hint: TypeAlias = Any
 """A type, as annotations have it."""
@@ -32,8 +32,9 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCUMENTS = {
     **{
         name: f"soter.cli.{name}"
-        for name in ("check", "test", "recheck", "verify", "campaign", "monitor")
+        for name in ("check", "test", "recheck", "verify", "campaign", "monitor", "replay")
     },
+    "measure": "soter.api.measuring",
     "run": "soter.simulate.outputs.run_fields",
 }
 """Name of a schema -> the module that has its `DOCUMENT`."""
@@ -64,13 +65,18 @@ def named(document: JsonObject) -> Iterator[JsonObject]:
 def of_object(what: JsonObject) -> dict[str, Any]:
     """The schema of an object: all its fields are there, but those that a command may add."""
     record = class_of(what.record)
+    others = of_object(what.also)["properties"] if what.also else {}
     properties = {}
     for name, path in what.paths.items():
         hint = returned(what.made[name]) if name in what.made else type_at(record, path)
         properties[name] = of_type(hint, what.shapes.get(name), f"{record.__name__}.{name}")
     beside = {n.rstrip("?"): of_type(t, None, n) for n, t in what.beside.items()}
     required = [*(n for n in what.beside if not n.endswith("?")), *properties]
-    return {"type": "object", "properties": {**beside, **properties}, "required": required}
+    return {
+        "type": "object",
+        "properties": {**beside, **properties, **others},
+        "required": required,
+    }
 
 
 def class_of(record: type | str) -> type:
@@ -86,10 +92,12 @@ def type_at(record: type, path: str) -> Hint:
     """The type of what stands at a path of a record; with None where a part of it may be none."""
     empty = path.endswith("?")
     hint: Hint = record
-    for name in path.rstrip("?*").split("."):
+    for name in path.rstrip("?*").removesuffix("/s").split("."):
         inner, none = without_none(hint)
         empty = empty or none
         hint = member(inner, name)
+    if path.endswith("/s"):
+        empty, hint = empty or without_none(hint)[1], float
     if path.endswith("*"):
         hint = Mapping[str, typing.get_args(typing.get_args(hint)[0])[1]]  # type: ignore[misc]
     return hint | None if empty else hint
@@ -147,7 +155,7 @@ class ImportedNames(dict[str, object]):
         return getattr(import_module(self.places[name]), name)
 
 
-def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str) -> dict[str, Any]:
+def of_type(hint: Hint, shape: Shape | None, where: str) -> dict[str, Any]:
     """The schema of a type; `shape`: what the record or value in it is."""
     if isinstance(shape, Mapping) and "$ref" in shape:
         return dict(shape)
@@ -161,6 +169,8 @@ def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str
         return {"type": "object", "additionalProperties": of_type(args[1], shape, where)}
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return {"type": "array", "items": of_type(args[0], shape, where)}
+    if isinstance(shape, tuple):
+        return {"anyOf": [of_type(hint, one, where) for one in shape]}
     if isinstance(shape, JsonObject):
         return {"$ref": f"{shape.named}.json"} if shape.named else of_object(shape)
     if shape is not None:

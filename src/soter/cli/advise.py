@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.cli.terminal.command_line import MODULE, SET, CommandOutcome, UsageError, file_option
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.command_records import SWITCH, option
+from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
     from soter.report.terminal_tables import Entry, Tone
     from soter.verify.delay_search import DelayAdvice
-    from soter.verify.period_sweep import Advice, AdviceRow
+    from soter.verify.period_sweep import Advice
 
 EXAMPLES = """\
   soter advise cart.soter
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     fields: dict[str, object] = {
         "program_sha256": program.sha256,
         "report": str(page) if all_advice else None,
-        "modules": {a.module: _fields(a) for a in all_advice},
+        "modules": {a.module: ADVICE.of(a) for a in all_advice},
     }
     return CommandOutcome(fields=fields)
 
@@ -118,22 +118,9 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
         console.say(console.paint("muted", f"  tried, each by a proof: {tried}"))
     fields: dict[str, object] = {
         "program_sha256": program.sha256,
-        "delays": {d.module: _delay_fields(d) for d in delays},
+        "delays": {d.module: DELAY.of(d) for d in delays},
     }
     return CommandOutcome(fields=fields)
-
-
-def _delay_fields(delay: DelayAdvice) -> dict[str, object]:
-    largest, refused = delay.largest_ns, delay.refused_ns
-    return {
-        "declared_s": delay.declared_ns / 1e9,
-        "largest_s": None if largest is None else largest / 1e9,
-        "refused_s": None if refused is None else refused / 1e9,
-        "summary": delay.summary,
-        "tried": [
-            {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
-        ],
-    }
 
 
 def _numbers(text: str, option: str, least: float) -> list[float]:
@@ -170,29 +157,29 @@ def _say(advice: Advice, console: Console) -> None:
     console.say(advice.summary)
 
 
-def _fields(advice: Advice) -> dict[str, object]:
-    best = advice.best_ns
-    return {
-        "period_s": advice.delta_ns / 1e9,
-        "levels": advice.levels,
-        "summary": advice.summary,
-        "best_s": None if best is None else best / 1e9,
-        "rows": [_row(advice, row) for row in advice.rows],
-    }
+def _rows(advice: Advice) -> list[dict[str, object]]:
+    levels = advice.levels
+    return [ROW.of(r) | {"verifies": r.verifies(levels), "why": r.why} for r in advice.rows]
 
 
-def _row(advice: Advice, row: AdviceRow) -> dict[str, object]:
-    return {
-        "period_s": row.delta_ns / 1e9,
-        "sc_period_s": row.sc_ns / 1e9,
-        "h_star_s": row.h_star_ns / 1e9,
-        "horizon_s": row.horizon_ns / 1e9,
-        "in_time": row.in_time,
-        "core": row.core,
-        "allowed": row.allowed,
-        "levels": {str(m): share for m, share in row.levels.items()},
-        "returns": {str(m): holds for m, holds in row.returns.items()},
-        "written": row.written,
-        "verifies": row.verifies(advice.levels),
-        "why": row.why,
-    }
+def _tried(delay: DelayAdvice) -> list[dict[str, object]]:
+    return [
+        {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
+    ]
+
+
+ROW = JsonObject(
+    "soter.verify.period_sweep.AdviceRow",
+    "period_s=delta_ns/s sc_period_s=sc_ns/s h_star_s=h_star_ns/s horizon_s=horizon_ns/s in_time "
+    "core allowed levels returns written",
+)
+ADVICE = JsonObject(
+    "soter.verify.period_sweep.Advice",
+    "period_s=delta_ns/s levels summary best_s=best_ns/s rows",
+    {"rows": _rows},
+)
+DELAY = JsonObject(
+    "soter.verify.delay_search.DelayAdvice",
+    "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
+    {"tried": _tried},
+)

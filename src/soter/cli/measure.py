@@ -80,7 +80,7 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Measure; UsageError for one of `--board` and `--instruction` alone."""
-    from soter.api.measuring import document, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
+    from soter.api.measuring import DOCUMENT, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
 
     if (args.board is None) != (args.instruction is None):
         message = "`--board` counts instructions, and `--instruction` makes times of them: say both"
@@ -99,9 +99,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             measurement = measure(program, progress=progress, **what)
     written(measurement, path)
     _say(measurement, path, console)
-    told = document(measurement)
-    keys = ("system", "program_sha256", "machine", "margin", "assumed", "steps")
-    return CommandOutcome(fields={"times": str(path), **{k: told[k] for k in keys}})
+    return CommandOutcome(fields={"times": str(path), **DOCUMENT.of(measurement)})
 
 
 def _say(measurement: Measured, path: Path, console: Console) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 Made = Mapping[str, Callable[[Any], object]]
-Shape: TypeAlias = "JsonObject | dict[str, object]"
+Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str, object]]"
 
 
 def one_of(*values: object) -> dict[str, object]:
@@ -45,6 +45,7 @@ class JsonObject:
         made: Made | None = None,
         named: str = "",
         beside: Mapping[str, object] | None = None,
+        also: JsonObject | None = None,
         shapes: Mapping[str, Shape] | None = None,
         **more: Shape,
     ) -> None:
@@ -52,15 +53,16 @@ class JsonObject:
 
         `fields`: each `name`, or `name=path` where the record has it at another place (None on the
         way is null; behind a list or tuple it is that of every entry); with `?` at the end what is
-        empty is null, with `*` pairs are an object. `made`: those that a function of the record
-        makes. `shapes`, `more`: the objects that values are, also in tuples and mappings, or
-        schemas. `named`: its own block in the page. `beside`: what the command adds, with types, or
-        may add (`name?`).
+        empty is null, with `*` pairs are an object, with `/s` ns are seconds. `made`: those that a
+        function of the record makes. `shapes`, `more`: the objects that values are, also in tuples
+        and mappings, or schemas, or both. `named`: its own schema. `beside`: what the command adds,
+        with types, or may add (`name?`). `also`: a record whose fields may be there, too.
         """
         self.record, self.made, self.named = record, made or {}, named
         pairs = [text.partition("=") for text in fields.split()]
         self.paths = {name.rstrip("?*"): path or name for name, _, path in pairs}
         self.beside, self.shapes = beside or {}, {**(shapes or {}), **more}
+        self.also = also
 
     def of(self, record: object) -> dict[str, object]:
         """The object."""
@@ -70,8 +72,10 @@ class JsonObject:
 
 def _at(path: str) -> Callable[[Any], object]:
     def value(record: Any) -> object:  # noqa: ANN401 - any record
-        for name in path.rstrip("?*").split("."):
+        for name in path.rstrip("?*").removesuffix("/s").split("."):
             record = _part(record, name)
+        if path.endswith("/s"):
+            return None if record is None else record / 1e9
         if path.endswith("*"):
             return dict(record)
         return (record or None) if path.endswith("?") else record
@@ -95,6 +99,7 @@ def _plain(value: object, shape: Shape | None) -> object:
         return {str(name): _plain(part, shape) for name, part in value.items()}
     if _lists(value):
         return [_plain(part, shape) for part in value]
+    shape = shape[0] if isinstance(shape, tuple) else shape
     if isinstance(shape, JsonObject) and value is not None:
         return shape.of(value)
     if isinstance(value, Path):
