@@ -8,6 +8,7 @@ Non-goals: printing, exit codes (`cli/`).
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -22,8 +23,7 @@ from soter.api.check_report import (
     TimingReport,
 )
 from soter.api.program import Program, load
-from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.render import install
+from soter.diagnostics.diagnostic import SoterError, show_shortly
 
 if TYPE_CHECKING:
     from soter.api.rechecking import recheck
@@ -61,7 +61,8 @@ LATER = {
 }
 """What `check` does not need: the module that it is imported from when it is asked for."""
 
-install()
+if sys.excepthook is sys.__excepthook__:  # else somebody else shows errors
+    sys.excepthook = show_shortly
 
 
 def __getattr__(name: str) -> object:

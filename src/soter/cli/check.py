@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from soter.api import CheckReport, ModuleReport, StepReport, SystemReport, load
 from soter.api.check_report import SwitchReport, ThreadRow, TimingReport
-from soter.cli.ci.formats import FORMAT
 from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
     FINE,
+    FORMAT,
     SET,
     CommandOutcome,
     UsageError,

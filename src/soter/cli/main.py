@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter import __version__
-from soter.cli.ci.formats import format_of, written
 from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
     FINE,
@@ -27,6 +26,7 @@ from soter.cli.terminal.command_line import (
     HelpWantedError,
     UsageError,
     failed,
+    format_of,
 )
 from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -96,6 +96,8 @@ def _told(
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
+        from soter.cli.ci.sarif_junit_github import written  # noqa: PLC0415 - only then
+
         text = written(format_, name, outcome)
         if text:
             console.document(text)

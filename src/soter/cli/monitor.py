@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.arguments import write_sections
-from soter.cli.ci.formats import FORMAT
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
     FINE,
+    FORMAT,
     MODULE,
     SET,
     SYSTEM,

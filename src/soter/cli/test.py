@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.formats import FORMAT
 from soter.cli.terminal.command_line import (
+    FORMAT,
     INTERRUPTED,
     CiFinding,
     CommandOutcome,

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.api import load
-from soter.cli.ci.formats import FORMAT
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
+    FORMAT,
     MODULE,
     SET,
     CiFinding,

@@ -15,6 +15,7 @@ import re
 from contextlib import suppress
 from dataclasses import dataclass, field
 from inspect import cleandoc
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
 
@@ -22,7 +23,7 @@ from soter.diagnostics.command_records import option, options_of
 from soter.diagnostics.diagnostic import Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from soter.cli.terminal.console import Console
     from soter.diagnostics.command_records import Option
@@ -297,6 +298,25 @@ def report_path(report: str, of: str, ending: str) -> Path:
     """Where --report writes; `of`: the file or folder that it is about."""
     stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
     return Path(report or Path(".soter") / f"{stem}{ending}")
+
+
+FORMATS = ("sarif", "junit", "github")
+FORMAT = (
+    f"--format {{{','.join(FORMATS)}}}",
+    None,
+    "for CI, on standard output (docs/commands.md)",
+)
+"""The option of those that print one."""
+WITH_FORMAT = ("check", "verify", "test", "monitor")
+
+
+def format_of(name: str | None, options: Sequence[str]) -> str | None:
+    """The format that a command line asks for; None for none, or a wrong one."""
+    if name not in WITH_FORMAT:
+        return None
+    asked = [b for a, b in pairwise(options) if a == "--format"]
+    asked += [a.removeprefix("--format=") for a in options if a.startswith("--format=")]
+    return asked[-1] if asked and asked[-1] in FORMATS else None
 
 
 def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
