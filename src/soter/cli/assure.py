@@ -99,15 +99,7 @@ def _say(assurance: Assurance, console: Console) -> None:
     from soter.report.terminal_tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
     case = assurance.case
-    word = console.paint("green", "SUPPORTED")
-    if not case.supported:
-        word = console.paint("yellow", "UNDEVELOPED")
-    elif not assurance.returns:
-        word = console.paint("yellow", "SUPPORTED, without P2b")
-    if case.supported and not assurance.lawful:
-        word += ", without a fail-safe law"
-    if not case.traceability.covered:
-        word += ", with open hazards or requirements"
+    word = _verdict(assurance, console)
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
     )
@@ -136,6 +128,18 @@ def _say(assurance: Assurance, console: Console) -> None:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
     _say_open(assurance, console)
     console.say("\n".join(f"written  {path}" for path in assurance.files))
+
+
+def _verdict(assurance: Assurance, console: Console) -> str:
+    case = assurance.case
+    word = console.paint("green", "SUPPORTED")
+    if not case.supported:
+        word = console.paint("yellow", "UNDEVELOPED")
+    elif not assurance.returns:
+        word = console.paint("yellow", "SUPPORTED, without P2b")
+    if case.supported and not assurance.lawful:
+        word += ", without a fail-safe law"
+    return word if case.traceability.covered else f"{word}, with open hazards or requirements"
 
 
 def _say_open(assurance: Assurance, console: Console) -> None:

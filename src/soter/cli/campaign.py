@@ -136,14 +136,7 @@ def _say(campaign: Campaign, console: Console) -> None:
     from soter.campaign import tables  # noqa: PLC0415 - only here
 
     r = campaign.result
-    console.say(
-        f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
-        f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
-    )
-    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
-    way = [f"{r.km:,.1f} km"] if r.km is not None else []
-    if aloft or way:
-        console.say(", ".join([*aloft, *way]))
+    _say_flown(campaign, console)
     console.say()
     colour = "bad" if r.violations else "good" if r.properties else ""
     painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
@@ -173,6 +166,18 @@ def _say(campaign: Campaign, console: Console) -> None:
         f"{campaign.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
     )
     console.say(console.paint("muted", f"digest  {r.digest}"))
+
+
+def _say_flown(campaign: Campaign, console: Console) -> None:
+    r = campaign.result
+    console.say(
+        f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
+        f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
+    )
+    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
+    way = [f"{r.km:,.1f} km"] if r.km is not None else []
+    if aloft or way:
+        console.say(", ".join([*aloft, *way]))
 
 
 # ---------------------------------------------------------------- for programs

@@ -245,34 +245,42 @@ def _say(report: Report, folder: str, console: Console) -> None:
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
-        sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
-        sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
-        sizes = ["no sets"] if module.in_flight else sizes
-        where = f"{module.name} of system {module.system} in {report.program}"
-        where += module.whilst
-        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
-        values = ", ".join(_value(module, name) for name in module.parameters)
-        if values:
-            console.say(console.paint("muted", f"    with {visible(values)}"))
-        if module.in_flight:
-            console.say(console.paint("yellow", f"    {IN_FLIGHT}"))
-        for name in module.other:
-            console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
-        if module.law_untold:
-            console.say(console.paint("muted", f"    not claimed: {NO_LAW}"))
-        if module.vacuous:
-            console.say(console.paint("yellow", f"    vacuous: {visible(module.vacuous)}"))
-        if module.unseen:
-            text = f"    not looked at: whether AC ever has control ({visible(module.unseen)})"
-            console.say(console.paint("muted", text))
-        for said in module.shown:
-            console.say(console.paint("muted", f"    confirmed: {visible(said.text)}"))
+        where = f"{module.name} of system {module.system} in {report.program}{module.whilst}"
+        confirmed = f"{' '.join(module.confirmed)}, {_size(module)}"
+        console.say(f"  {visible(where)}: {confirmed}")
+        for colour, text in _told_of(module):
+            console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {visible(text)}"))
     console.say("\nnot covered")
     for said in report.not_covered:
         console.say(console.paint("muted", f"  {visible(said.text)}"))
+
+
+def _size(module: RecheckedModule) -> str:
+    """How large the sets are that were checked."""
+    if module.in_flight:
+        return "no sets"
+    sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
+    return ", ".join([*sizes, *[f"{module.half_spaces:,} half-spaces"] * bool(module.half_spaces)])
+
+
+def _told_of(module: RecheckedModule) -> Iterator[tuple[str, str]]:
+    """A colour and a line for everything beside what was confirmed."""
+    values = ", ".join(_value(module, name) for name in module.parameters)
+    if values:
+        yield "muted", f"with {values}"
+    if module.in_flight:
+        yield "yellow", IN_FLIGHT
+    yield from (("muted", f"not confirmed: {name}") for name in module.other)
+    if module.law_untold:
+        yield "muted", f"not claimed: {NO_LAW}"
+    if module.vacuous:
+        yield "yellow", f"vacuous: {module.vacuous}"
+    if module.unseen:
+        yield "muted", f"not looked at: whether AC ever has control ({module.unseen})"
+    yield from (("muted", f"confirmed: {said.text}") for said in module.shown)
 
 
 def _value(module: RecheckedModule, name: str) -> str:

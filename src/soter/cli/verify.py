@@ -92,6 +92,26 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         return told
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
+    report, written = _proved(args, console)
+    _save_runs(report)
+    printed, fields = _said(report), DOCUMENT.of(report)
+    printed.show(console)
+    _say_files(report, args, console)
+    exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
+    if words and report.verdict in HOLDING:
+        outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
+        store_outcome(args.file, words, report.contents, outcome)
+    if not (args.params or args.bindings):
+        _remember(report)
+    if written:
+        console.say("\nwritten " + " ".join(str(p) for p in written))
+        fields["written"] = [str(p) for p in written]
+    fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
+    return CommandOutcome(exit_, (), fields, tuple(_found(report)) if args.format else ())
+
+
+def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
+    """The verdicts, and the files of controllers that were synthesized first."""
     program = loaded(args, console)
     what: dict[str, Any] = {"module": args.module, "system": args.system}
     what["params"] = dict(args.params)
@@ -108,21 +128,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
             report=args.report,
             progress=progress,
         )
-    _save_runs(report)
-    printed, fields = _said(report), DOCUMENT.of(report)
-    printed.show(console)
-    _say_files(report, args, console)
-    exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
-    if words and report.verdict in HOLDING:
-        outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
-        store_outcome(args.file, words, report.contents, outcome)
-    if not (args.params or args.bindings):
-        _remember(report)
-    if written:
-        console.say("\nwritten " + " ".join(str(p) for p in written))
-        fields["written"] = [str(p) for p in written]
-    fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    return CommandOutcome(exit_, (), fields, tuple(_found(report)) if args.format else ())
+    return report, written
 
 
 def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
