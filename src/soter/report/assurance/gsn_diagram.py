@@ -157,15 +157,7 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         _move(root, short)
         width += 2 * short
     rows = _rows(root)
-    y = float(MARGIN)
-    for row in rows:
-        for s in row:
-            s.y = y
-            if s.node.kind == "solution":
-                above = [a for r in rows for a in r if any(b is s for b in a.below)]
-                s.x = sum(a.x for a in above) / len(above)
-        _apart([s for s in row if s.node.kind == "solution"])
-        y += max(s.height for s in row) + GAP
+    y = _put_in_rows(rows)
     parts = [line for row in rows for s in row for below in s.below for line in _arrow(s, below)]
     parts += [line for row in rows for s in row for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
@@ -184,6 +176,21 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         + "".join(parts)
         + "</svg>"
     )
+
+
+def _put_in_rows(rows: Sequence[Sequence[_Spot]]) -> float:
+    """Give every node its height, and circles their place below what rests on them; the end."""
+    y = float(MARGIN)
+    for row in rows:
+        circles = [s for s in row if s.node.kind == "solution"]
+        for s in row:
+            s.y = y
+        for s in circles:
+            above = [a for r in rows for a in r if any(b is s for b in a.below)]
+            s.x = sum(a.x for a in above) / len(above)
+        _apart(circles)
+        y += max(s.height for s in row) + GAP
+    return y
 
 
 def _move(spot: _Spot, by: float) -> None:

@@ -60,26 +60,39 @@ class _LoggedValues:
     values: list[Value] = field(default_factory=list)
 
 
-def _live(path: Path, system: System, seed: int) -> Live:
-    known = {t.name: _LoggedValues(t.type) for t in system.topics}
-    plants = [x for x in system.components if x.plant is not None]
-    known |= {
-        f"{x.name}.truth": _LoggedValues(x.plant.truth) for x in plants if x.plant is not None
-    }
-    modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
-    saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
-    end_s = 0.0
-    for time_ns, channel, message in messages(path):
-        end_s = max(end_s, time_ns / 1e9)
-        if channel == MODES_TOPIC and message["module"] in modes:
-            modes[message["module"]].append((time_ns / 1e9, message["mode"] == "AC"))
-        elif channel == DECISIONS_TOPIC and message["module"] in saw:
+class _Log:
+    """What a log says of a system: values, who had control, what decision modules saw."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.end_s = system, 0.0
+        self.known = {t.name: _LoggedValues(t.type) for t in system.topics}
+        for x in system.components:
+            if x.plant is not None:
+                self.known[f"{x.name}.truth"] = _LoggedValues(x.plant.truth)
+        names = [m.name for m in system.modules]
+        self.modes: dict[str, list[tuple[float, bool]]] = {n: [] for n in names}
+        self.saw: dict[str, list[tuple[float, Sequence[bool]]]] = {n: [] for n in names}
+
+    def see(self, path: Path, time_s: float, channel: str, message: Any) -> None:  # noqa: ANN401
+        """One message."""
+        if channel == MODES_TOPIC and message["module"] in self.modes:
+            self.modes[message["module"]].append((time_s, message["mode"] == "AC"))
+        elif channel == DECISIONS_TOPIC and message["module"] in self.saw:
             seen = [bool(message["predicates"].get(name)) for name in PREDICATES]
-            saw[message["module"]].append((time_ns / 1e9, seen))
-        elif channel in known:
-            read = known[channel]
-            read.times_s.append(time_ns / 1e9)
-            read.values.append(_value(path, system, channel, read.t, message))
+            self.saw[message["module"]].append((time_s, seen))
+        elif channel in self.known:
+            read = self.known[channel]
+            read.times_s.append(time_s)
+            read.values.append(_value(path, self.system, channel, read.t, message))
+
+
+def _live(path: Path, system: System, seed: int) -> Live:
+    plants = [x for x in system.components if x.plant is not None]
+    log = _Log(system)
+    for time_ns, channel, message in messages(path):
+        log.end_s = max(log.end_s, time_ns / 1e9)
+        log.see(path, time_ns / 1e9, channel, message)
+    known, modes, saw, end_s = log.known, log.modes, log.saw, log.end_s
     if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
     held = {

@@ -16,7 +16,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, Module, System
@@ -39,49 +39,56 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
 
     `proofs`: by module, where exactly this system was verified.
     """
-    proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
-    assumptions = [
-        _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
-        for m in free
-        if m.name in proofs
-    ]
-    for m in free:
-        if claims_nothing(system, m) and m.name not in proofs:
-            above = modules_above(system, m.index)[0].name
-            assumptions.append(f"{m.name}: nothing is claimed of it; {above} is above it")
-    rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
-    if rest:
-        which = ", ".join(m.name + _whilst(system, m) for m in rest)
-        assumptions.append(
-            f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
-        )
-    assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
-    assumptions += [
-        f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
-    ]
-    assumptions += [
-        f"{m.name}: what {system.topics[m.scope.topics[t]].name} calls free stays free, for ever"
-        for m in free
-        for t in topic_reads(m.symbol.safe)
-        if t.static
-    ]
+    assumptions = [*_of_proofs(system, free, proofs or {}), *_of_flights(system, free)]
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         assumptions.append(
             f"{', '.join(trusted)}: extern and trusted, nothing is known about the code"
         )
+    return assumptions + [text for m in free if (text := _computed(m))]
+
+
+def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> Iterator[str]:
+    """What is proved of each module, and what nobody has proved."""
     for m in free:
-        missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
-        if missing:
-            whence = "from the plants and the grid of its `verify` block"
-            if m.symbol.rest is not None:
-                whence = "SC is followed from each estimate to where it rests"
-            assumptions.append(
-                f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
-                f"{whence}; where they cannot be, its AC never gets control"
-            )
-    return assumptions
+        if m.name in proofs:
+            yield _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
+    others = [m for m in free if m.name not in proofs]
+    for m in others:
+        if claims_nothing(system, m):
+            above = modules_above(system, m.index)[0].name
+            yield f"{m.name}: nothing is claimed of it; {above} is above it"
+    rest = [m.name + _whilst(system, m) for m in others if not claims_nothing(system, m)]
+    if rest:
+        yield f"{', '.join(rest)}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
+
+
+def _of_flights(system: System, free: list[Module]) -> Iterator[str]:
+    """In what a run differs from the proof, and what no proof has shown."""
+    yield from (_at_once(m) for m in free if _acts_ns(m) > m.period_ns)
+    for m in free:
+        if m.unshown:
+            yield f"{m.name}: not shown, and taken for true: {m.unshown}"
+    for m in free:
+        for t in topic_reads(m.symbol.safe):
+            if t.static:
+                name = system.topics[m.scope.topics[t]].name
+                yield f"{m.name}: what {name} calls free stays free, for ever"
+
+
+def _computed(m: Module) -> str:
+    """Which of its predicates are computed, and from what; "" where none is."""
+    missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
+    if not missing:
+        return ""
+    whence = "from the plants and the grid of its `verify` block"
+    if m.symbol.rest is not None:
+        whence = "SC is followed from each estimate to where it rests"
+    return (
+        f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
+        f"{whence}; where they cannot be, its AC never gets control"
+    )
 
 
 def _acts_ns(m: Module) -> int:
