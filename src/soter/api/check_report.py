@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
 from soter.language.load.bounded_read import read_json_text
 
@@ -98,12 +98,8 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
-        problem = Diagnostic(
-            "U011",
-            f"`{path}` is no file of times",
-            notes=("`soter measure` writes one",),
-        )
-        raise SoterError((problem,))
+        notes = ("`soter measure` writes one",)
+        raise mistake("U011", f"`{path}` is no file of times", notes=notes)
     return program, system, wcet_by_component, assumed
 
 
@@ -127,7 +123,7 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
     if note:
         what = f"`{path}` has no times of this program"
         helps = ("measure what is there now: `soter measure`",)
-        raise SoterError((Diagnostic("U011", what, notes=(note,), helps=helps),))
+        raise mistake("U011", what, *helps, notes=(note,))
     for c in components:
         c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
     return {name: assumed}

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.api.arguments import mistake, time_ns
+from soter.api.arguments import time_ns
 from soter.diagnostics.command_records import JsonObject
+from soter.diagnostics.diagnostic import mistake
 from soter.measure import MARGIN, SAMPLES
 from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, timed, timed_components
 from soter.simulate.externs.bindings import bind

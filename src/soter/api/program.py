@@ -17,7 +17,6 @@ from soter.api.arguments import (
     complete,
     end_of,
     format_text,
-    mistake,
     read_text,
     require_no_certificate,
     require_utf8,
@@ -29,7 +28,7 @@ from soter.api.arguments import (
 )
 from soter.api.check_report import CheckReport, check_report, externs_of
 from soter.diagnostics.command_records import made, takes
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
@@ -194,9 +193,7 @@ class Program:
 
         how = made(RunOptions, {"seed": seed, "engine": engine, **options})
         if how.recorded is not None and (how.real_time or until is not None):
-            from soter.simulate.run_settings import usage_error  # noqa: PLC0415 - only then
-
-            raise usage_error("U001", "`recorded` is over: neither `until` nor `real_time`")
+            raise mistake("U001", "`recorded` is over: neither `until` nor `real_time`")
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
         if how.arm is not None:

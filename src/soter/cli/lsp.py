@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_line import CommandOutcome, UsageError
 from soter.diagnostics.command_records import SWITCH, Kind, option
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
     import argparse
@@ -46,12 +46,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise
-        problem = Diagnostic(
-            "D007",
-            "the language server speaks with pygls, which is not installed",
-            helps=("install it: pip install 'soter[lsp]'",),
-        )
-        raise SoterError((problem,)) from error
+        what = "the language server speaks with pygls, which is not installed"
+        raise mistake("D007", what, "install it: pip install 'soter[lsp]'") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
     from soter.native.cached_verdicts import stored_verdicts  # noqa: PLC0415 - only then

@@ -47,7 +47,7 @@ from soter.cli.terminal.log_judgement import (
 from soter.cli.terminal.open_program import bound, loaded, opened
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection
 from soter.version import VERSION
 
@@ -182,9 +182,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.map is not None or args.where:
         return _foreign(args, console)
     if args.emit is not None and args.report is not None:
-        raise SoterError(
-            (Diagnostic("U001", "`--report` shows a judgement, and `--emit` makes none"),)
-        )
+        raise mistake("U001", "`--report` shows a judgement, and `--emit` makes none")
     program = opened(args, console)
     if program.externs and args.log is None and args.emit is None:
         in_child_process(console, lambda _: ())
@@ -284,7 +282,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge the log."""
     problem = _misused(args)
     if problem:
-        raise SoterError((Diagnostic("U001", problem),))
+        raise mistake("U001", problem)
     program = loaded(args, console)
     what = {"module": args.module, "system": args.system, "params": dict(args.params)}
     what["where"] = dict(pair.split("=", 1) for pair in args.where)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.api.arguments import mistake, write_sections
+from soter.api.arguments import write_sections
 from soter.certificate.format import errors
 from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
 from soter.certificate.report import CONTRADICTED, UNCONFIRMED
@@ -30,6 +30,7 @@ from soter.cli.terminal.command_line import (
 )
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
+from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION

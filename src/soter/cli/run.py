@@ -32,7 +32,7 @@ from soter.cli.terminal.command_line import (
 )
 from soter.cli.terminal.open_program import bound, opened
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
 
 if TYPE_CHECKING:
@@ -145,8 +145,7 @@ def _look_ahead(args: argparse.Namespace) -> None:
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
     if args.log and args.report and _same(args.log, args.report):
-        problem = Diagnostic("U001", f"log and report cannot both be `{args.log}`")
-        raise SoterError((problem,))
+        raise mistake("U001", f"log and report cannot both be `{args.log}`")
 
 
 def _same(log: str, report: str) -> bool:

@@ -26,7 +26,7 @@ from soter.cli.terminal.console import rounded, size
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.results import (
@@ -84,7 +84,7 @@ def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
     try:
         written = write(report, path)
     except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
     console.say()
     console.say(f"junit  {written}")
 

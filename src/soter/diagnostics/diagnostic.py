@@ -360,6 +360,11 @@ class SoterError(Exception):
         return traceback_lines(self)
 
 
+def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
+    """An error of one diagnostic that stands in no program; of `helps` those that say something."""
+    return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))
+
+
 ALL = "SOTER_TRACEBACK"
 
 

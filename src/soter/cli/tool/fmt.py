@@ -18,7 +18,7 @@ from soter.api import format_text, read_text
 from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, exit_of, file_option
 from soter.cli.terminal.open_program import STDIN, standard_input
 from soter.diagnostics.command_records import SWITCH, option
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.report.atomic_write import atomic_write
 
@@ -108,7 +108,7 @@ def _replace(path: Path, text: str) -> None:
             stream.write(text.encode("utf-8", "surrogatepass"))
     except OSError as error:
         message = f"cannot write `{path}`: {reason(error)}"
-        raise SoterError((Diagnostic("D006", message),)) from error
+        raise mistake("D006", message) from error
 
 
 def _require_leave(path: Path, mode: int) -> None:
@@ -118,4 +118,4 @@ def _require_leave(path: Path, mode: int) -> None:
     again = shlex.quote(str(path))
     helps = (f"chmod u+w {again} && soter fmt {again}", f"only look: soter fmt --diff {again}")
     what = f"cannot write `{path}`: it is read-only"
-    raise SoterError((Diagnostic("D006", what, helps=helps),))
+    raise mistake("D006", what, *helps)

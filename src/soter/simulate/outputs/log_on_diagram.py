@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.diagram.svg import picture
 from soter.language.model.types import RecordType
 from soter.language.model.values import ValueShapeError, from_json
@@ -48,7 +48,7 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
     try:
         return write_replay(title, told, Picture(picture(system, live=True), live), path)
     except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
 
 
 @dataclass
