@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.language.model.system import System
+    from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.result import LogJudgement
     from soter.simulate.result import Run
+    from soter.verify.problem.problem import Problem
 
 
 def judged(
@@ -101,17 +102,8 @@ def log_explained(
     """
     require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
-    given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
-    wrong = []
-    for m, problem in problems:
-        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
-        if missing:
-            notes = tuple(f"missing: {name}" for name in missing)
-            text = f"the log does not say whether the plants of `{m.name}` explain it"
-            wrong.append(Diagnostic("D017", text, notes=notes))
-    if wrong:
-        raise SoterError(tuple(wrong))
+    _require_all_told(flat, declared, problems)
     path = Path(log)
     columns = read_columns(path, declared)
     samples = samples_of(path, declared, columns)
@@ -121,6 +113,22 @@ def log_explained(
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
+
+
+def _require_all_told(
+    flat: System, declared: LogMap, problems: Sequence[tuple[Module, Problem]]
+) -> None:
+    """SoterError D017 where a log does not say all that a proof is about."""
+    given = {t.topic.name for t in declared.topics}
+    wrong = []
+    for m, problem in problems:
+        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
+        if missing:
+            notes = tuple(f"missing: {name}" for name in missing)
+            text = f"the log does not say whether the plants of `{m.name}` explain it"
+            wrong.append(Diagnostic("D017", text, notes=notes))
+    if wrong:
+        raise SoterError(tuple(wrong))
 
 
 def _declared(
