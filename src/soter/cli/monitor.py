@@ -178,7 +178,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Judge, or write the node."""
+    """Judge, or write the node; SoterError U001 for options that do not go together."""
     if args.map is not None or args.where:
         return _foreign(args, console)
     if args.emit is not None and args.report is not None:

@@ -95,7 +95,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Check it."""
+    """Check it; SoterError U001 for a page in the folder."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)

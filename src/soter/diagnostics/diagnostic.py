@@ -9,8 +9,6 @@ has (whoever reports it says so), files on disk.
 
 from __future__ import annotations
 
-import os
-import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum
@@ -22,7 +20,6 @@ from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from types import TracebackType
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.source import Source
@@ -353,26 +350,7 @@ class SoterError(Exception):
         """Crosses from process to process: `args` hold the text, not what it is made of."""
         return type(self), (self.diagnostics,)
 
-    def _render_traceback_(self) -> list[str]:
-        """What IPython shows of it."""
-        from soter.diagnostics.render import traceback_lines  # noqa: PLC0415 - only then
-
-        return traceback_lines(self)
-
 
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
     """An error of one diagnostic that stands in no program; of `helps` those that say something."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))
-
-
-ALL = "SOTER_TRACEBACK"
-
-
-def show_shortly(
-    kind: type[BaseException], error: BaseException, trace: TracebackType | None
-) -> None:
-    """What Python shows of an error that nobody caught: of a `SoterError` its diagnostics."""
-    if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
-        sys.__excepthook__(kind, error, trace)
-        return
-    print("\n".join(error._render_traceback_()), file=sys.stderr)
