@@ -29,11 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.result import LogJudgement
     from soter.simulate.result import Run
-    from soter.verify.problem.problem import Problem
 
 
 def judged(
@@ -102,24 +101,8 @@ def log_explained(
     """
     require_utf8(log, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
-    problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
-    _require_all_told(flat, declared, problems)
-    path = Path(log)
-    columns = read_columns(path, declared)
-    samples = samples_of(path, declared, columns)
-    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
-    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
-    told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
-    told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
-    told += units_taken([x for s in samples for x in s.assumed_units])
-    return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
-
-
-def _require_all_told(
-    flat: System, declared: LogMap, problems: Sequence[tuple[Module, Problem]]
-) -> None:
-    """SoterError D017 where a log does not say all that a proof is about."""
     given = {t.topic.name for t in declared.topics}
+    problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     wrong = []
     for m, problem in problems:
         missing = [n for n in needed_topics(flat, m, problem) if n not in given]
@@ -129,6 +112,15 @@ def _require_all_told(
             wrong.append(Diagnostic("D017", text, notes=notes))
     if wrong:
         raise SoterError(tuple(wrong))
+    path = Path(log)
+    columns = read_columns(path, declared)
+    samples = samples_of(path, declared, columns)
+    record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
+    made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+    told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
+    told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
+    told += units_taken([x for s in samples for x in s.assumed_units])
+    return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
 
 
 def _declared(

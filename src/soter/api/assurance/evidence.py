@@ -26,7 +26,6 @@ from soter.report.assurance.safety_case import CaseNode
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
     from soter.report.assurance.safety_case import SafetyCase
@@ -107,25 +106,19 @@ def replay_flights(
         said = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
         return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {said}")
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
-    text = f"{len(flown)} flights flown again just now, bit for bit; {total}"
-    why, violated = _found(rows, chosen, flown)
-    return ReplayedFlights(goal, text, why, violated)
-
-
-def _found(
-    rows: list[dict[str, str]], chosen: list[dict[str, str]], flown: Mapping[int, FlightOutcome]
-) -> tuple[str, str]:
-    """What is wrong with flights that were flown again, or not all told; and what was violated."""
     other = [r["number"] for r in chosen if flown[int(r["number"])].digest != r["digest"]]
     broken = [f.number for f in flown.values() if f.violations]
+    text = f"{len(flown)} flights flown again just now, bit for bit; {total}"
     if other:
-        return f"flight {other[0]} is another one than the folder says", ""
+        return ReplayedFlights(goal, text, f"flight {other[0]} is another one than the folder says")
     if broken:
         said = f"flight {broken[0]} of the campaign violates a property"
-        return said, said
+        return ReplayedFlights(goal, text, said, said)
     if any(int(r["violations"]) for r in rows):
-        return "flights that violate a property as recorded were not flown again", ""
-    return "", ""
+        return ReplayedFlights(
+            goal, text, "flights that violate a property as recorded were not flown again"
+        )
+    return ReplayedFlights(goal, text)
 
 
 def _not_flown(flat: System, about: dict[str, Any]) -> str:

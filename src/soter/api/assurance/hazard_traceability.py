@@ -298,32 +298,23 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
                 helps=did_you_mean(target, [*requirements, *how])
                 or (f"properties are {', '.join(f'`{name}`' for name in list(how)[:12])}",),
             )
-    circle = _circle(by_id)
-    if circle:
+    graph = {r.id: [t for t in r.traces_to if t in by_id] for r in by_id.values()}
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        circle = list(reversed(error.args[1]))
         said = " -> ".join(f"`{name}`" for name in circle)
         diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
-    diagnostics.raise_errors()
-
-
-def _circle(by_id: dict[str, HazardRow]) -> list[str]:
-    """Rows that trace to themselves, in a circle; none where none does."""
-    try:
-        TopologicalSorter(_graph(by_id)).prepare()
-    except CycleError as error:
-        return list(reversed(error.args[1]))
-    return []
-
-
-def _graph(by_id: dict[str, HazardRow]) -> dict[str, list[str]]:
-    """The rows that each row traces to."""
-    return {r.id: [t for t in r.traces_to if t in by_id] for r in by_id.values()}
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
 
 
 def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     """Of each row the properties that it leads to, each once, after what it traces to."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
-    for id_ in TopologicalSorter(_graph(by_id)).static_order():
+    graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
+    for id_ in TopologicalSorter(graph).static_order():
         each = (reached.get(t, [t]) for t in by_id[id_].traces_to)
         reached[id_] = list(dict.fromkeys(name for names in each for name in names))
     return reached
