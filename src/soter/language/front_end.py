@@ -13,14 +13,7 @@ import sys
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import (
-    Diagnostic,
-    Diagnostics,
-    Fix,
-    Label,
-    Severity,
-    SoterError,
-)
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Fix, Label, Severity, SoterError
 from soter.language.check.checker import check
 from soter.language.elaborate.deployed_systems import check_deployed
 from soter.language.elaborate.derived_systems import at_once, faultless

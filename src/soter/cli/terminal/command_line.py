@@ -251,7 +251,8 @@ class CommandParser(argparse.ArgumentParser):
             self.add_argument(name, choices=known.kind.names or None, **how)
             return
         if kind == "several":
-            how |= {"action": "append", "default": known.given and list(known.given)}
+            given = None if known.given is None else list(known.given)
+            how |= {"action": "append", "default": given}
         elif metavar.startswith("["):
             how["const"] = ""
         self.add_argument(*flags, dest=name, required=needed, **how)
