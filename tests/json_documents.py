@@ -1,22 +1,20 @@
-"""The schemas of docs/json.md, and whether a document keeps to them.
+"""The schemas of docs/schemas, and whether a document keeps to them.
 
-Purpose: one place that reads the page, so that what is documented is what is tested.
-Non-goals: all of JSON Schema; only the words the page uses.
+Purpose: one place that reads them, so that what is documented is what is tested.
+Non-goals: all of JSON Schema; only the words that they use.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 from typing import Any
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "json.md"
-BLOCK = re.compile(r"^```json schema=(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "schemas"
 SCHEMAS: dict[str, dict[str, Any]] = {
-    name: json.loads(text) for name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8"))
+    path.name: json.loads(path.read_text(encoding="utf-8")) for path in FOLDER.glob("*.json")
 }
-MADE = ("check", "test", "recheck", "verify", "run", "campaign", "monitor")
+MADE = ("check", "test", "recheck", "verify", "run", "campaign", "monitor", "replay", "measure")
 """Documents whose schemas `docs/site/json_schemas.py` makes: they have all fields."""
 TYPES: dict[str, tuple[type, ...]] = {
     "object": (dict,),
@@ -31,10 +29,11 @@ TYPES: dict[str, tuple[type, ...]] = {
 
 def problems_of(document: dict[str, Any]) -> list[str]:
     """What is wrong with a document, whichever command it is of; nothing undocumented is in it."""
-    problems = list(_check(SCHEMAS["common"], document, ""))
-    known = set(SCHEMAS["common"]["properties"]) | {"file"}
+    problems = list(_check(SCHEMAS["common.json"], document, ""))
+    known = set(SCHEMAS["common.json"]["properties"]) | {"file"}
     name = document.get("command") or ""
-    schema = SCHEMAS.get("check_several" if name == "check" and "files" in document else name)
+    several = name == "check" and "files" in document
+    schema = SCHEMAS.get("check_several.json" if several else f"{name}.json")
     if schema is not None:
         known |= set(schema["properties"])
         done = document["exit"] in (0, 3, 4, 130) and "help" not in document

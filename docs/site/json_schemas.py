@@ -1,10 +1,10 @@
-"""The schemas of docs/json.md, from the lists of fields and the types of the records.
+"""The JSON Schemas in docs/schemas, from the lists of fields and the types of the records.
 
-    .venv/bin/python docs/site/json_schemas.py          writes them into the page
+    .venv/bin/python docs/site/json_schemas.py          writes them
 
-Purpose: a block `json schema=NAME` for every document that `soter` makes of a `JsonObject`, and for
-every object of it that has a name.
-Non-goals: the prose of the page; documents whose blocks are written by hand.
+Purpose: a file `NAME.json` for every document that `soter` makes of a `JsonObject`, and for every
+object of it that has a name.
+Non-goals: what the fields mean (docs/json.md); the schemas of `BY_HAND`.
 """
 
 from __future__ import annotations
@@ -23,25 +23,26 @@ from inspect import get_annotations, getattr_static
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from soter.diagnostics.command_records import JsonObject
+from soter.diagnostics.command_records import JsonObject, Shape
 
 Hint: TypeAlias = Any
 """A type, as annotations have it."""
-PAGE = Path(__file__).resolve().parents[1] / "json.md"
-BLOCK = re.compile(r"^(```json schema=(\w+)\n)(.*?)^```", re.MULTILINE | re.DOTALL)
+FOLDER = Path(__file__).resolve().parents[1] / "schemas"
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCUMENTS = {
     **{
         name: f"soter.cli.{name}"
-        for name in ("check", "test", "recheck", "verify", "campaign", "monitor")
+        for name in ("check", "test", "recheck", "verify", "campaign", "monitor", "replay")
     },
+    "measure": "soter.api.measuring",
     "run": "soter.simulate.outputs.run_fields",
 }
-"""Name of a block -> the module that has its `DOCUMENT`."""
+"""Name of a schema -> the module that has its `DOCUMENT`."""
 WIDTH = 120
 TYPES = {str: "string", bool: "boolean", int: "integer", float: "number", type(None): "null"}
 
 
-def blocks() -> dict[str, dict[str, Any]]:
+def schemas() -> dict[str, dict[str, Any]]:
     """The schemas by name."""
     made: dict[str, dict[str, Any]] = {}
     for name, module in DOCUMENTS.items():
@@ -53,7 +54,7 @@ def blocks() -> dict[str, dict[str, Any]]:
 
 
 def named(document: JsonObject) -> Iterator[JsonObject]:
-    """The objects of a document that have their own block."""
+    """The objects of a document that have a schema of their own."""
     for shape in document.shapes.values():
         if isinstance(shape, JsonObject):
             if shape.named:
@@ -64,13 +65,18 @@ def named(document: JsonObject) -> Iterator[JsonObject]:
 def of_object(what: JsonObject) -> dict[str, Any]:
     """The schema of an object: all its fields are there, but those that a command may add."""
     record = class_of(what.record)
+    others = of_object(what.also)["properties"] if what.also else {}
     properties = {}
     for name, path in what.paths.items():
         hint = returned(what.made[name]) if name in what.made else type_at(record, path)
         properties[name] = of_type(hint, what.shapes.get(name), f"{record.__name__}.{name}")
     beside = {n.rstrip("?"): of_type(t, None, n) for n, t in what.beside.items()}
     required = [*(n for n in what.beside if not n.endswith("?")), *properties]
-    return {"type": "object", "properties": {**beside, **properties}, "required": required}
+    return {
+        "type": "object",
+        "properties": {**beside, **properties, **others},
+        "required": required,
+    }
 
 
 def class_of(record: type | str) -> type:
@@ -86,10 +92,12 @@ def type_at(record: type, path: str) -> Hint:
     """The type of what stands at a path of a record; with None where a part of it may be none."""
     empty = path.endswith("?")
     hint: Hint = record
-    for name in path.rstrip("?*").split("."):
+    for name in path.rstrip("?*").removesuffix("/s").split("."):
         inner, none = without_none(hint)
         empty = empty or none
         hint = member(inner, name)
+    if path.endswith("/s"):
+        empty, hint = empty or without_none(hint)[1], float
     if path.endswith("*"):
         hint = Mapping[str, typing.get_args(typing.get_args(hint)[0])[1]]  # type: ignore[misc]
     return hint | None if empty else hint
@@ -147,7 +155,7 @@ class ImportedNames(dict[str, object]):
         return getattr(import_module(self.places[name]), name)
 
 
-def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str) -> dict[str, Any]:
+def of_type(hint: Hint, shape: Shape | None, where: str) -> dict[str, Any]:
     """The schema of a type; `shape`: what the record or value in it is."""
     if isinstance(shape, Mapping) and "$ref" in shape:
         return dict(shape)
@@ -161,8 +169,10 @@ def of_type(hint: Hint, shape: JsonObject | Mapping[str, Any] | None, where: str
         return {"type": "object", "additionalProperties": of_type(args[1], shape, where)}
     if isinstance(origin, type) and issubclass(origin, Iterable):
         return {"type": "array", "items": of_type(args[0], shape, where)}
+    if isinstance(shape, tuple):
+        return {"anyOf": [of_type(hint, one, where) for one in shape]}
     if isinstance(shape, JsonObject):
-        return {"$ref": shape.named} if shape.named else of_object(shape)
+        return {"$ref": f"{shape.named}.json"} if shape.named else of_object(shape)
     if shape is not None:
         return dict(shape)
     if hint in TYPES:
@@ -199,15 +209,14 @@ def laid_out(value: object, indent: str = "", head: int = 0) -> str:
     return "{\n" + ",\n".join(parts) + f"\n{indent}}}"
 
 
-def written(page: str) -> str:
-    """The page with these schemas."""
-    made = blocks()
-    there = {m[2] for m in BLOCK.finditer(page)}
-    assert set(made) <= there, f"no block in the page: {set(made) - there}"
-    return BLOCK.sub(lambda m: f"{m[1]}{laid_out(made[m[2]])}\n```" if m[2] in made else m[0], page)
+def texts() -> dict[str, str]:
+    """The text of every file by its name."""
+    made = schemas()
+    return {f"{n}.json": laid_out({"$schema": DIALECT, **s}) + "\n" for n, s in made.items()}
 
 
 if __name__ == "__main__":
-    text = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(written(text), encoding="utf-8")
-    sys.stdout.write(f"{len(blocks())} schemas\n")
+    written = texts()
+    for name, text in written.items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
+    sys.stdout.write(f"{len(written)} schemas\n")

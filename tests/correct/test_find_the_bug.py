@@ -79,7 +79,7 @@ def test_a_bold_look_ahead_is_violated_by_the_trace_of_the_page(tmp_path: Path) 
     _shows(done.stdout, _said(3)[0])
     assert (tmp_path / ".soter" / "hoist-AnyController.html").is_file()
     trace = Path(".soter") / "hoist-AnyController.trace.json"
-    again = _soter(tmp_path, "replay", str(trace), "--mcap", "run.mcap", "--text")
+    again = _soter(tmp_path, "replay", str(trace), "--mcap", "run.mcap")
     assert again.returncode == 0, again.stderr
     assert (tmp_path / "run.mcap").is_file()
     _shows(again.stdout, _said(3)[1])

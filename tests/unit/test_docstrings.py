@@ -246,8 +246,8 @@ def test_a_shape_that_is_not_said_is_found(tmp_path: Path, said: str, found: boo
     [
         ("It.", "raise ValueError('no')", ["ValueError"]),
         ("ValueError where it is none.", "raise ValueError('no')", []),
-        ("It.", "raise usage_error('U001', 'no')", ["SoterError"]),
-        ("U001 where it is none.", "raise usage_error('U001', 'no')", []),
+        ("It.", "raise mistake('U001', 'no')", ["SoterError"]),
+        ("U001 where it is none.", "raise mistake('U001', 'no')", []),
         ("It.", "try:\n        raise KeyError\n    except LookupError:\n        pass", []),
         ("It.", "try:\n        raise KeyError\n    except OSError:\n        pass", ["KeyError"]),
         ("It.", "try:\n        raise KeyError\n    except KeyError:\n        raise", ["KeyError"]),

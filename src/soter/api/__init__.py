@@ -8,6 +8,8 @@ Non-goals: printing, exit codes (`cli/`).
 
 from __future__ import annotations
 
+import os
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -23,9 +25,10 @@ from soter.api.check_report import (
 )
 from soter.api.program import Program, load
 from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.render import install
 
 if TYPE_CHECKING:
+    from types import TracebackType
+
     from soter.api.rechecking import recheck
     from soter.api.replaying import ReplayReport, replay
     from soter.simulate.result import Run
@@ -61,7 +64,26 @@ LATER = {
 }
 """What `check` does not need: the module that it is imported from when it is asked for."""
 
-install()
+ALL = "SOTER_TRACEBACK"
+
+
+def _shown(error: SoterError) -> list[str]:
+    """What Python and IPython show of an error that nobody caught."""
+    from soter.diagnostics.render import traceback_lines  # noqa: PLC0415 - only then
+
+    return traceback_lines(error)
+
+
+def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
+        sys.__excepthook__(kind, error, trace)
+        return
+    print("\n".join(_shown(error)), file=sys.stderr)
+
+
+setattr(SoterError, "_render_traceback_", _shown)  # noqa: B010 - IPython asks for that name
+if sys.excepthook is sys.__excepthook__:  # else somebody else shows errors
+    sys.excepthook = _hook
 
 
 def __getattr__(name: str) -> object:

@@ -16,14 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.diagnostics.os_error_text import utf8_text
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.diagnostics.codes import Code
     from soter.explore.results import TestResult
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
@@ -37,11 +36,6 @@ if TYPE_CHECKING:
 
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]
-
-
-def mistake(code: Code, message: str, help_: str) -> SoterError:
-    """An error of one diagnostic, with what helps."""
-    return SoterError((Diagnostic(code, message, helps=(help_,)),))
 
 
 def require_utf8(*names: object) -> None:
@@ -71,7 +65,7 @@ def time_ns(what: str, given: float | str | None) -> int | None:
         return duration_ns(given)
     except WrongTextError as error:
         message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
-        raise SoterError((Diagnostic("U001", message),)) from error
+        raise mistake("U001", message) from error
 
 
 def end_of(system: System, until: float | str | None) -> int:
@@ -96,7 +90,7 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
         there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
         what = f"no module `{module}`" if module else "no module"
         message = f"system `{flat.name}` has {what}"
-        raise SoterError((Diagnostic("U001", message, notes=(f"there are: {there}",)),))
+        raise mistake("U001", message, notes=(f"there are: {there}",))
     return modules
 
 
@@ -228,7 +222,7 @@ def require_writable(path: Path) -> None:
         elif path.is_file() and not _made_by_a_run(path):
             reason = "it holds something else, which would be lost"
     if reason:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
+        raise mistake("D006", f"cannot write `{path}`: {reason}")
 
 
 def require_no_certificate(path: Path, cert: Path | None = None) -> None:
@@ -237,7 +231,7 @@ def require_no_certificate(path: Path, cert: Path | None = None) -> None:
         sealed = (folder / "SEAL").is_file() and (folder / "manifest.json").is_file()
         if sealed or (cert is not None and folder == cert.resolve()):
             problem = f"cannot write `{path}`: a certificate with a file more is rejected"
-            raise SoterError((Diagnostic("D006", problem),))
+            raise mistake("D006", problem)
 
 
 def _made_by_a_run(path: Path) -> bool:
@@ -257,7 +251,7 @@ def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_document("soter advise", advice_main([a.page(program) for a in advice]), path)
     except (OSError, ReportError) as error:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+        raise mistake("D006", f"cannot write `{path}`: {error}") from error
 
 
 def write_sections(
@@ -271,7 +265,7 @@ def write_sections(
     try:
         write_document(title, "\n".join(sections_main(title, headline, verdict, sections)), path)
     except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
 
 
 def write_test_page(result: TestResult) -> Path:
@@ -301,6 +295,6 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
 
         return write_log(view, path)
     except LogUnavailableError as error:
-        raise SoterError((Diagnostic("D007", str(error)),)) from error
+        raise mistake("D007", str(error)) from error
     except (OSError, ReportError, LogError) as error:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+        raise mistake("D006", f"cannot write `{path}`: {error}") from error

@@ -15,7 +15,7 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import end_of, mistake, require_writable, time_ns
+from soter.api.arguments import end_of, require_writable, time_ns
 from soter.campaign.arms import OURS, PAPER, arms_of
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import cluster, flights_of, fly, require_ray
@@ -23,7 +23,7 @@ from soter.campaign.page import write_page
 from soter.campaign.release_lateness import kept
 from soter.campaign.result import ORDER, Result, blames, occurred, result_of
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
-from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.parameter_text import changed
 from soter.simulate.run_settings import seed_value
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
 from soter.language.load.bounded_read import read_json_text
 
@@ -98,12 +98,8 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
-        problem = Diagnostic(
-            "U011",
-            f"`{path}` is no file of times",
-            notes=("`soter measure` writes one",),
-        )
-        raise SoterError((problem,))
+        notes = ("`soter measure` writes one",)
+        raise mistake("U011", f"`{path}` is no file of times", notes=notes)
     return program, system, wcet_by_component, assumed
 
 
@@ -127,10 +123,16 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
     if note:
         what = f"`{path}` has no times of this program"
         helps = ("measure what is there now: `soter measure`",)
-        raise SoterError((Diagnostic("U011", what, notes=(note,), helps=helps),))
+        raise mistake("U011", what, *helps, notes=(note,))
     for c in components:
         c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
     return {name: assumed}
+
+
+def externs_of(program: TypedProgram) -> tuple[str, ...]:
+    """Names of the nodes, plants and functions that it leaves to Python or C."""
+    tables: list[Mapping[str, Any]] = [program.nodes, program.plants, program.funs]
+    return tuple([name for table in tables for name, s in table.items() if s.extern])
 
 
 def timing_reports(
@@ -140,11 +142,14 @@ def timing_reports(
 
     `assumed`: what the times of a system assume, by its name.
     """
+    timed = [s for s in systems if any(c.wcet_ns is not None or c.jitter_ns for c in s.components)]
+    if not timed:
+        return (), ()
     from soter.timing.trusted_thread import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
 
     reports: list[TimingReport] = []
     diagnostics = Diagnostics()
-    for system in systems:
+    for system in timed:
         timing = timing_of(system)
         if timing is None:
             continue
@@ -328,9 +333,11 @@ def check_report(
         system_report(flat[name], default=symbol.default)
         for name, symbol in checked.systems.items()
     )
-    from soter.simulate.externs.binding_warnings import warnings_of  # noqa: PLC0415 - see `soter.api`
+    warnings = checked.diagnostics.items
+    if bound or externs_of(program):
+        from soter.simulate.externs.binding_warnings import warnings_of  # noqa: PLC0415 - see `soter.api`
 
-    warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
+        warnings += warnings_of(program, bound)
     assumed = {} if times is None else with_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
     warnings += tuple(dict.fromkeys(refused))

@@ -23,7 +23,7 @@ from soter.api.rechecking import recheck
 from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
 from soter.core.layout import size_of
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
@@ -151,7 +151,7 @@ def deployed(
         if cert is not None:
             what = f"system `{here.name}` deploys no other: there is nothing to inherit"
             helps = ("leave `--cert` out", "or write `system NAME deploys PROVED { ... }`")
-            raise SoterError((Diagnostic("U001", what, helps=helps),))
+            raise mistake("U001", what, *helps)
         return DeploymentReport()
     from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
@@ -493,6 +493,4 @@ def _declared(there: System, name: str) -> str:
 def _other(folder: Path | None, why: str) -> SoterError:
     what = f"the certificate `{folder}`" if folder is not None else "the certificate"
     hint = "`soter verify FILE --system NAME --cert DIR` of the file that declares what is deployed"
-    return SoterError(
-        (Diagnostic("D020", f"{what} is not about what is deployed: {why}", helps=(hint,)),)
-    )
+    return mistake("D020", f"{what} is not about what is deployed: {why}", hint)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -40,9 +40,9 @@ class Diagram:
             if not lost:
                 return write_text(self.svg, target)
         except (OSError, ReportError) as error:
-            raise SoterError((Diagnostic("D006", str(error)),)) from error
+            raise mistake("D006", str(error)) from error
         problem = f"cannot write `{path}`: it holds something else, which would be lost"
-        raise SoterError((Diagnostic("D006", problem),))
+        raise mistake("D006", problem)
 
     def write_replay(self, log: str | Path, path: str | Path) -> Path:
         """Write a page that replays a log of `soter run --log` on the diagram.

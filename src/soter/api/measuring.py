@@ -12,11 +12,14 @@ import platform
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.api.arguments import mistake, time_ns
+from soter.api.arguments import time_ns
+from soter.diagnostics.command_records import JsonObject
+from soter.diagnostics.diagnostic import mistake
+from soter.measure import MARGIN, SAMPLES
 from soter.measure.stopwatch import StepTimes, TimedUnit, step_times, timed, timed_components
 from soter.simulate.externs.bindings import bind
 
@@ -26,8 +29,6 @@ if TYPE_CHECKING:
     from soter.api.program import Program
 
 SCHEMA = 1
-SAMPLES = 20_000
-MARGIN = 2.0
 NO_BOUND = (
     "a measurement is no bound: it has seen the states, the caches and the interrupts that it "
     "has seen, on this machine"
@@ -138,33 +139,34 @@ def machine() -> str:
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 
 
-def document(measurement: Measured) -> dict[str, Any]:
-    """As the file has it; times in ns."""
-    return {
-        "schema": SCHEMA,
-        "system": measurement.system,
-        "program_sha256": measurement.program_sha256,
-        "machine": measurement.machine,
-        "margin": measurement.margin,
-        "note": COUNTS if measurement.assumed else NO_BOUND,
-        "assumed": measurement.assumed,
-        "steps": [
-            {
-                "name": s.name,
-                "samples": s.samples,
-                "percentiles_ns": {f"{q:g}": ns for q, ns in s.percentiles},
-                "longest_ns": s.longest_ns,
-                "faulted": s.faulted,
-                "wcet_ns": s.wcet_ns,
-            }
-            for s in measurement.steps
-        ],
-    }
+def _note(measurement: Measured) -> str:
+    return COUNTS if measurement.assumed else NO_BOUND
+
+
+def _percentiles(step: StepTimes) -> dict[str, int]:
+    return {f"{q:g}": ns for q, ns in step.percentiles}
+
+
+DOCUMENT = JsonObject(
+    Measured,
+    "system program_sha256 machine margin note assumed steps",
+    {"note": _note},
+    beside={"file": str, "times": str},
+    steps=JsonObject(
+        StepTimes,
+        "name samples percentiles_ns longest_ns faulted wcet_ns",
+        {"percentiles_ns": _percentiles},
+    ),
+)
+"""As the file has it; times in ns."""
 
 
 def written(measurement: Measured, path: str | Path) -> Path:
     """Writes the file; OSError where that fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(document(measurement), indent=2) + "\n", encoding="utf-8")
+    path.write_text(
+        json.dumps({"schema": SCHEMA, **DOCUMENT.of(measurement)}, indent=2) + "\n",
+        encoding="utf-8",
+    )
     return path

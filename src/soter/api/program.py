@@ -7,7 +7,7 @@ Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,7 +18,6 @@ from soter.api.arguments import (
     complete,
     end_of,
     format_text,
-    mistake,
     read_text,
     require_no_certificate,
     require_utf8,
@@ -28,10 +27,9 @@ from soter.api.arguments import (
     values_of,
     write_advice,
 )
-from soter.api.check_report import CheckReport, check_report
-from soter.api.compiled_systems import PreparedSystems
+from soter.api.check_report import CheckReport, check_report, externs_of
 from soter.diagnostics.command_records import made, takes
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
 
@@ -43,6 +41,7 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
+    from soter.api.compiled_systems import PreparedSystems
     from soter.api.diagrams import Diagram
     from soter.explore.results import ExploreReport
     from soter.explore.search_options import SearchKeywords
@@ -80,11 +79,16 @@ class Program:
         self._checked: CheckResult = check_file(path, text, tell=progress)
         add_stale_monitors(self._checked)
         self._bound: dict[str, object] = {}
-        self._prepared = PreparedSystems()
         self._flat: list[System] = []  # what `bind` looks for names in
 
     def __repr__(self) -> str:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
+
+    @cached_property
+    def _prepared(self) -> PreparedSystems:
+        from soter.api.compiled_systems import PreparedSystems  # noqa: PLC0415 - see the docstring
+
+        return PreparedSystems()
 
     # ------------------------------------------------------------ facts
 
@@ -107,9 +111,7 @@ class Program:
     def externs(self) -> tuple[str, ...]:
         """Names of the nodes, plants and functions that it leaves to Python or C."""
         program = self._checked.program
-        tables: list[Mapping[str, Any]]
-        tables = [] if program is None else [program.nodes, program.plants, program.funs]
-        return tuple([name for table in tables for name, s in table.items() if s.extern])
+        return () if program is None else externs_of(program)
 
     @property
     def sha256(self) -> str | None:
@@ -192,9 +194,7 @@ class Program:
 
         how = made(RunOptions, {"seed": seed, "engine": engine, **options})
         if how.recorded is not None and (how.real_time or until is not None):
-            from soter.simulate.run_settings import usage_error  # noqa: PLC0415 - only then
-
-            raise usage_error("U001", "`recorded` is over: neither `until` nor `real_time`")
+            raise mistake("U001", "`recorded` is over: neither `until` nor `real_time`")
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
         if how.arm is not None:

@@ -11,7 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
 
 if TYPE_CHECKING:
@@ -39,14 +39,10 @@ def recheck(
     log, D023 of a log that the certificate is not about.
     """
     if find_spec("flint") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "certificates are checked with `python-flint`, which is not installed",
-                    helps=("install it: pip install 'soter[recheck]'",),
-                ),
-            )
+        raise mistake(
+            "D007",
+            "certificates are checked with `python-flint`, which is not installed",
+            "install it: pip install 'soter[recheck]'",
         )
     require_plain()
     from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra
@@ -66,4 +62,4 @@ def recheck(
 def no_certificate(error: Exception) -> SoterError:
     """D009: what was given is none."""
     hint = "`soter verify --cert DIR` makes one"
-    return SoterError((Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,)),))
+    return mistake("D009", f"this is no certificate: {error}", hint)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, mistake, params_from_json, write_sequence
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.api.arguments import complete, params_from_json, write_sequence
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.front_end import check_file, system_of_test
 from soter.version import VERSION
 
@@ -126,7 +126,7 @@ def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayRep
         run = replay_file(file)
     except AnotherVersionError as error:
         hint = "verify again: `soter verify`"
-        raise SoterError((Diagnostic("D011", str(error), helps=(hint,)),)) from error
+        raise mistake("D011", str(error), hint) from error
     except ValueError as error:
         raise no_trace(file, str(error)) from error
     except SoterError as error:

@@ -8,31 +8,25 @@ Non-goals: the sweeps (`verify/period_sweep.py`, `verify/delay_search.py`), the 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import (
-    FINE,
-    CommandOutcome,
-    CommandParser,
-    UsageError,
-    add_file,
-    add_settings,
-    exit_of,
-)
+from soter.cli.terminal.command_line import MODULE, SET, CommandOutcome, UsageError, file_option
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.api.program import Program
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
     from soter.report.terminal_tables import Entry, Tone
     from soter.verify.delay_search import DelayAdvice
-    from soter.verify.period_sweep import Advice, AdviceRow
+    from soter.verify.period_sweep import Advice
 
 EXAMPLES = """\
   soter advise cart.soter
@@ -56,27 +50,24 @@ LONGEST = "YES, the longest"
 """How the row is marked that one would take."""
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("advise", "What the decision period and the levels cost.", EXAMPLES)
-    add_file(made)
-    made.add_argument("--module", metavar="M", help="only this module; by default all")
-    made.add_argument("--system", metavar="S", help="the system its plants stand in")
-    add_settings(made)
-    made.add_argument("--levels", metavar="LIST", default="2,3,4", help="m to try (2,3,4)")
-    made.add_argument(
-        "--factors",
-        metavar="LIST",
-        default="0.25,0.5,1,1.5,2,3,4",
-        help="multiples of the declared period to try (0.25 to 4)",
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the decision period and the levels cost."""
+
+    file: str = file_option()
+    module: str | None = option(*MODULE)
+    system: str | None = option("--system S", None, "the system its plants stand in")
+    params: Pairs = option(*SET)
+    levels: str = option("--levels LIST", "2,3,4", "m to try (2,3,4)")
+    factors: str = option(
+        "--factors LIST",
+        "0.25,0.5,1,1.5,2,3,4",
+        "multiples of the declared period to try (0.25 to 4)",
     )
-    made.add_argument(
-        "--delay", action="store_true", help="how late commands may act, in place of the periods"
+    delay: bool = option(
+        "--delay", False, "how late commands may act, in place of the periods", SWITCH
     )
-    made.add_argument(
-        "-o", "--report", dest="output", metavar="FILE", help="the figure (.soter/...html)"
-    )
-    return made
+    output: str | None = option("-o --report FILE", None, "the figure (.soter/...html)")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -87,70 +78,49 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.delay:
         return _delays(args, console, program)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
-    try:
-        with ProgressBar(console) as progress:
-            all_advice = program.advise(
-                args.module,
-                system=args.system,
-                params=dict(args.params),
-                levels=levels,
-                factors=factors,
-                report=page,
-                progress=progress,
-            )
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    with ProgressBar(console) as progress:
+        all_advice = program.advise(
+            args.module,
+            system=args.system,
+            params=dict(args.params),
+            levels=levels,
+            factors=factors,
+            report=page,
+            progress=progress,
+        )
     for advice in all_advice:
         _say(advice, console)
     if all_advice:
         console.say(f"\nfigure  {page}")
     else:
         console.say("there is no module to advise on")
-    fields = {
-        "file": args.file,
+    fields: dict[str, object] = {
         "program_sha256": program.sha256,
         "report": str(page) if all_advice else None,
-        "modules": {a.module: _fields(a) for a in all_advice},
+        "modules": {a.module: ADVICE.of(a) for a in all_advice},
     }
-    return CommandOutcome(FINE, program.diagnostics, fields)
+    return CommandOutcome(fields=fields)
 
 
 def _delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
     """`--delay`: one paragraph for each module."""
     if args.output is not None:
-        raise UsageError("`--delay` draws no figure", parser().format_usage())
-    try:
-        with ProgressBar(console) as progress:
-            delays = program.largest_delays(
-                args.module, system=args.system, params=dict(args.params), progress=progress
-            )
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+        raise UsageError("`--delay` draws no figure")
+    with ProgressBar(console) as progress:
+        delays = program.largest_delays(
+            args.module, system=args.system, params=dict(args.params), progress=progress
+        )
     for delay in delays:
         console.say()
         console.say(console.paint("bold", delay.module))
         console.say(f"  {delay.summary}")
         tried = ", ".join(show_ns(ns) for ns in delay.why_not)
         console.say(console.paint("muted", f"  tried, each by a proof: {tried}"))
-    fields = {
-        "file": args.file,
+    fields: dict[str, object] = {
         "program_sha256": program.sha256,
-        "delays": {d.module: _delay_fields(d) for d in delays},
+        "delays": {d.module: DELAY.of(d) for d in delays},
     }
-    return CommandOutcome(FINE, program.diagnostics, fields)
-
-
-def _delay_fields(delay: DelayAdvice) -> dict[str, object]:
-    largest, refused = delay.largest_ns, delay.refused_ns
-    return {
-        "declared_s": delay.declared_ns / 1e9,
-        "largest_s": None if largest is None else largest / 1e9,
-        "refused_s": None if refused is None else refused / 1e9,
-        "summary": delay.summary,
-        "tried": [
-            {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
-        ],
-    }
+    return CommandOutcome(fields=fields)
 
 
 def _numbers(text: str, option: str, least: float) -> list[float]:
@@ -159,10 +129,10 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         message = f"{option} takes numbers with commas between, not `{text}`"
-        raise UsageError(message, parser().format_usage()) from None
+        raise UsageError(message) from None
     if not all(least <= x <= LARGEST for x in numbers):
         message = f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`"
-        raise UsageError(message, parser().format_usage())
+        raise UsageError(message)
     return numbers
 
 
@@ -187,29 +157,29 @@ def _say(advice: Advice, console: Console) -> None:
     console.say(advice.summary)
 
 
-def _fields(advice: Advice) -> dict[str, object]:
-    best = advice.best_ns
-    return {
-        "period_s": advice.delta_ns / 1e9,
-        "levels": advice.levels,
-        "summary": advice.summary,
-        "best_s": None if best is None else best / 1e9,
-        "rows": [_row(advice, row) for row in advice.rows],
-    }
+def _rows(advice: Advice) -> list[dict[str, object]]:
+    levels = advice.levels
+    return [ROW.of(r) | {"verifies": r.verifies(levels), "why": r.why} for r in advice.rows]
 
 
-def _row(advice: Advice, row: AdviceRow) -> dict[str, object]:
-    return {
-        "period_s": row.delta_ns / 1e9,
-        "sc_period_s": row.sc_ns / 1e9,
-        "h_star_s": row.h_star_ns / 1e9,
-        "horizon_s": row.horizon_ns / 1e9,
-        "in_time": row.in_time,
-        "core": row.core,
-        "allowed": row.allowed,
-        "levels": {str(m): share for m, share in row.levels.items()},
-        "returns": {str(m): holds for m, holds in row.returns.items()},
-        "written": row.written,
-        "verifies": row.verifies(advice.levels),
-        "why": row.why,
-    }
+def _tried(delay: DelayAdvice) -> list[dict[str, object]]:
+    return [
+        {"acts_s": ns / 1e9, "proved": not why, "why": why} for ns, why in delay.why_not.items()
+    ]
+
+
+ROW = JsonObject(
+    "soter.verify.period_sweep.AdviceRow",
+    "period_s=delta_ns/s sc_period_s=sc_ns/s h_star_s=h_star_ns/s horizon_s=horizon_ns/s in_time "
+    "core allowed levels returns written",
+)
+ADVICE = JsonObject(
+    "soter.verify.period_sweep.Advice",
+    "period_s=delta_ns/s levels summary best_s=best_ns/s rows",
+    {"rows": _rows},
+)
+DELAY = JsonObject(
+    "soter.verify.delay_search.DelayAdvice",
+    "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
+    {"tried": _tried},
+)

@@ -6,7 +6,7 @@ Non-goals: making proofs, tests and campaigns; the case itself (`api/assurance/`
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_line import (
@@ -14,24 +14,24 @@ from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
     FINE,
     NOT_RECHECKED,
+    SET,
+    SYSTEM,
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
-    add_file,
-    add_settings,
-    exit_of,
-    whole,
+    file_option,
+    given,
 )
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.api.assurance.safety_case import Assurance
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 EXAMPLES = f"""\
@@ -59,45 +59,29 @@ exit codes: 0 the top goal is supported, and P2b where the program asks for it, 
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("assure", "Make a safety case: GSN, ASTM F3269, with hashes.", EXAMPLES)
-    add_file(made)
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument("--cert", metavar="DIR", help="certificate of it; checked again")
-    made.add_argument("--tests", action="store_true", help="explore every test of the file again")
-    made.add_argument("--test-report", metavar="FILE", help="what `soter test --json` printed")
-    made.add_argument("--campaign", metavar="DIR", help="the folder of a campaign")
-    made.add_argument(
-        "--flights", metavar="N", type=whole, default=20, help="so many are flown again (20)"
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Make a safety case: GSN, ASTM F3269, with hashes."""
+
+    file: str = file_option()
+    system: str | None = option(*SYSTEM)
+    cert: str | None = option("--cert DIR", None, "certificate of it; checked again")
+    tests: bool = option("--tests", False, "explore every test of the file again", SWITCH)
+    test_report: str | None = option("--test-report FILE", None, "what `soter test --json` printed")
+    campaign: str | None = option("--campaign DIR", None, "the folder of a campaign")
+    flights: int = option("--flights N", 20, "so many are flown again (20)", Kind("whole"))
+    hazards: str | None = option(
+        "--hazards FILE", None, "CSV: hazards, requirements, owners of assumptions"
     )
-    made.add_argument(
-        "--hazards", metavar="FILE", help="CSV: hazards, requirements, owners of assumptions"
-    )
-    add_settings(made)
-    made.add_argument("-o", dest="output", metavar="DIR", required=True, help="folder to write")
-    return made
+    params: Pairs = option(*SET)
+    output: str = option("-o DIR", ..., "folder to write", keyword=False)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Assure."""
     program = loaded(args, console)
-    try:
-        with ProgressBar(console) as progress:
-            assurance = program.assure(
-                args.output,
-                cert=args.cert,
-                system=args.system,
-                params=dict(args.params),
-                tests=args.tests,
-                test_report=args.test_report,
-                campaign=args.campaign,
-                flights=args.flights,
-                hazards=args.hazards,
-                progress=progress,
-            )
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    with ProgressBar(console) as progress:
+        assurance = program.assure(args.output, **given(args, Options), progress=progress)
     _say(assurance, console)
     code = (
         VIOLATED
@@ -108,22 +92,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if assurance.case.supported and assurance.returns and assurance.case.traceability.covered
         else UNDECIDED
     )
-    return CommandOutcome(code, program.diagnostics, {"file": args.file, **_fields(assurance)})
+    return CommandOutcome(code, fields=_fields(assurance))
 
 
 def _say(assurance: Assurance, console: Console) -> None:
     from soter.report.terminal_tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
     case = assurance.case
-    word = console.paint("green", "SUPPORTED")
-    if not case.supported:
-        word = console.paint("yellow", "UNDEVELOPED")
-    elif not assurance.returns:
-        word = console.paint("yellow", "SUPPORTED, without P2b")
-    if case.supported and not assurance.lawful:
-        word += ", without a fail-safe law"
-    if not case.traceability.covered:
-        word += ", with open hazards or requirements"
+    word = _verdict(assurance, console)
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
     )
@@ -152,6 +128,18 @@ def _say(assurance: Assurance, console: Console) -> None:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
     _say_open(assurance, console)
     console.say("\n".join(f"written  {path}" for path in assurance.files))
+
+
+def _verdict(assurance: Assurance, console: Console) -> str:
+    case = assurance.case
+    word = console.paint("green", "SUPPORTED")
+    if not case.supported:
+        word = console.paint("yellow", "UNDEVELOPED")
+    elif not assurance.returns:
+        word = console.paint("yellow", "SUPPORTED, without P2b")
+    if case.supported and not assurance.lawful:
+        word += ", without a fail-safe law"
+    return word if case.traceability.covered else f"{word}, with open hazards or requirements"
 
 
 def _say_open(assurance: Assurance, console: Console) -> None:

@@ -6,26 +6,28 @@ Non-goals: compiling it.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from soter.api.deploying import image_of, stack_bound
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
+    SET,
+    SYSTEM,
     CommandOutcome,
-    CommandParser,
-    add_file,
-    add_settings,
+    file_option,
 )
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.command_records import option
 from soter.native.stack_bound import OPTIMISE
 from soter.targets.target_table import TARGETS
 
 if TYPE_CHECKING:
     import argparse
 
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
     from soter.native.stack_bound import StackBound
     from soter.targets.cortex_m.image import Image
@@ -44,30 +46,32 @@ package for their build tool (docs/ros.md, docs/dds.md, docs/mavlink.md)
 {CERTIFICATE_FOLDER}"""
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("build", "Write C99, or a package for a target.", EXAMPLES)
-    add_file(made)
-    default = next(iter(TARGETS))
-    names = " or ".join(f"{t} (the default)" if t == default else t for t in TARGETS)
-    made.add_argument("--target", metavar="T", default=default, help=names)
-    made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument(
-        "--cert",
-        metavar="DIR",
-        help="of a system that `deploys` another: the certificate of that one; checked again",
+DEFAULT = next(iter(TARGETS))
+NAMES = " or ".join(f"{t} (the default)" if t == DEFAULT else t for t in TARGETS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Write C99, or a package for a target."""
+
+    file: str = file_option()
+    target: str = option("--target T", DEFAULT, NAMES)
+    output: str = option("-o --output DIR", ..., "folder to write")
+    system: str | None = option(*SYSTEM)
+    cert: str | None = option(
+        "--cert DIR",
+        None,
+        "of a system that `deploys` another: the certificate of that one; checked again",
     )
-    made.add_argument(
-        "--board", metavar="B", help="of cortex-m: a board, or its file (docs/bare-metal.md)"
+    board: str | None = option(
+        "--board B", None, "of cortex-m: a board, or its file (docs/bare-metal.md)"
     )
-    made.add_argument(
-        "--map",
-        metavar="FILE",
-        help="of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
+    map: str | None = option(
+        "--map FILE",
+        None,
+        "of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
     )
-    add_settings(made)
-    return made
+    params: Pairs = option(*SET)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -90,7 +94,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         image = image_of(package, args.board, stack)
     _say(package, stack, image, console)
     fields: dict[str, object] = {
-        "file": args.file,
         "target": package.target,
         "output": str(package.folder),
         "program_sha256": program.sha256,
@@ -98,17 +101,11 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "kept": package.kept,
         "notes": package.notes,
         "inherited": package.inherited or None,
-        "stack": {
-            "bytes": stack.bytes,
-            "compiler": stack.compiler,
-            "way": list(stack.way),
-            "not_counted": list(stack.not_counted),
-            "why": stack.why,
-        },
+        "stack": asdict(stack),
         "image": None if image is None else asdict(image),
         "commands": package.commands,
     }
-    return CommandOutcome(diagnostics=program.diagnostics, fields=fields)
+    return CommandOutcome(fields=fields)
 
 
 def _say(package: Package, stack: StackBound, image: Image | None, console: Console) -> None:

@@ -15,19 +15,24 @@ from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
     CAMPAIGN_FOLDER,
     FINE,
+    SET,
+    SYSTEM,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
-    add_file,
-    add_settings,
     at_least_one,
-    exit_of,
-    seed,
+    file_option,
 )
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.command_records import JsonObject, Shape, one_of
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.command_records import (
+    SWITCH,
+    JsonObject,
+    Kind,
+    Shape,
+    one_of,
+    option,
+    read_by,
+)
 
 if TYPE_CHECKING:
     import argparse
@@ -36,6 +41,7 @@ if TYPE_CHECKING:
     from soter.api.campaigning import Campaign, FlownArm
     from soter.campaign.result import FaultAttribution, MetricResult, ModuleStatistics
     from soter.campaign.store import FlightOutcome
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 Flown: TypeAlias = "Campaign | FlownArm"
@@ -61,39 +67,40 @@ KEPT = "what was flown is kept: the same command goes on, or says why it cannot"
 RAY_KEPT = f"Ray ends a process whose cluster's head is gone; {KEPT}"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("campaign", "Fly many seeds of a system, and count.", EXAMPLES)
-    add_file(made)
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument("--hours", metavar="H", type=float, help="of flight, in all (1)")
-    made.add_argument("--flights", metavar="N", type=at_least_one, help="in place of --hours")
-    made.add_argument("--until", metavar="TIME", help="of each; by default the system's own")
-    made.add_argument("--seed", metavar="N", type=seed, default=1, help="of the first (1)")
-    made.add_argument(
-        "--workers", metavar="N", type=_workers, help="threads, `local`: one a core, or `ray`"
+def _workers(text: str) -> int | str:
+    return text if text in ("local", "ray") else at_least_one(text)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(n.strip() for n in text.split(",") if n.strip())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Fly many seeds of a system, and count."""
+
+    file: str = file_option()
+    system: str | None = option(*SYSTEM)
+    hours: float | None = option("--hours H", None, "of flight, in all (1)", read_by(float))
+    flights: int | None = option("--flights N", None, "in place of --hours", Kind("bound"))
+    until: str | None = option("--until TIME", None, "of each; by default the system's own")
+    seed: int = option("--seed N", 1, "of the first (1)", Kind("seed"))
+    workers: int | str | None = option(
+        "--workers N", None, "threads, `local`: one a core, or `ray`", read_by(_workers)
     )
-    made.add_argument(
-        "--arms",
-        metavar="A,B",
-        type=_names,
-        default=(),
-        help="also fly the same seeds by other rules: ac, paper, swept",
+    arms: tuple[str, ...] = option(
+        "--arms A,B",
+        (),
+        "also fly the same seeds by other rules: ac, paper, swept",
+        read_by(_names),
     )
-    made.add_argument(
-        "--saves", metavar="TIME", help="count saves: fly AC on for so long where it is taken off"
+    saves: str | None = option(
+        "--saves TIME", None, "count saves: fly AC on for so long where it is taken off"
     )
-    made.add_argument(
-        "--report",
-        nargs="?",
-        const="",
-        metavar="FILE",
-        help="write the HTML page (DIR/report.html)",
-    )
-    made.add_argument("--parquet", action="store_true", help="also write DIR/flights.parquet")
-    add_settings(made)
-    made.add_argument("-o", dest="output", metavar="DIR", help="the folder (.soter/campaign-...)")
-    return made
+    report: str | None = option("--report [FILE]", None, "write the HTML page (DIR/report.html)")
+    parquet: bool = option("--parquet", False, "also write DIR/flights.parquet", SWITCH)
+    params: Pairs = option(*SET)
+    output: str | None = option("-o DIR", None, "the folder (.soter/campaign-...)")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -115,8 +122,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
                 args.system, dict(args.params), progress=progress, **settings_of(vars(args))
             )
             pages = written(campaign, program.path, args.report, parquet=args.parquet)
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     except KeyboardInterrupt:
         console.note(KEPT)
         raise
@@ -124,30 +129,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     for page in pages:
         console.say(f"written {page}")
     code = VIOLATED if campaign.result.violations else FINE
-    fields = {"file": args.file, **DOCUMENT.of(campaign)}
-    return CommandOutcome(code, (*program.diagnostics, *campaign.diagnostics), fields)
-
-
-def _workers(text: str) -> int | str:
-    return text if text in ("local", "ray") else at_least_one(text)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(n.strip() for n in text.split(",") if n.strip())
+    return CommandOutcome(code, campaign.diagnostics, DOCUMENT.of(campaign))
 
 
 def _say(campaign: Campaign, console: Console) -> None:
     from soter.campaign import tables  # noqa: PLC0415 - only here
 
     r = campaign.result
-    console.say(
-        f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
-        f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
-    )
-    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
-    way = [f"{r.km:,.1f} km"] if r.km is not None else []
-    if aloft or way:
-        console.say(", ".join([*aloft, *way]))
+    _say_flown(campaign, console)
     console.say()
     colour = "bad" if r.violations else "good" if r.properties else ""
     painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
@@ -177,6 +166,18 @@ def _say(campaign: Campaign, console: Console) -> None:
         f"{campaign.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
     )
     console.say(console.paint("muted", f"digest  {r.digest}"))
+
+
+def _say_flown(campaign: Campaign, console: Console) -> None:
+    r = campaign.result
+    console.say(
+        f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
+        f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
+    )
+    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
+    way = [f"{r.km:,.1f} km"] if r.km is not None else []
+    if aloft or way:
+        console.say(", ".join([*aloft, *way]))
 
 
 # ---------------------------------------------------------------- for programs

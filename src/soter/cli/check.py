@@ -7,23 +7,25 @@ Non-goals: proofs (`soter verify`); the figures themselves (`api/check_report.py
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import CheckReport, ModuleReport, StepReport, SystemReport, load
 from soter.api.check_report import SwitchReport, ThreadRow, TimingReport
-from soter.cli.ci.formats import add_format
 from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
     FINE,
+    FORMAT,
+    SET,
     CommandOutcome,
-    CommandParser,
     UsageError,
-    add_settings,
     exit_of,
+    failed,
+    file_option,
 )
 from soter.cli.terminal.open_program import STDIN, standard_input
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.command_records import JsonObject, one_of
+from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.durations import show_ns
 from soter.report.printable_text import visible
@@ -31,6 +33,7 @@ from soter.report.printable_text import visible
 if TYPE_CHECKING:
     import argparse
 
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 
@@ -99,26 +102,22 @@ STEPS_SHOWN = 8
 """Steps told on the terminal, the dearest first."""
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser(
-        "check",
-        "Parse a program, check types, well-formedness (P1a, P1b) and composition.",
-        EXAMPLES,
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Parse a program, check types, well-formedness (P1a, P1b) and composition."""
+
+    files: list[str] = file_option("FILE...", "a program; - for standard input", told="")
+    params: Pairs = option(*SET)
+    times: str | None = option(
+        "--times FILE", None, "what `soter measure` wrote, for nodes without a `wcet`"
     )
-    made.add_argument("files", metavar="FILE", nargs="+", help="a program; - for standard input")
-    add_settings(made)
-    made.add_argument(
-        "--times", metavar="FILE", help="what `soter measure` wrote, for nodes without a `wcet`"
-    )
-    add_format(made)
-    return made
+    format: str | None = option(*FORMAT)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Check every file; mistakes in one do not keep the others from it. UsageError for two `-`."""
     if args.files.count("-") > 1:
-        raise UsageError("standard input can be read once", parser().format_usage())
+        raise UsageError("standard input can be read once")
     if len(args.files) == 1:
         return _checked(args.files[0], args, console)
     outcomes = []
@@ -126,8 +125,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         try:
             outcomes.append(_checked(name, args, console))
         except SoterError as error:
-            items = error.diagnostics
-            outcomes.append(CommandOutcome(exit_of(items) or DIAGNOSTICS, items, {"file": name}))
+            outcomes.append(failed(error))
+            outcomes[-1].fields["file"] = name
     together = tuple(dict.fromkeys(d for outcome in outcomes for d in outcome.diagnostics))
     files = [{"exit": o.exit, "ok": o.exit == FINE, **o.fields} for o in outcomes]
     codes = {o.exit for o in outcomes}

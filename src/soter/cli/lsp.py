@@ -6,10 +6,12 @@ Non-goals: what it answers (`soter.editor`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser, UsageError, whole
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.cli.terminal.command_line import CommandOutcome, UsageError
+from soter.diagnostics.command_records import SWITCH, Kind, option
+from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
     import argparse
@@ -23,12 +25,12 @@ EXAMPLES = """\
 PORT_MAX = 65_535
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("lsp", "Serve an editor: the language server of Soter.", EXAMPLES)
-    made.add_argument("--stdio", action="store_true", help="over standard input and output")
-    made.add_argument("--tcp", metavar="PORT", type=whole, help="over a port of this machine")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Serve an editor: the language server of Soter."""
+
+    stdio: bool = option("--stdio", False, "over standard input and output", SWITCH)
+    tcp: int | None = option("--tcp PORT", None, "over a port of this machine", Kind("whole"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -44,12 +46,8 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise
-        problem = Diagnostic(
-            "D007",
-            "the language server speaks with pygls, which is not installed",
-            helps=("install it: pip install 'soter[lsp]'",),
-        )
-        raise SoterError((problem,)) from error
+        what = "the language server speaks with pygls, which is not installed"
+        raise mistake("D007", what, "install it: pip install 'soter[lsp]'") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
     from soter.native.cached_verdicts import stored_verdicts  # noqa: PLC0415 - only then

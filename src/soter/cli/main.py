@@ -11,11 +11,10 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
 from soter import __version__
 from soter.addons import by_name
-from soter.cli.ci.formats import format_of, written
 from soter.cli.terminal.command_line import (
     DIAGNOSTICS,
     FINE,
@@ -23,19 +22,20 @@ from soter.cli.terminal.command_line import (
     INTERRUPTED,
     USAGE,
     CommandOutcome,
+    CommandParser,
     HelpWantedError,
     UsageError,
-    exit_of,
+    failed,
+    format_of,
 )
 from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason, utf8_text
 
 if TYPE_CHECKING:
-    import argparse
     from collections.abc import Sequence
 
-    from soter.cli.terminal.command_line import CommandParser
+    from soter.cli.terminal.command_line import Command
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
@@ -68,16 +68,6 @@ BLAS_SPINS = ("OPENBLAS_THREAD_TIMEOUT", "20")
 """NumPy's import starts a thread a core that waits for work, busily, for 2^26 cycles; here 2^20."""
 
 
-class Command(Protocol):
-    """What a command's file offers."""
-
-    def parser(self) -> CommandParser:
-        """Its command line."""
-
-    def run(self, args: argparse.Namespace, console: Console) -> CommandOutcome:
-        """Do it."""
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
     os.environ.setdefault(*BLAS_SPINS)
@@ -106,6 +96,8 @@ def _told(
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
+        from soter.cli.ci.sarif_junit_github import written  # noqa: PLC0415 - only then
+
         text = written(format_, name, outcome)
         if text:
             console.document(text)
@@ -129,7 +121,7 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
         problem = Diagnostic("U003", str(error), helps=(f"usage: {error.usage}",))
         return CommandOutcome(USAGE, (problem,))
     except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
+        return failed(error)
     except KeyboardInterrupt as stopped:
         for line in ("interrupted", *getattr(stopped, "__notes__", ())):
             console.note(line)
@@ -168,15 +160,35 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
     if "--json" in rest and format_of(name, rest) is not None:
         raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
-        command = command_of(name)
-        return command.run(command.parser().parse_args(rest), console)
+        return _done(name, rest, console)
     raise _unknown(name)
+
+
+def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
+    """Do a command; what its program has to be told of, and what it is about, go with the rest."""
+    parser = parser_of(name)
+    args = parser.parse_args(rest)
+    try:
+        outcome = command_of(name).run(args, console)
+    except UsageError as error:
+        error.usage = error.usage or parser.usage_line
+        raise
+    except SoterError as error:
+        outcome = failed(error)
+    outcome.diagnostics = (*console.of_program, *outcome.diagnostics)
+    outcome.fields = parser.subject(args) | outcome.fields
+    return outcome
 
 
 def command_of(name: str) -> Command:
     """The file of a command; `help` has none."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
     return cast("Command", by_name(f"{room}.{name}"))
+
+
+def parser_of(name: str) -> CommandParser:
+    """The command line of a command; `help` has none."""
+    return CommandParser(name, command_of(name))
 
 
 def _explained(rest: list[str], console: Console) -> CommandOutcome:
@@ -189,7 +201,7 @@ def _explained(rest: list[str], console: Console) -> CommandOutcome:
         raise HelpWantedError(_help(console))
     if asked[0] not in COMMANDS:
         raise _unknown(asked[0])
-    raise HelpWantedError(command_of(asked[0]).parser().format_help().rstrip())
+    raise HelpWantedError(parser_of(asked[0]).format_help().rstrip())
 
 
 def _unknown(name: str) -> UsageError:

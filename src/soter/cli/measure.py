@@ -7,28 +7,27 @@ Non-goals: the stopwatch (`soter.measure`), what follows from the times (`soter 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
-    FINE,
+    SET,
+    SYSTEM,
     CommandOutcome,
-    CommandParser,
     UsageError,
-    add_file,
-    add_settings,
-    at_least_one,
-    exit_of,
-    seed,
+    file_option,
 )
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.command_records import Kind, option, read_by
 from soter.language.model.durations import show_ns
+from soter.measure import MARGIN, SAMPLES
 
 if TYPE_CHECKING:
     from soter.api.measuring import Measured
+    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
@@ -49,40 +48,6 @@ exit codes: 0 measured, 1 diagnostics, 2 usage
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    from soter.api.measuring import MARGIN, SAMPLES  # noqa: PLC0415 - needs NumPy
-
-    made = CommandParser(
-        "measure", "Time the steps of the trusted thread on this machine.", EXAMPLES
-    )
-    add_file(made)
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument("--until", metavar="TIME", help="of the run; by default the system's own")
-    made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
-    made.add_argument(
-        "--samples",
-        metavar="N",
-        type=at_least_one,
-        default=SAMPLES,
-        help=f"steps that are timed of each ({SAMPLES:,})",
-    )
-    made.add_argument(
-        "--margin",
-        metavar="X",
-        type=_factor,
-        default=MARGIN,
-        help=f"what the longest is multiplied with ({MARGIN:g})",
-    )
-    made.add_argument("--board", metavar="B", help="count instructions there (docs/bare-metal.md)")
-    made.add_argument(
-        "--instruction", metavar="TIME", help="how long one takes there at most: 20ns"
-    )
-    add_settings(made)
-    made.add_argument("-o", dest="output", metavar="FILE", help="the file (.soter/...-times.json)")
-    return made
-
-
 def _factor(text: str) -> float:
     """A margin; ArgumentTypeError for other text."""
     try:
@@ -91,49 +56,50 @@ def _factor(text: str) -> float:
         raise argparse.ArgumentTypeError(f"`{text}` is no number") from None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Time the steps of the trusted thread on this machine."""
+
+    file: str = file_option()
+    system: str | None = option(*SYSTEM)
+    until: str | None = option("--until TIME", None, "of the run; by default the system's own")
+    seed: int = option("--seed N", 1, "by default 1", Kind("seed"))
+    samples: int = option(
+        "--samples N", SAMPLES, f"steps that are timed of each ({SAMPLES:,})", Kind("bound")
+    )
+    margin: float = option(
+        "--margin X", MARGIN, f"what the longest is multiplied with ({MARGIN:g})", read_by(_factor)
+    )
+    board: str | None = option("--board B", None, "count instructions there (docs/bare-metal.md)")
+    instruction: str | None = option(
+        "--instruction TIME", None, "how long one takes there at most: 20ns"
+    )
+    params: Pairs = option(*SET)
+    output: str | None = option("-o FILE", None, "the file (.soter/...-times.json)")
+
+
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Measure; UsageError for one of `--board` and `--instruction` alone."""
-    from soter.api.measuring import document, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
+    from soter.api.measuring import DOCUMENT, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
 
     if (args.board is None) != (args.instruction is None):
         message = "`--board` counts instructions, and `--instruction` makes times of them: say both"
-        raise UsageError(message, parser().format_usage())
+        raise UsageError(message)
     program = loaded(args, console)
     if program.externs:
         in_child_process(console, lambda _: ())
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
-    try:
-        with ProgressBar(console) as progress:
-            if args.board is not None:
-                measurement = measure_on_board(
-                    program,
-                    args.board,
-                    args.instruction,
-                    args.system,
-                    dict(args.params),
-                    margin=args.margin,
-                )
-            else:
-                measurement = measure(
-                    program,
-                    args.system,
-                    dict(args.params),
-                    until=args.until,
-                    samples=args.samples,
-                    margin=args.margin,
-                    seed=args.seed,
-                    progress=progress,
-                )
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    what: dict[str, Any] = {"system": args.system, "params": dict(args.params)}
+    what["margin"] = args.margin
+    with ProgressBar(console) as progress:
+        if args.board is not None:
+            measurement = measure_on_board(program, args.board, args.instruction, **what)
+        else:
+            what |= {"until": args.until, "samples": args.samples, "seed": args.seed}
+            measurement = measure(program, progress=progress, **what)
     written(measurement, path)
     _say(measurement, path, console)
-    told = document(measurement)
-    keys = ("system", "program_sha256", "machine", "margin", "assumed", "steps")
-    fields = {k: told[k] for k in keys}
-    return CommandOutcome(
-        FINE, program.diagnostics, {"file": args.file, "times": str(path), **fields}
-    )
+    return CommandOutcome(fields={"times": str(path), **DOCUMENT.of(measurement)})
 
 
 def _say(measurement: Measured, path: Path, console: Console) -> None:

@@ -15,22 +15,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api import load
 from soter.api.arguments import write_sections
-from soter.cli.ci.formats import add_format
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
     FINE,
+    FORMAT,
+    MODULE,
+    SET,
+    SYSTEM,
     UNDECIDED,
     VIOLATED,
     CiFinding,
     CommandOutcome,
-    CommandParser,
-    add_file,
-    add_report,
-    add_settings,
-    exit_of,
     exit_of_kinds,
+    file_option,
+    report_option,
     report_path,
     seed,
 )
@@ -45,10 +44,10 @@ from soter.cli.terminal.log_judgement import (
     unheard,
     verdict_of,
 )
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import LineOfProgress, ProgressBar
-from soter.diagnostics.command_records import JsonObject, one_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.cli.terminal.open_program import bound, loaded, opened
+from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
+from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection
 from soter.version import VERSION
 
@@ -56,7 +55,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.api import Program
-    from soter.cli.terminal.command_line import Kind
+    from soter.cli.terminal.command_line import Kind, Pairs
     from soter.cli.terminal.console import Console
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
@@ -138,45 +137,6 @@ MEANING = (
 ENDING = "-monitor.html"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("monitor", "Does the verified model explain a recorded run?", EXAMPLES)
-    add_file(made)
-    made.add_argument(
-        "log",
-        nargs="?",
-        metavar="LOG",
-        help="an MCAP log, with --map others; by default a fresh run",
-    )
-    made.add_argument("--map", metavar="FILE", help="TOML or JSON: which topic is what in the LOG")
-    made.add_argument(
-        "--where",
-        metavar="COLUMN=TEXT",
-        action="append",
-        default=[],
-        help="with --map: rows that count; may be repeated",
-    )
-    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
-    made.add_argument("--module", metavar="M", help="only this module; by default all")
-    made.add_argument("--until", metavar="TIME", help="of a fresh run; by default the system's")
-    made.add_argument(
-        "--seed",
-        metavar="N|A..B",
-        type=_seeds,
-        default=range(1, 2),
-        help="of a fresh run, or of one for each from A to B; by default 1",
-    )
-    made.add_argument(
-        "--estimates", action="store_true", help="judge what was measured, not the true states"
-    )
-    made.add_argument("--emit", metavar="PATH", help="write the monitor as a Soter node")
-    made.add_argument("--alarm", metavar="TOPIC", help="with --emit: a bool topic of the program")
-    add_report(made, "the judgement", ENDING)
-    add_settings(made)
-    add_format(made)
-    return made
-
-
 def _seeds(text: str) -> range:
     """The seeds that are meant; ArgumentTypeError for other text."""
     first, dots, last = text.partition("..")
@@ -186,47 +146,55 @@ def _seeds(text: str) -> range:
     return seeds
 
 
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Does the verified model explain a recorded run?"""  # noqa: D400 - a question
+
+    file: str = file_option()
+    log: str | None = option(
+        "[LOG]", None, "an MCAP log, with --map others; by default a fresh run"
+    )
+    map: str | None = option("--map FILE", None, "TOML or JSON: which topic is what in the LOG")
+    where: Sequence[str] = option(
+        "--where COLUMN=TEXT", (), "with --map: rows that count; may be repeated", SEVERAL
+    )
+    system: str | None = option(*SYSTEM)
+    module: str | None = option(*MODULE)
+    until: str | None = option("--until TIME", None, "of a fresh run; by default the system's")
+    seed: Sequence[int] = option(
+        "--seed N|A..B",
+        range(1, 2),
+        "of a fresh run, or of one for each from A to B; by default 1",
+        read_by(_seeds),
+    )
+    estimates: bool = option(
+        "--estimates", False, "judge what was measured, not the true states", SWITCH
+    )
+    emit: str | None = option("--emit PATH", None, "write the monitor as a Soter node")
+    alarm: str | None = option("--alarm TOPIC", None, "with --emit: a bool topic of the program")
+    report: str | None = report_option("the judgement", ENDING)
+    params: Pairs = option(*SET)
+    format: str | None = option(*FORMAT)
+
+
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Judge, or write the node."""
+    """Judge, or write the node; SoterError U001 for options that do not go together."""
     if args.map is not None or args.where:
         return _foreign(args, console)
     if args.emit is not None and args.report is not None:
-        problem = Diagnostic("U001", "`--report` shows a judgement, and `--emit` makes none")
-        return CommandOutcome(exit_of((problem,)), (problem,), {"file": args.file})
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
+        raise mistake("U001", "`--report` shows a judgement, and `--emit` makes none")
+    program = opened(args, console)
     if program.externs and args.log is None and args.emit is None:
         in_child_process(console, lambda _: ())
-    for name, target in args.bindings:
-        program.bind(name, target)
-    warnings = program.diagnostics if program.ok else ()
-    try:
-        if args.emit is not None:
-            program.emit_monitor(
-                args.emit,
-                args.module,
-                system=args.system,
-                params=dict(args.params),
-                alarm=args.alarm,
-            )
-            console.say(f"wrote {args.emit}")
-            return CommandOutcome(FINE, warnings, _fields(args, Monitored(args.emit)))
-        seeds = args.seed if args.log is None else args.seed[:1]
-        by_seed = [
-            program.monitor(
-                args.log,
-                args.module,
-                system=args.system,
-                until=args.until,
-                seed=one,
-                params=dict(args.params),
-                estimates=args.estimates,
-            )
-            for one in seeds
-        ]
-    except SoterError as error:
-        items = (*warnings, *error.diagnostics)
-        return CommandOutcome(exit_of(items), items, {"file": args.file})
+    bound(program, args)
+    what = {"system": args.system, "params": dict(args.params)}
+    if args.emit is not None:
+        program.emit_monitor(args.emit, args.module, alarm=args.alarm, **what)
+        console.say(f"wrote {args.emit}")
+        return CommandOutcome(fields=DOCUMENT.of(Monitored(args.emit)))
+    seeds = args.seed if args.log is None else args.seed[:1]
+    what |= {"until": args.until, "estimates": args.estimates}
+    by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in seeds]
     if len(seeds) > 1:
         return _of_several(seeds, by_seed, args, console, program)
     return _judged(by_seed[0], args, console, program)
@@ -282,7 +250,6 @@ def _outcome(
     console: Console,
     program: Program,
 ) -> CommandOutcome:
-    warnings = program.diagnostics if program.ok else ()
     source, part = judged[0].source, min(j.judged_share for j in judged)
     says = f"{args.log or args.file}  judged on {source}{of_the_log(part)}"
     head, rows = table
@@ -297,7 +264,7 @@ def _outcome(
         notes.append(f"{', '.join(empty)}: {NOTHING}")
     for text in dict.fromkeys(notes):
         console.say(f"\n{text}")
-    fields = _fields(args, Monitored(judged=tuple(judged)))
+    fields = DOCUMENT.of(Monitored(judged=tuple(judged)))
     found = of_judgements(judged)
     code = exit_of_kinds(f.kind for f in found)
     headline = f"the model explains every step{of_the_log(part)}"
@@ -308,39 +275,30 @@ def _outcome(
         PageSection("Provenance", _provenance(program)),
     ]
     fields |= _report(args, headline, _colour(code, part), told, console)
-    return CommandOutcome(code, tuple(warnings), fields, found)
+    return CommandOutcome(code, (), fields, found)
 
 
 def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge the log."""
     problem = _misused(args)
-    if problem is not None:
-        return CommandOutcome(exit_of((problem,)), (problem,), {"file": args.file})
+    if problem:
+        raise mistake("U001", problem)
     program = loaded(args, console)
-    warnings = program.diagnostics if program.ok else ()
-    where = dict(pair.split("=", 1) for pair in args.where)
-    try:
-        if args.estimates:
-            return _judged(_explained(program, args, where), args, console, program)
-        with ProgressBar(console) as progress:
-            judged = program.judge_log(
-                args.log,
-                args.map,
-                module=args.module,
-                system=args.system,
-                params=dict(args.params),
-                where=where,
-                progress=progress,
-            )
-    except SoterError as error:
-        items = (*warnings, *error.diagnostics)
-        return CommandOutcome(exit_of(items), items, {"file": args.file})
-    items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
+    what = {"module": args.module, "system": args.system, "params": dict(args.params)}
+    what["where"] = dict(pair.split("=", 1) for pair in args.where)
+    if args.estimates:
+        from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
+
+        explained = log_explained(program.flat, args.log, args.map, **what)
+        return _judged(explained, args, console, program)
+    with ProgressBar(console) as progress:
+        judged = program.judge_log(args.log, args.map, progress=progress, **what)
     for text in lines(judged, console):
         console.say(text)
+    items = tuple(undecided(m) for m in judged.modules if not m.decided)
     found = of_log(judged)
     code = exit_of_kinds(f.kind for f in found)
-    fields = _fields(args, Monitored(log=judged))
+    fields = DOCUMENT.of(Monitored(log=judged))
     headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
     part = min((m.judged_share for m in judged.modules), default=0.0)
@@ -348,36 +306,18 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(code, items, fields, found)
 
 
-def _explained(
-    program: Program, args: argparse.Namespace, where: dict[str, str]
-) -> list[Judgement]:
-    from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
-
-    return log_explained(
-        program.flat,
-        args.log,
-        args.map,
-        module=args.module,
-        system=args.system,
-        params=dict(args.params),
-        where=where,
-    )
-
-
-def _misused(args: argparse.Namespace) -> Diagnostic | None:
-    """U001 for options that do not go together."""
+def _misused(args: argparse.Namespace) -> str:
+    """Why options do not go together, or ""."""
     if args.map is None:
-        return Diagnostic("U001", "`--where` chooses rows of a log that `--map` describes")
+        return "`--where` chooses rows of a log that `--map` describes"
     if args.log is None:
-        return Diagnostic("U001", "`--map` describes a log, and none is given")
+        return "`--map` describes a log, and none is given"
     wrong = next((pair for pair in args.where if "=" not in pair), None)
     if wrong is not None:
-        return Diagnostic("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
+        return f"`--where` is COLUMN=TEXT, not `{wrong}`"
     given = {"--emit": args.emit, "--until": args.until, "--alarm": args.alarm}
     both = [name for name, value in given.items() if value is not None]
-    if both:
-        return Diagnostic("U001", f"`{both[0]}` does not go with `--map`")
-    return None
+    return f"`{both[0]}` does not go with `--map`" if both else ""
 
 
 def _report(
@@ -434,10 +374,6 @@ class Monitored:
     emitted: str | None = None
     judged: tuple[Judgement, ...] = ()
     log: LogJudgement | None = None
-
-
-def _fields(args: argparse.Namespace, monitored: Monitored) -> dict[str, object]:
-    return {"file": args.file, **DOCUMENT.of(monitored)}
 
 
 def _modules(m: Monitored) -> dict[str, Judgement]:

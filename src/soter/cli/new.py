@@ -10,12 +10,13 @@ import os
 import re
 import secrets
 import shutil
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser
+from soter.cli.terminal.command_line import CommandOutcome, file_option
 from soter.codegen.c.names import program_prefix
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.render import safe
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
-    from soter.diagnostics.codes import Code
 
 TEMPLATE = Path(__file__).parent / "templates" / "robot"
 FILES = {
@@ -42,11 +42,11 @@ EXAMPLES = """\
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("new", "Make a small robot that runs, in a new folder.", EXAMPLES)
-    made.add_argument("name", metavar="NAME", help="of the robot and of its folder")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Make a small robot that runs, in a new folder."""
+
+    name: str = file_option("NAME", "of the robot and of its folder", told="")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -71,16 +71,12 @@ def _checked(folder: Path, given: str) -> str:
     name = folder.name
     if not NAME.fullmatch(name):
         rule = "letters, digits, - and _, a letter first, 64 characters at most"
-        raise _mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", rule)
+        raise mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", rule)
     if os.path.lexists(folder):
-        raise _mistake("D008", f"`{folder}` exists already", "choose another name")
+        raise mistake("D008", f"`{folder}` exists already", "choose another name")
     if not folder.absolute().parent.is_dir():
-        raise _mistake("D001", f"there is no folder `{folder.parent}`", "make it first")
+        raise mistake("D001", f"there is no folder `{folder.parent}`", "make it first")
     return name
-
-
-def _mistake(code: Code, message: str, help_: str) -> SoterError:
-    return SoterError((Diagnostic(code, message, helps=(help_,)),))
 
 
 def _filled(template: str, names: dict[str, str]) -> str:
@@ -102,7 +98,7 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
         shutil.rmtree(hidden, ignore_errors=True)
         if isinstance(error, OSError):
             why = f"cannot make the folder `{folder}`: {reason(error)}"
-            raise SoterError((Diagnostic("D006", why),)) from error
+            raise mistake("D006", why) from error
         raise
 
 

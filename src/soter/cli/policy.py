@@ -10,11 +10,13 @@ from __future__ import annotations
 import argparse
 import hashlib
 import math
+from dataclasses import dataclass
 from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import FINE, CommandOutcome, CommandParser, UsageError
+from soter.cli.terminal.command_line import CommandOutcome, UsageError, file_option
+from soter.diagnostics.command_records import option, read_by
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -34,23 +36,6 @@ exit codes: 0 told or written, 1 diagnostics, 2 usage
 WIDTH = len("observation")
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("policy", "What the file of a learned policy says.", EXAMPLES)
-    made.add_argument("file", metavar="FILE", help="an ONNX file, or a zip of Stable-Baselines3")
-    made.add_argument(
-        "--statistics", metavar="FILE", help="what VecNormalize saved, where observations are"
-    )
-    made.add_argument(
-        "--within",
-        metavar="LIST",
-        type=_sizes,
-        help="how large observations are at most, one number or one each: for the bound",
-    )
-    made.add_argument("-o", "--output", metavar="FILE", help="write the network as Soter")
-    return made
-
-
 def _sizes(text: str) -> list[float]:
     """Sizes of observations; ArgumentTypeError for other text."""
     try:
@@ -60,6 +45,23 @@ def _sizes(text: str) -> list[float]:
     if not sizes or not all(math.isfinite(x) and x >= 0.0 for x in sizes):
         raise argparse.ArgumentTypeError(f"takes sizes with commas between, not `{text}`")
     return sizes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What the file of a learned policy says."""
+
+    file: str = file_option(words="an ONNX file, or a zip of Stable-Baselines3")
+    statistics: str | None = option(
+        "--statistics FILE", None, "what VecNormalize saved, where observations are"
+    )
+    within: list[float] | None = option(
+        "--within LIST",
+        None,
+        "how large observations are at most, one number or one each: for the bound",
+        read_by(_sizes),
+    )
+    output: str | None = option("-o --output FILE", None, "write the network as Soter")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -73,7 +75,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     for name, text in [*told.items(), *(("assumed", text) for text in policy.assumed)]:
         console.say(f"{console.paint('muted', name.ljust(WIDTH))}  {text}")
     fields: dict[str, object] = {
-        "file": args.file,
         "facts": told,
         "assumed": list(policy.assumed),
         "inputs": policy.network.inputs,
@@ -84,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.output is not None:
         _write(Path(args.output), policy, args.file, told)
         console.say(f"\nwritten  {args.output}")
-    return CommandOutcome(FINE, fields=fields)
+    return CommandOutcome(fields=fields)
 
 
 def _read(path: Path, statistics: str | None) -> Policy:
@@ -93,8 +94,7 @@ def _read(path: Path, statistics: str | None) -> Policy:
 
         return read_sb3(path, None if statistics is None else Path(statistics))
     if statistics is not None:
-        usage = parser().format_usage()
-        raise UsageError("--statistics goes with a file of Stable-Baselines3", usage)
+        raise UsageError("--statistics goes with a file of Stable-Baselines3")
     from soter.policy.onnx_file import read_onnx  # noqa: PLC0415 - an extra
 
     return read_onnx(path)
@@ -108,8 +108,7 @@ def _box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] 
         return policy.box
     inputs = policy.network.inputs
     if len(within) not in (1, inputs):
-        message = f"--within has {len(within)} numbers, the policy takes {inputs}"
-        raise UsageError(message, parser().format_usage())
+        raise UsageError(f"--within has {len(within)} numbers, the policy takes {inputs}")
     sizes = np.broadcast_to(np.array(within), (inputs,))
     return -sizes, sizes
 

@@ -7,6 +7,7 @@ Non-goals: the checks (`certificate/`), making certificates (`soter verify --cer
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,21 +24,20 @@ from soter.cli.terminal.command_line import (
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
-    add_report,
-    exit_of,
+    file_option,
+    report_option,
     report_path,
 )
 from soter.cli.terminal.progress import ProgressBar
-from soter.diagnostics.command_records import JsonObject, one_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
+from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection
 from soter.report.printable_text import visible
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.certificate.report import FlightReport, RecheckedModule, Report
     from soter.cli.terminal.console import Console
@@ -80,41 +80,33 @@ IN_FLIGHT = (
 NO_LAW = "failsafe: nothing is said of what acts once the trusted part stops"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
-    made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
-    made.add_argument(
-        "--log",
-        action="append",
-        default=[],
-        metavar="LOG",
-        dest="logs",
-        help="a flight of its program, of `soter run --log`: confirm its verdicts (also several)",
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Check a certificate of `soter verify --cert`."""
+
+    folder: str = file_option("DIR", "the folder of the certificate", told="certificate")
+    logs: Sequence[str] = option(
+        "--log LOG",
+        (),
+        "a flight of its program, of `soter run --log`: confirm its verdicts (also several)",
+        SEVERAL,
     )
-    add_report(made, "what was confirmed", ENDING)
-    return made
+    report: str | None = report_option("what was confirmed", ENDING)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Check it."""
+    """Check it; SoterError U001 for a page in the folder."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)
         if Path(args.folder).resolve() in report_file.resolve().parents:
             text = f"`{report_file}` lies in the certificate, every file of which counts"
-            problem = Diagnostic("U001", text, helps=("write the page elsewhere",))
-            return CommandOutcome(exit_of((problem,)), (problem,), {"certificate": args.folder})
-    try:
-        with ProgressBar(console) as progress:
-            report = recheck(args.folder, progress, args.logs)
-    except SoterError as error:
-        return CommandOutcome(
-            exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder}
-        )
+            raise mistake("U001", text, "write the page elsewhere")
+    with ProgressBar(console) as progress:
+        report = recheck(args.folder, progress, args.logs)
     _say(report, args.folder, console)
     _say_flights(report, console)
-    fields = {"certificate": args.folder, **DOCUMENT.of(report)}
+    fields = DOCUMENT.of(report)
     if report_file is not None:
         colour, headline = _verdict(report, args.folder)
         verdict = {"green": "good", "red": "bad"}.get(colour, "")
@@ -254,34 +246,42 @@ def _say(report: Report, folder: str, console: Console) -> None:
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
-        sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
-        sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
-        sizes = ["no sets"] if module.in_flight else sizes
-        where = f"{module.name} of system {module.system} in {report.program}"
-        where += module.whilst
-        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
-        values = ", ".join(_value(module, name) for name in module.parameters)
-        if values:
-            console.say(console.paint("muted", f"    with {visible(values)}"))
-        if module.in_flight:
-            console.say(console.paint("yellow", f"    {IN_FLIGHT}"))
-        for name in module.other:
-            console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
-        if module.law_untold:
-            console.say(console.paint("muted", f"    not claimed: {NO_LAW}"))
-        if module.vacuous:
-            console.say(console.paint("yellow", f"    vacuous: {visible(module.vacuous)}"))
-        if module.unseen:
-            text = f"    not looked at: whether AC ever has control ({visible(module.unseen)})"
-            console.say(console.paint("muted", text))
-        for said in module.shown:
-            console.say(console.paint("muted", f"    confirmed: {visible(said.text)}"))
+        where = f"{module.name} of system {module.system} in {report.program}{module.whilst}"
+        confirmed = f"{' '.join(module.confirmed)}, {_size(module)}"
+        console.say(f"  {visible(where)}: {confirmed}")
+        for colour, text in _told_of(module):
+            console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {visible(text)}"))
     console.say("\nnot covered")
     for said in report.not_covered:
         console.say(console.paint("muted", f"  {visible(said.text)}"))
+
+
+def _size(module: RecheckedModule) -> str:
+    """How large the sets are that were checked."""
+    if module.in_flight:
+        return "no sets"
+    sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
+    return ", ".join([*sizes, *[f"{module.half_spaces:,} half-spaces"] * bool(module.half_spaces)])
+
+
+def _told_of(module: RecheckedModule) -> Iterator[tuple[str, str]]:
+    """A colour and a line for everything beside what was confirmed."""
+    values = ", ".join(_value(module, name) for name in module.parameters)
+    if values:
+        yield "muted", f"with {values}"
+    if module.in_flight:
+        yield "yellow", IN_FLIGHT
+    yield from (("muted", f"not confirmed: {name}") for name in module.other)
+    if module.law_untold:
+        yield "muted", f"not claimed: {NO_LAW}"
+    if module.vacuous:
+        yield "yellow", f"vacuous: {module.vacuous}"
+    if module.unseen:
+        yield "muted", f"not looked at: whether AC ever has control ({module.unseen})"
+    yield from (("muted", f"confirmed: {said.text}") for said in module.shown)
 
 
 def _value(module: RecheckedModule, name: str) -> str:

@@ -7,6 +7,7 @@ Non-goals: running it (`explore/replay.py`, `verify/attack/counterexample.py`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import replay
@@ -14,10 +15,12 @@ from soter.cli.terminal.command_line import (
     FINE,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
     exit_of,
+    file_option,
+    report_option,
     report_path,
 )
+from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -26,7 +29,6 @@ if TYPE_CHECKING:
     from soter.api import ReplayReport
     from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.replay import ReplayedStep
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
@@ -37,34 +39,23 @@ EXAMPLES = """\
 
 exit codes: 0 reproduced, 3 not reproduced, 1 diagnostics, 2 usage
 """
+ENDING = "-replay.html"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("replay", "Run a trace again, in the reference interpreter.", EXAMPLES)
-    made.add_argument("trace", metavar="TRACE", help="a file of `soter test` or `soter verify`")
-    made.add_argument("--text", action="store_true", help="print every step (the default)")
-    made.add_argument(
-        "--report",
-        "--html",
-        dest="html",
-        nargs="?",
-        const="",
-        metavar="PATH",
-        help="write the sequence: one HTML page (.soter/...-replay.html)",
-    )
-    made.add_argument("--mcap", metavar="PATH", help="write the steps as an MCAP log")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Run a trace again, in the reference interpreter."""
+
+    trace: str = file_option("TRACE", "a file of `soter test` or `soter verify`", told="trace")
+    html: str | None = report_option("the sequence", ENDING, "--report --html")
+    mcap: str | None = option("--mcap PATH", None, "write the steps as an MCAP log")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Replay."""
     if args.html is not None:
-        args.html = str(report_path(args.html, args.trace, "-replay.html"))
-    try:
-        report = replay(args.trace)
-    except SoterError as error:
-        return CommandOutcome(exit_of(error.diagnostics), error.diagnostics, {"trace": args.trace})
+        args.html = str(report_path(args.html, args.trace, ENDING))
+    report = replay(args.trace)
     _say(report, console)
     written, problems = _files(report, args)
     for kind, path in written.items():
@@ -137,52 +128,36 @@ def _instant(step: dict[str, object]) -> str:
 # ---------------------------------------------------------------- as JSON
 
 
+STEP = JsonObject(
+    "soter.explore.replay.ReplayedStep",
+    "step=number actor kind release_ns time_ns choices published gated decided fault dropped "
+    "observable violated=violated.text reasons modes topics truth matters",
+    kind=one_of("start", "step", "lost", "begin", "effect"),
+    choices=JsonObject("soter.explore.trace.Choice", "stream pick of value", value={}),
+    dropped=JsonObject(
+        "soter.explore.replay.DroppedMessage",
+        "queue policy",
+        policy=one_of("drop_oldest", "drop_newest", "fault"),
+    ),
+)
+STEPS = JsonObject(
+    "soter.explore.replay.Replayed",
+    "system=trace.system test=trace.test property=trace.broken.text minimal=trace.minimal "
+    "not_shortest=trace.not_shortest? assumptions=trace.assumptions violated_at steps",
+    steps=(STEP, {"$ref": "instant.json"}),
+)
+DOCUMENT = JsonObject(
+    "soter.api.replaying.ReplayReport",
+    "kind program program_sha256 reproduced outcome",
+    beside={"trace": str, "html?": str, "mcap?": str},
+    also=STEPS,
+    kind=one_of("trace", "counterexample"),
+)
+
+
 def _fields(report: ReplayReport) -> dict[str, object]:
-    fields: dict[str, object] = {
-        "trace": report.path,
-        "kind": report.kind,
-        "program": report.program,
-        "program_sha256": report.program_sha256,
-        "reproduced": report.reproduced,
-        "outcome": report.outcome,
-    }
+    told = DOCUMENT.of(report)
     if report.trace is not None:
-        trace = report.trace.trace
-        fields |= {
-            "system": trace.system,
-            "test": trace.test,
-            "property": trace.broken.text,
-            "minimal": trace.minimal,
-            "not_shortest": trace.not_shortest or None,
-            "assumptions": list(trace.assumptions),
-            "violated_at": report.trace.violated_at,
-            "steps": [_step(s) for s in report.trace.steps],
-        }
-    elif report.counterexample is not None:
-        fields["steps"] = list(report.counterexample.steps)
-    return fields
-
-
-def _step(s: ReplayedStep) -> dict[str, object]:
-    return {
-        "step": s.number,
-        "actor": s.actor,
-        "kind": s.kind,
-        "release_ns": s.release_ns,
-        "time_ns": s.time_ns,
-        "choices": [
-            {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
-        ],
-        "published": dict(s.published),
-        "gated": s.gated,
-        "decided": None if s.decided is None else dict(s.decided),
-        "fault": s.fault,
-        "dropped": [{"queue": d.queue, "policy": d.policy} for d in s.dropped],
-        "observable": s.observable,
-        "violated": [b.text for b in s.violated],
-        "reasons": list(s.reasons),
-        "modes": dict(s.modes),
-        "topics": dict(s.topics),
-        "truth": dict(s.truth),
-        "matters": s.matters,
-    }
+        return told | STEPS.of(report.trace)
+    run = report.counterexample
+    return told if run is None else told | {"steps": list(run.steps)}

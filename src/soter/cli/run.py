@@ -11,12 +11,13 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter import __version__
 from soter.addons import by_name
-from soter.api import Program, load, require_writers
+from soter.api import Program, require_writers
 from soter.cli.terminal.child_process import in_child_process
 from soter.cli.terminal.command_line import (
     CAMPAIGN_FOLDER,
@@ -26,20 +27,19 @@ from soter.cli.terminal.command_line import (
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
-    CommandParser,
     UsageError,
-    add_file,
-    add_options,
-    exit_of,
+    file_option,
     given,
 )
-from soter.cli.terminal.progress import LineOfProgress, ProgressBar
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.cli.terminal.open_program import bound, opened
+from soter.cli.terminal.progress import ProgressBar
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
 
 if TYPE_CHECKING:
     import argparse
 
+    from soter.api import Program
     from soter.cli.terminal.console import Console
     from soter.language.model.system import System
     from soter.simulate.outputs.to_log import RunLog
@@ -67,20 +67,18 @@ OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("run", "Run a system in virtual time.", EXAMPLES)
-    add_file(made)
-    add_options(made, RunOptions)
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options(RunOptions):
+    """Run a system in virtual time."""
+
+    file: str = file_option()
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Run; UsageError where misses are allowed in virtual time."""
     if args.misses and not args.real_time:
-        raise UsageError("`--misses` needs `--real-time`", parser().format_usage())
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
+        raise UsageError("`--misses` needs `--real-time`")
+    program = opened(args, console)
     if program.externs:
         in_child_process(console, lambda process: _rescued(args, process))
     first_seed = args.seed
@@ -88,26 +86,19 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         args.seed = (args.seed + args.flight) % 2**64
     console.listen()
     args.home = Path.cwd()  # an extern may leave another
-    for name, target in args.bindings:
-        program.bind(name, target)
-    warnings = program.diagnostics if program.ok else ()
-    try:
-        if args.arm is not None and args.campaign is None:
-            args.campaign = _campaign(program, args, first_seed)
-        _look_ahead(args)
-        log = _log(args)
-        result = _simulate(program, args, console, log)
-    except SoterError as error:
-        items = (*warnings, *error.diagnostics)
-        return CommandOutcome(exit_of(items), items, {"file": args.file})
-    return _finish(program, result, args, console, warnings, log)
+    bound(program, args)
+    if args.arm is not None and args.campaign is None:
+        args.campaign = _campaign(program, args, first_seed)
+    _look_ahead(args)
+    log = _log(args)
+    return _finish(program, _simulate(program, args, console, log), args, console, log)
 
 
 def _simulate(
     program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> Run:
     with ProgressBar(console) as progress:
-        how = {**given(args, RunOptions), "log": log, "report": None, "progress": progress}
+        how = {**given(args, Options), "log": log, "report": None, "progress": progress}
         apart, trace = console.own_process, args.report is not None
         result = program.simulate(**how, trace=trace, partial=True, apart=apart)
     if result.timing is not None:
@@ -127,7 +118,6 @@ def _finish(
     result: Run,
     args: argparse.Namespace,
     console: Console,
-    warnings: tuple[Diagnostic, ...],
     log: RunLog | None,
 ) -> CommandOutcome:
     """Summary, files, exit code: files that cannot be written do not hide the result."""
@@ -146,8 +136,7 @@ def _finish(
         code = DIAGNOSTICS
     if result.interrupted:
         code = INTERRUPTED
-    fields = {"file": args.file, **DOCUMENT.of(result), **written}
-    return CommandOutcome(code, (*warnings, *problems), fields)
+    return CommandOutcome(code, problems, {**DOCUMENT.of(result), **written})
 
 
 def _look_ahead(args: argparse.Namespace) -> None:
@@ -156,8 +145,7 @@ def _look_ahead(args: argparse.Namespace) -> None:
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
     if args.log and args.report and _same(args.log, args.report):
-        problem = Diagnostic("U001", f"log and report cannot both be `{args.log}`")
-        raise SoterError((problem,))
+        raise mistake("U001", f"log and report cannot both be `{args.log}`")
 
 
 def _same(log: str, report: str) -> bool:

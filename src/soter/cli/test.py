@@ -9,26 +9,24 @@ Non-goals: searching (`explore/`), the XML (`explore/junit.py`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.formats import add_format
 from soter.cli.terminal.command_line import (
+    FORMAT,
     INTERRUPTED,
     CiFinding,
     CommandOutcome,
-    CommandParser,
     Kind,
-    add_file,
-    add_options,
-    exit_of,
     exit_of_kinds,
+    file_option,
     given,
 )
 from soter.cli.terminal.console import rounded, size
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.command_records import JsonObject, one_of, options_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.junit import document
 from soter.explore.results import (
@@ -86,23 +84,22 @@ def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
     try:
         written = write(report, path)
     except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
     console.say()
     console.say(f"junit  {written}")
 
 
 def problems_as_junit(
-    file: str, items: tuple[Diagnostic, ...], path: str
-) -> tuple[Diagnostic, ...]:
-    """Write why no test was explored. The diagnostics, with a D006 where that could not be."""
+    file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
+) -> None:
+    """Write why no test was explored; `SoterError`, with a D006 more, where that could not be."""
     from soter.explore.junit import write_problems  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
     try:
-        write_problems(file, items, path)
+        write_problems(file, (*warnings, *why.diagnostics), path)
     except ReportError as error:
-        return (*items, Diagnostic("D006", str(error)))
-    return items
+        raise SoterError((*why.diagnostics, Diagnostic("D006", str(error)))) from error
 
 
 EXAMPLES = """\
@@ -127,40 +124,36 @@ PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
 UNREACHED_SHOWN, LINES_MAX = 6, 400
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("test", "Explore every execution of the tests of a file.", EXAMPLES)
-    add_file(made)
-    add_options(made, SearchOptions)
-    add_format(made)
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options(SearchOptions):
+    """Explore every execution of the tests of a file."""
+
+    file: str = file_option()
+    format: str | None = option(*FORMAT, keyword=False)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Explore."""
     console.listen()
-    warnings: tuple[Diagnostic, ...] = ()
     try:
         program = loaded(args, console)
-        warnings = program.diagnostics if program.ok else ()
         with LineOfProgress(console) as line:
             report = program.explore(
-                **given(args, SearchOptions),
+                **given(args, Options),
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
     except SoterError as error:
-        items = (*warnings, *error.diagnostics)
         if args.junit is not None:
-            items = problems_as_junit(args.file, items, args.junit)
-        return CommandOutcome(exit_of(items), items, {"file": args.file})
+            problems_as_junit(args.file, error, args.junit, console.of_program)
+        raise
     _say(report, console)
     if args.junit is not None:
         report_as_junit(report, args.junit, console)
     found = of_tests(report)
     code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
     junit = document(report) if args.format == "junit" else ""
-    return CommandOutcome(code, warnings, DOCUMENT.of(report), found, junit)
+    return CommandOutcome(code, (), DOCUMENT.of(report), found, junit)
 
 
 def progress_text(looked: object) -> str:

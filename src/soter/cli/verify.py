@@ -6,36 +6,34 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.api import load
-from soter.cli.ci.formats import add_format
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
+    FORMAT,
+    MODULE,
+    SET,
     CiFinding,
     CommandOutcome,
-    CommandParser,
-    add_file,
-    add_report,
-    add_settings,
-    exit_of,
     exit_of_kinds,
+    file_option,
+    report_option,
     report_path,
 )
 from soter.cli.terminal.open_program import loaded
 from soter.cli.terminal.progress import ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
-from soter.diagnostics.command_records import JsonObject, one_of
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
     from pathlib import Path
 
-    from soter.cli.terminal.command_line import Kind
+    from soter.cli.terminal.command_line import Kind, Pairs
     from soter.cli.terminal.console import Console
-    from soter.diagnostics.diagnostic import Diagnostic
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.composition_table import ComposedAssumption
 
@@ -62,32 +60,27 @@ TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the ca
 ENDING = "-proof.html"
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser(
-        "verify", "Prove P1c, P2a, P2b, P3, ttf, safer and the law of `failsafe`.", EXAMPLES
-    )
-    add_file(made)
-    made.add_argument("--module", metavar="M", help="only this module; by default all")
-    made.add_argument("--system", metavar="S", help="the system its plants stand in")
-    add_settings(made)
-    made.add_argument("--cert", metavar="DIR", help="write a certificate for `soter recheck`")
-    add_report(made, "a report", ENDING)
-    made.add_argument(
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Prove P1c, P2a, P2b, P3, ttf, safer and the law of `failsafe`."""
+
+    file: str = file_option()
+    module: str | None = option(*MODULE)
+    system: str | None = option("--system S", None, "the system its plants stand in")
+    params: Pairs = option(*SET)
+    cert: str | None = option("--cert DIR", None, "write a certificate for `soter recheck`")
+    report: str | None = report_option("a report", ENDING)
+    synthesize: bool = option(
         "--synthesize",
-        action="store_true",
-        help="first find the controllers that are `sc synthesized`, and write them",
+        False,
+        "first find the controllers that are `sc synthesized`, and write them",
+        SWITCH,
     )
-    made.add_argument(
-        "-o", dest="output", metavar="FILE", help="what --synthesize writes (FILE_sc.soter)"
+    output: str | None = option("-o FILE", None, "what --synthesize writes (FILE_sc.soter)")
+    no_refute: bool = option(
+        "--no-refute", False, "do not look for a counterexample to what cannot be proved", SWITCH
     )
-    made.add_argument(
-        "--no-refute",
-        action="store_true",
-        help="do not look for a counterexample to what cannot be proved",
-    )
-    add_format(made)
-    return made
+    format: str | None = option(*FORMAT)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -99,36 +92,14 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         return told
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
-    program = loaded(args, console)
-    warnings = program.diagnostics if program.ok else ()
-    written: tuple[Path, ...] = ()
-    try:
-        with ProgressBar(console, timed=False) as progress:
-            if args.synthesize:
-                written = program.synthesize(
-                    args.output, module=args.module, system=args.system, params=dict(args.params)
-                )
-                program = load(written[0]) if written else program
-            report = program.verify(
-                args.module,
-                args.cert,
-                system=args.system,
-                params=dict(args.params),
-                refute=not args.no_refute,
-                explain=True,
-                report=args.report,
-                progress=progress,
-            )
-        _save_runs(report)
-    except SoterError as error:
-        items = (*warnings, *error.diagnostics)
-        return CommandOutcome(exit_of(items), items, {"file": args.file})
+    report, written = _proved(args, console)
+    _save_runs(report)
     printed, fields = _said(report), DOCUMENT.of(report)
     printed.show(console)
     _say_files(report, args, console)
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
     if words and report.verdict in HOLDING:
-        outcome = StoredOutcome(exit_, fields, printed, warned=bool(warnings))
+        outcome = StoredOutcome(exit_, fields, printed, warned=bool(console.of_program))
         store_outcome(args.file, words, report.contents, outcome)
     if not (args.params or args.bindings):
         _remember(report)
@@ -136,7 +107,28 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    return CommandOutcome(exit_, warnings, fields, tuple(_found(report)) if args.format else ())
+    return CommandOutcome(exit_, (), fields, tuple(_found(report)) if args.format else ())
+
+
+def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
+    """The verdicts, and the files of controllers that were synthesized first."""
+    program = loaded(args, console)
+    what: dict[str, Any] = {"module": args.module, "system": args.system}
+    what["params"] = dict(args.params)
+    written: tuple[Path, ...] = ()
+    with ProgressBar(console, timed=False) as progress:
+        if args.synthesize:
+            written = program.synthesize(args.output, **what)
+            program = load(written[0]) if written else program
+        report = program.verify(
+            **what,
+            cert=args.cert,
+            refute=not args.no_refute,
+            explain=True,
+            report=args.report,
+            progress=progress,
+        )
+    return report, written
 
 
 def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
@@ -158,15 +150,11 @@ def _told_again(
     stored = stored_outcome(args.file, words) if words and not any(files) else None
     if stored is None:
         return None
-    warnings: tuple[Diagnostic, ...] = ()
-    if stored.warned:
-        program = loaded(args, console)
-        warnings = program.diagnostics
-        if program.sha256 != stored.fields["program_sha256"]:
-            return None
+    if stored.warned and loaded(args, console).sha256 != stored.fields["program_sha256"]:
+        return None
     console.note(TOLD_AGAIN)
     stored.printed.show(console)
-    return CommandOutcome(stored.exit, warnings, stored.fields)
+    return CommandOutcome(stored.exit, (), stored.fields)
 
 
 KINDS: dict[str, Kind] = {
@@ -464,7 +452,7 @@ FINDING = JsonObject(
         side=one_of(-1, 1),
     ),
 )
-MODULE = JsonObject(
+VERIFIED = JsonObject(
     f"{RESULTS}.ModuleResult",
     "verdict seconds properties=findings cells core_share shares headline vacuous=vacuity "
     "not_rechecked at_the_start notes levels=problem.levels levels_why levels_cost horizon_s "
@@ -488,7 +476,7 @@ DOCUMENT = JsonObject(
     beside={"cert?": str, "report?": str, "written?": list[str]},
     verdict=VERDICT,
     together=VERDICT,
-    modules=MODULE,
+    modules=VERIFIED,
     guarantees=JsonObject(
         "soter.verify.problem.assumption.ScopeGuarantee",
         "module what by how",

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 Made = Mapping[str, Callable[[Any], object]]
-Shape: TypeAlias = "JsonObject | dict[str, object]"
+Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str, object]]"
 
 
 def one_of(*values: object) -> dict[str, object]:
@@ -45,6 +45,7 @@ class JsonObject:
         made: Made | None = None,
         named: str = "",
         beside: Mapping[str, object] | None = None,
+        also: JsonObject | None = None,
         shapes: Mapping[str, Shape] | None = None,
         **more: Shape,
     ) -> None:
@@ -52,15 +53,16 @@ class JsonObject:
 
         `fields`: each `name`, or `name=path` where the record has it at another place (None on the
         way is null; behind a list or tuple it is that of every entry); with `?` at the end what is
-        empty is null, with `*` pairs are an object. `made`: those that a function of the record
-        makes. `shapes`, `more`: the objects that values are, also in tuples and mappings, or
-        schemas. `named`: its own block in the page. `beside`: what the command adds, with types, or
-        may add (`name?`).
+        empty is null, with `*` pairs are an object, with `/s` ns are seconds. `made`: those that a
+        function of the record makes. `shapes`, `more`: the objects that values are, also in tuples
+        and mappings, or schemas, or both. `named`: its own schema. `beside`: what the command adds,
+        with types, or may add (`name?`). `also`: a record whose fields may be there, too.
         """
         self.record, self.made, self.named = record, made or {}, named
         pairs = [text.partition("=") for text in fields.split()]
         self.paths = {name.rstrip("?*"): path or name for name, _, path in pairs}
         self.beside, self.shapes = beside or {}, {**(shapes or {}), **more}
+        self.also = also
 
     def of(self, record: object) -> dict[str, object]:
         """The object."""
@@ -70,8 +72,10 @@ class JsonObject:
 
 def _at(path: str) -> Callable[[Any], object]:
     def value(record: Any) -> object:  # noqa: ANN401 - any record
-        for name in path.rstrip("?*").split("."):
+        for name in path.rstrip("?*").removesuffix("/s").split("."):
             record = _part(record, name)
+        if path.endswith("/s"):
+            return None if record is None else record / 1e9
         if path.endswith("*"):
             return dict(record)
         return (record or None) if path.endswith("?") else record
@@ -95,6 +99,7 @@ def _plain(value: object, shape: Shape | None) -> object:
         return {str(name): _plain(part, shape) for name, part in value.items()}
     if _lists(value):
         return [_plain(part, shape) for part in value]
+    shape = shape[0] if isinstance(shape, tuple) else shape
     if isinstance(shape, JsonObject) and value is not None:
         return shape.of(value)
     if isinstance(value, Path):
@@ -113,16 +118,18 @@ _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGN
 
 @dataclass(frozen=True)
 class Kind:
-    """What values an option takes. `text`: how a command line reads one; `allowed`: the range.
+    """What values an option takes. `text`: how a command line reads one, a name or a function.
 
+    `allowed`: the range.
     `in_python`: what its words say where no command line is, with the unit.
     """
 
-    text: str = ""
+    text: str | Callable[[str], Any] = ""
     allowed: str = ""
     fits: Callable[[Any], bool] = lambda _: True
     read: Callable[[Any], Any] = lambda given: given
     in_python: str = "{}"
+    names: tuple[str, ...] = ()
 
 
 ANYTHING = Kind()
@@ -130,10 +137,15 @@ ANYTHING = Kind()
 SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
+def read_by(function: Callable[[str], Any]) -> Kind:
+    """What a function makes of a text; ArgumentTypeError where it is none."""
+    return Kind(function)
+
+
 def choice(*names: str) -> Kind:
     """One of some names."""
     said = f"{', '.join(names[:-1])} or {names[-1]}"
-    return Kind("", said, lambda given: given in names)
+    return Kind("", said, lambda given: given in names, names=names)
 
 
 def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Kind:
@@ -176,7 +188,8 @@ def bytes_of(given: int | str) -> int | None:
 class Option:
     """What is known of a field of a record.
 
-    `flags`: as a command line has them, with what stands for a value; none where it has none.
+    `flags`: as a command line has them, with what stands for a value; none where it has none, and
+    no dashes where it is known by its place. Ellipsis as `given`: it has to be there.
     `given`: the default as a caller writes it; `words` may quote it (`{default}`), and how a text
     is written (`{text}`). `told`: its field in the JSON document of a result. `keyword`: whether
     callers in Python have it, too.
@@ -188,6 +201,11 @@ class Option:
     kind: Kind
     told: str
     keyword: bool
+
+    @property
+    def dashed(self) -> bool:
+        """Whether a command line knows it by a flag, not by its place."""
+        return self.flags.startswith("-")
 
     def help(self, text: str = "") -> str:
         """The words for a command line; `text`: how a text is written, where one is read."""
@@ -210,7 +228,7 @@ def option(
 ) -> Any:  # noqa: ANN401 - the same
     """A field of a record of options."""
     known = Option(flags, given, words, kind, told, keyword)
-    default = given if given is None else kind.read(given)
+    default = given if given in (None, ...) else kind.read(given)
     return field(default=default, metadata={"option": known})
 
 

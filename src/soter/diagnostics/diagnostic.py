@@ -349,3 +349,8 @@ class SoterError(Exception):
     def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
         """Crosses from process to process: `args` hold the text, not what it is made of."""
         return type(self), (self.diagnostics,)
+
+
+def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
+    """An error of one diagnostic that stands in no program; of `helps` those that say something."""
+    return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))

@@ -10,21 +10,18 @@ Non-goals: deciding where it is written, and whether in colour; other exceptions
 
 from __future__ import annotations
 
-import os
-import sys
 import traceback
 import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Severity, SoterError
+from soter.diagnostics.diagnostic import Severity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from types import TracebackType
 
-    from soter.diagnostics.diagnostic import Diagnostic, Label
+    from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
     from soter.diagnostics.source import Source, Span
 
 
@@ -310,24 +307,9 @@ def _style(mark: _Mark, paint: _Paint) -> str:
 
 
 HERE = str(Path(__file__).resolve().parents[1])
-ALL = "SOTER_TRACEBACK"
 
 
-def install() -> None:
-    """Have Python and IPython show a `SoterError` shortly; nothing where somebody else does."""
-    setattr(SoterError, "_render_traceback_", _lines)  # noqa: B010 - IPython asks for that name
-    if sys.excepthook is sys.__excepthook__:
-        sys.excepthook = _hook
-
-
-def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    if not isinstance(error, SoterError) or os.environ.get(ALL) or sys.stderr is None:
-        sys.__excepthook__(kind, error, trace)
-        return
-    print("\n".join(_lines(error)), file=sys.stderr)
-
-
-def _lines(error: SoterError) -> list[str]:
+def traceback_lines(error: SoterError) -> list[str]:
     """Where it was called, outside of soter, then the diagnostics."""
     frames = [
         f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)

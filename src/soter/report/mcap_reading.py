@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
 from soter.report.bounded_unpack import BoundedUnpacking
@@ -365,14 +365,10 @@ def _size(file: BinaryIO) -> int:
 def require_log_package() -> None:
     """SoterError D007 where the package that writes logs is not installed."""
     if find_spec("mcap") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "logs are written with the package `mcap`, which is not installed",
-                    helps=("install it: pip install 'soter[log]'",),
-                ),
-            )
+        raise mistake(
+            "D007",
+            "logs are written with the package `mcap`, which is not installed",
+            "install it: pip install 'soter[log]'",
         )
 
 
@@ -388,7 +384,7 @@ def _records(path: Path) -> Iterator[McapRecords]:
         raise
     except DamagedMcapError as error:
         text = f"cannot read the log `{path}`: {error}"
-        raise SoterError((Diagnostic("D006", text, helps=(error.remedy,)),)) from error
+        raise mistake("D006", text, error.remedy) from error
     except Exception as error:
         raise unreadable(path, damaged(error)) from error
 
@@ -455,4 +451,4 @@ def damaged(error: Exception) -> str:
 def unreadable(path: Path, why: str) -> SoterError:
     """Of a log that cannot be read as one of `soter run --log`."""
     helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
-    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))
+    return mistake("D006", f"cannot read the log `{path}`: {why}", *helps)

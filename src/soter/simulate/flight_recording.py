@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import NEVER, state_layout
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
 from soter.report.printable_text import visible
@@ -195,9 +195,9 @@ class FlightRecording:
     def _unreadable(self, why: str) -> SoterError:
         helps = ("`--record FILE` of a program of `soter build --target posix` writes one",)
         text = f"cannot read the recording `{visible(str(self.path))}`: {why}"
-        return SoterError((Diagnostic("D006", text, helps=helps),))
+        return mistake("D006", text, *helps)
 
     def _of_another(self, why: str) -> SoterError:
         helps = ("the same program, system and parameters as were built, by the same Soter",)
         text = f"`{visible(str(self.path))}` is of another flight: {why}"
-        return SoterError((Diagnostic("D023", text, helps=helps),))
+        return mistake("D023", text, *helps)

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import ac_share, group_field
+from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import ArrayType, RecordType, has_list
 from soter.semantics.configuration import NAN_LOOKS_MAX
 from soter.simulate.decisions import DecisionStepRecord, changes, margins
 from soter.simulate.run_observer import moved_at, numbers_of
-from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -265,7 +265,7 @@ class Run:
         trace = _kept(self)
         if self.recorded is not None:
             message = f"this run recorded only {', '.join(f'`{n}`' for n in self.recorded)}"
-            raise usage_error("U001", message, "ask for everything: simulate(trace=True)")
+            raise mistake("U001", message, "ask for everything: simulate(trace=True)")
         return trace
 
     def time_s(self) -> npt.NDArray[np.float64]:
@@ -328,10 +328,10 @@ def _declaration(x: Component) -> Span:
 def _kept(run: Run, name: str = "") -> npt.NDArray[Any]:
     """What was kept of the trace, (n,); SoterError U001 where `name` is not in it."""
     if run.trace is None:
-        raise usage_error("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
+        raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
     if name and run.recorded is not None and name not in run.recorded:
         help_ = f'name it, too: simulate(trace=["{name}", ...])'
-        raise usage_error("U001", f"this run did not record `{name}`", help_)
+        raise mistake("U001", f"this run did not record `{name}`", help_)
     return run.trace
 
 
@@ -345,7 +345,7 @@ def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
         x = run.system.components[group.owner] if group.owner >= 0 else None
         if x is not None and x.plant is not None and name == f"{x.name}.truth":
             return x.plant.truth, _kept(run, name)[group_field(group)]
-    raise usage_error(
+    raise mistake(
         "U001", f"the run has no topic and no truth `{name}`", nearest_or_all(name, _names(run))
     )
 
@@ -357,7 +357,7 @@ def _mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
         if m.name == module:
             return _kept(run, module)["modules"]["mode"][:, m.index]
     known = nearest_or_all(module, [m.name for m in run.system.modules])
-    raise usage_error("U001", f"the run has no module `{module}`", known)
+    raise mistake("U001", f"the run has no module `{module}`", known)
 
 
 def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
@@ -369,10 +369,10 @@ def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
         fields = dict(t.fields) if isinstance(t, RecordType) else {}
         if part not in fields:
             help_ = nearest_or_all(part, fields)
-            raise usage_error("U001", f"`{path}`: there is no field `{part}`", help_)
+            raise mistake("U001", f"`{path}`: there is no field `{part}`", help_)
         t, values = fields[part], values[part]
     if has_list(t):
-        raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
+        raise mistake("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
     numbers = numbers_of(t, values)
     return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
 

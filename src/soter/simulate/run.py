@@ -26,7 +26,7 @@ from soter.core.layout import (
     state_layout,
 )
 from soter.core.steps import lower
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.extern_memory import another_copy, kept_by
 from soter.native.library import Library, RunStatus
@@ -449,4 +449,4 @@ def _reset_all(bound: Mapping[str, object], seed: int) -> None:
 def _reset_failed(error: ExternResetError) -> SoterError:
     why = described(error.__cause__ or error)
     message = f"extern `{error.name}` could not be reset: {why}"
-    return SoterError((Diagnostic("X003", message),))
+    return mistake("X003", message)

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import group_field
+from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.model.types import ArrayType, RecordType
 from soter.semantics.faults import by_component, is_released
 from soter.simulate.module_safe_check import SafeTally
-from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -127,7 +127,7 @@ class TraceParts:
             if name not in every:
                 known = nearest_or_all(name, every)
                 message = f"the run has no topic, truth or module `{name}` to record"
-                raise usage_error("U001", message, known)
+                raise mistake("U001", message, known)
         self._topics = [n for n in names if n in topics]
         self._whole = ["header"]
         if modules.intersection(names):

@@ -13,7 +13,7 @@ import operator
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.elaborate.system_numbers import has_param
 from soter.language.model.durations import TEXT_MAX, WrongTextError, duration_ns
@@ -23,16 +23,10 @@ from soter.language.model.values import ValueShapeError, from_python
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.codes import Code
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Type, Value
 
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
-
-
-def usage_error(code: Code, message: str, *helps: str) -> SoterError:
-    """A mistake on the command line or in an argument: it stands in no file."""
-    return SoterError((Diagnostic(code, message, helps=tuple(h for h in helps if h)),))
 
 
 # ---------------------------------------------------------------- lengths of time
@@ -43,9 +37,9 @@ def until_ns(given: float | str) -> int:
     try:
         ns = duration_ns(given)
     except WrongTextError as error:
-        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: {error}") from error
+        raise mistake("U001", f"`until` cannot be `{_short(given)}`: {error}") from error
     if ns <= 0:
-        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
+        raise mistake("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
     return ns
 
 
@@ -57,7 +51,7 @@ def seed_value(given: object) -> int:
         number = -1
     if not 0 <= number < 2**64:
         help_ = "a seed is a whole number, 0 to 2^64 - 1"
-        raise usage_error("U001", f"`seed` cannot be `{_short(given)}`", help_)
+        raise mistake("U001", f"`seed` cannot be `{_short(given)}`", help_)
     return number
 
 

@@ -86,7 +86,7 @@ def cart(proved: Path, here: Path) -> Path:
 
 def case_of(folder: Path) -> dict[str, Any]:
     case: dict[str, Any] = json.loads((folder / "out" / "case.json").read_text())
-    assert list(_check(SCHEMAS["case"], case, "")) == []
+    assert list(_check(SCHEMAS["case.json"], case, "")) == []
     ids = {n["id"] for n in case["nodes"]}
     for n in case["nodes"]:
         assert ids.issuperset(n["supported_by"] + n["in_context_of"])

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import load
-from soter.cli.main import command_of
+from soter.cli.main import COMMANDS, command_of, parser_of
+from soter.diagnostics.command_records import options_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,16 +21,32 @@ if TYPE_CHECKING:
     Soter = Callable[..., Any]
 
 ROOT = Path(__file__).resolve().parents[3]
+NO_MANUAL = {"benchmarks.md", "decisions.md", "newcomers.md"}
+"""Pages that tell what was measured, chosen and tried."""
 PAGES = ("run", "test", "replay", "verify", "recheck", "campaign", "monitor", "advise")
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_every_command_that_makes_a_page_takes_report(name: str) -> None:
-    options = command_of(name).parser()._option_string_actions
+    options = parser_of(name)._option_string_actions
     assert "--report" in options
     assert ("--html" in options) is (name in ("test", "replay")), "as they called it first"
     if name not in ("test", "advise"):  # several pages; a page in any case
         assert options["--report"].nargs == "?"
+
+
+def test_every_option_stands_on_a_page_beside_its_command() -> None:
+    """In a section that names the command: who reads of one finds the other."""
+    pages = [p for p in sorted((ROOT / "docs").glob("*.md")) if p.name not in NO_MANUAL]
+    sections = [s for p in pages for s in re.split(r"(?m)^#+ ", p.read_text("utf-8"))]
+    missing = []
+    for command in COMMANDS.keys() - {"help"}:
+        own = "\n".join(s for s in sections if re.search(rf"soter {command}\b|`{command}`", s))
+        for known in options_of(command_of(command).Options).values():
+            flags = [f for f in known.flags.split() if f.startswith("-")]
+            if flags and not any(re.search(rf"(?<![\w-]){f}(?![\w-])", own) for f in flags):
+                missing.append(f"{command} {flags[0]}")
+    assert missing == []
 
 
 @pytest.mark.parametrize("name", ["--report", "--html"])

@@ -41,7 +41,7 @@ def test_several_programs_in_one_document(soter: Soter, here: Path) -> None:
         ("cart.soter", 0),
         ("bad.soter", 1),
     ]
-    assert list(_check(SCHEMAS["check"], document["files"][0], "")) == []
+    assert list(_check(SCHEMAS["check.json"], document["files"][0], "")) == []
     assert {d["file"] for d in document["diagnostics"]} == {"bad.soter"}
 
 

@@ -169,7 +169,7 @@ def test_the_trace_is_a_file_that_keeps_to_its_schema(
     done = soter("test", corridor, "--test", "Far", "--set", "END=1", "--html", "-o", "out")
     assert done.exit == 3
     document = json.loads((here / "out" / "corridor-Far.trace.json").read_text("utf-8"))
-    assert list(_check(SCHEMAS["trace"], document, "")) == []
+    assert list(_check(SCHEMAS["trace.json"], document, "")) == []
     assert document["program"] == "../corridor.soter"
     assert document["params"] == {"END": 1}
     assert document["minimal"] is True
@@ -275,7 +275,9 @@ def test_all_properties_that_can_be_violated_are_told(soter: Soter, here: Path) 
     assert soter("replay", ".soter/two-T-2.trace.json").exit == 0
     (test,) = soter("test", "two.soter", "--all", "--json").document["tests"]
     assert (
-        list(_check(SCHEMAS["test"], soter("test", "two.soter", "--all", "--json").document, ""))
+        list(
+            _check(SCHEMAS["test.json"], soter("test", "two.soter", "--all", "--json").document, "")
+        )
         == []
     )
     assert test["violated"] == "never x == 1"
@@ -293,7 +295,7 @@ def test_falsify_tells_how_near_it_came(soter: Soter, here: Path) -> None:
     done = soter(*options)
     assert "nearest  never x > 6  least robustness 1" in done.out
     document = soter(*options, "--json").document
-    assert list(_check(SCHEMAS["test"], document, "")) == []
+    assert list(_check(SCHEMAS["test.json"], document, "")) == []
     (test,) = document["tests"]
     told = {r["property"]: r for r in test["robustness"]}
     assert told["never x > 6"] == {"property": "never x > 6", "guided": True, "least": 1.0}

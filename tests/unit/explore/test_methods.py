@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-import soter.cli.run
-import soter.cli.test
 from soter.api.program import Program
+from soter.cli.main import parser_of
 from soter.diagnostics.command_records import made, options_of
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.search_options import (
@@ -51,17 +50,17 @@ def test_the_engine_leads_each_strategy_to_its_own_search() -> None:
 
 
 def test_the_schema_of_results_names_them_all() -> None:
-    page = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+    schema = (ROOT / "docs" / "schemas" / "test.json").read_text(encoding="utf-8")
     for what, names in (("strategy", STRATEGIES), ("storage", STORAGES), ("reduction", REDUCTIONS)):
         listed = ", ".join(f'"{n}"' for n in names)
-        assert f'"{what}": {{ "enum": [{listed}] }}' in page
+        assert f'"{what}": {{ "enum": [{listed}] }}' in schema
 
 
 CHOSEN = {"test", "system", "until", "seed"}
 """What the page gives another value than the default."""
 RECORDS = [
-    (SearchOptions, SearchKeywords, Program.explore, soter.cli.test.parser()),
-    (RunOptions, RunKeywords, Program.simulate, soter.cli.run.parser()),
+    (SearchOptions, SearchKeywords, Program.explore, parser_of("test")),
+    (RunOptions, RunKeywords, Program.simulate, parser_of("run")),
 ]
 
 

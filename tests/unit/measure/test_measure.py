@@ -7,12 +7,13 @@ import random
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import soter
-from soter.api.measuring import document, measure, measure_on_board, written
+from soter.api.measuring import DOCUMENT, measure, measure_on_board, written
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.stopwatch import of_run, varied
@@ -149,7 +150,7 @@ def test_times_of_a_program_that_was_changed_since_are_refused(tmp_path: Path) -
 )
 def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
     timed_program = program(tmp_path)
-    told = document(measure(timed_program, samples=8))
+    told: Any = {"schema": 1, **DOCUMENT.of(measure(timed_program, samples=8))}
     wrong = {
         "schema": {**told, "schema": 2},
         "system": {**told, "system": "Other"},

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from soter.api.rechecking import no_certificate, recheck
 from soter.certificate.format.errors import REJECTED
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.bounded_read import opened
@@ -184,7 +184,7 @@ def file_hash(path: Path) -> str:
         return digest.hexdigest()
     except OSError as error:
         message = f"cannot read `{path}`: {reason(error)}"
-        raise SoterError((Diagnostic("D006", message),)) from error
+        raise mistake("D006", message) from error
 
 
 RECHECKER = ("certificate", "language")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.report.assurance.safety_case import CaseNode
@@ -161,10 +161,10 @@ def read_flights(folder: Path) -> FlightFolder:
         csv.Error,
     ) as error:
         message = f"`{folder}` is no folder of `soter campaign`: {error}"
-        raise SoterError((Diagnostic("D006", message),)) from error
+        raise mistake("D006", message) from error
     if wrong:
         message = f"`{folder}` is no folder of `soter campaign`: {wrong}"
-        raise SoterError((Diagnostic("D006", message),))
+        raise mistake("D006", message)
     return FlightFolder(file, file_hash(file), about, rows)
 
 
@@ -304,10 +304,8 @@ def _told(path: Path) -> dict[str, dict[str, Any]]:
         sha256, tests = document["program_sha256"], document["tests"]
         return {str(t["name"]): {"verdict": t["verdict"], "program_sha256": sha256} for t in tests}
     except OSError as error:
-        raise SoterError((Diagnostic("D006", f"cannot read `{path}`: {reason(error)}"),)) from error
+        raise mistake("D006", f"cannot read `{path}`: {reason(error)}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         help_ = f"soter test FILE --json > {path}"
-        problem = Diagnostic(
-            "D005", f"`{path}` is no report of `soter test --json`", helps=(help_,)
-        )
-        raise SoterError((problem,)) from error
+        what = f"`{path}` is no report of `soter test --json`"
+        raise mistake("D005", what, help_) from error

@@ -17,7 +17,7 @@ from graphlib import CycleError, TopologicalSorter
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import did_you_mean
 from soter.diagnostics.source import Source, Span
@@ -84,13 +84,13 @@ def read_hazards(path: Path) -> HazardFile:
     try:
         raw = read_bytes(path)
     except OSError as error:
-        raise SoterError((Diagnostic("D006", f"cannot read `{path}`: {reason(error)}"),)) from error
+        raise mistake("D006", f"cannot read `{path}`: {reason(error)}") from error
     diagnostics = Diagnostics()
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"`{path}` is not UTF-8: byte {error.start + 1}"
-        raise SoterError((Diagnostic(CODE, message),)) from error
+        raise mistake(CODE, message) from error
     rows = list(_rows(Source(str(path), text), diagnostics))
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)

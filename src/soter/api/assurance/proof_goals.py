@@ -165,18 +165,20 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
         said = {a.text: a.key for m in used for a in m.assumptions}
         for k, (text, key) in enumerate(said.items(), 1):
             case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
-        vacuous = [f"{m.name}: {m.vacuous}" for m in used if m.vacuous]
-        vacuous += [
-            f"{m.name}: it was not looked at whether AC ever has control ({m.unseen})"
-            for m in used
-            if m.unseen
-        ]
-        for k, text in enumerate(vacuous, 1):
+        for k, text in enumerate(_vacuous(used), 1):
             case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
         for k, other in enumerate(rest, 1):
             case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
     return top
+
+
+def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
+    """Of which modules next to nothing is proved, or nobody looked."""
+    unseen = "it was not looked at whether AC ever has control"
+    return [f"{m.name}: {m.vacuous}" for m in used if m.vacuous] + [
+        f"{m.name}: {unseen} ({m.unseen})" for m in used if m.unseen
+    ]
 
 
 def _top(flat: System) -> str:

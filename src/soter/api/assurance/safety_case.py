@@ -19,7 +19,7 @@ from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.atomic_write import ReportError, own_place
 from soter.version import VERSION
@@ -165,5 +165,5 @@ def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
         write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
         write_text(sdoc(case), document)
     except (ReportError, OSError) as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
     return page, data, document

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
-from soter.cli.terminal.command_line import place
+from soter.cli.terminal.command_line import of_diagnostics, place
 from soter.diagnostics.codes import explain, title
 from soter.report.junit_xml import case, clean, document, said
 from soter.version import VERSION
@@ -27,13 +27,23 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.cli.terminal.command_line import CiFinding
+    from soter.cli.terminal.command_line import CiFinding, CommandOutcome
 
 
 SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 )
 LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
+
+
+def written(format_: str, command: str, outcome: CommandOutcome) -> str:
+    """The outcome as text; `github` has none where all is well."""
+    findings = [*of_diagnostics(outcome.diagnostics), *outcome.found]
+    if format_ == "sarif":
+        return sarif(command, findings, outcome.exit)
+    if format_ == "github":
+        return github(findings)
+    return outcome.junit or junit(command, outcome.files, findings)
 
 
 def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:

@@ -14,19 +14,24 @@ import argparse
 import re
 from contextlib import suppress
 from dataclasses import dataclass, field
+from inspect import cleandoc
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
 
-from soter.diagnostics.command_records import options_of
+from soter.diagnostics.command_records import option, options_of
 from soter.diagnostics.diagnostic import Severity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.cli.terminal.console import Console
+    from soter.diagnostics.command_records import Option
+    from soter.diagnostics.diagnostic import Diagnostic, SoterError
     from soter.diagnostics.source import Span
 
 
+Pairs: TypeAlias = tuple[tuple[str, str], ...]
 Kind = Literal["pass", "fail", "open", "warning"]
 """`fail`: wrong, as is shown; `open`: nothing is shown either way, which is no success either."""
 
@@ -121,11 +126,11 @@ class CommandOutcome:
 
 
 class UsageError(Exception):
-    """A command line that cannot be understood; `usage` says how it is written."""
+    """A command line that cannot be understood; `usage`: how it is written, if not as in help."""
 
-    def __init__(self, message: str, usage: str) -> None:
+    def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)
-        self.usage = usage.removeprefix("usage: ").strip()
+        self.usage = usage
 
 
 def exit_of_kinds(kinds: Iterable[Kind]) -> int:
@@ -142,6 +147,11 @@ def exit_of(diagnostics: Iterable[Diagnostic]) -> int:
     return USAGE if all(code.startswith("U") for code in errors) else DIAGNOSTICS
 
 
+def failed(error: SoterError) -> CommandOutcome:
+    """What comes of a command that could not be done."""
+    return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
+
+
 CERTIFICATE_FOLDER = """\
 in the folder of a certificate: manifest.json (claims, times, assumptions), SEAL (its SHA-256),
 program/ (every source and data file), sets/ (the sets of the proof, as bytes)
@@ -154,18 +164,50 @@ flights.parquet
 """What lies in folders that several commands take, for their help."""
 
 
+SYSTEM = ("--system S", None, "by default the only one, or the `default`")
+SET: tuple[str, tuple[()], str] = ("", (), "what --set and --bind give")
+MODULE = ("--module M", None, "only this module; by default all")
+"""Options of several commands."""
+SETTINGS = (
+    (
+        "--set",
+        "K=V",
+        "params",
+        "value of a parameter, such as --set GAIN=3, --set d.PERIOD=20ms, --set r[0].GAIN=2",
+    ),
+    (
+        "--bind",
+        "X=WHAT",
+        "bindings",
+        "what answers extern X: python:file.py:name, c:file.c:name, onnx:a.onnx, sb3:a.zip",
+    ),
+)
+"""What a record with a field `params` takes; they are `args.params` and `args.bindings`."""
+
+
 class HelpWantedError(Exception):
     """`--help` was given; the message is the text."""
 
 
-class CommandParser(argparse.ArgumentParser):
-    """One command's parser. `examples`: lines for the end of its help."""
+class Command(Protocol):
+    """What a command's file offers; `EXAMPLES`: lines for the end of its help."""
 
-    def __init__(self, command: str, about: str, examples: str) -> None:
+    EXAMPLES: str
+    Options: type
+    """A record of what its line takes (`options_of`); the docstring says what the command does."""
+
+    def run(self, args: argparse.Namespace, console: Console) -> CommandOutcome:
+        """Do it. What `loaded` found, and what an error is about, are added to what it gives."""
+
+
+class CommandParser(argparse.ArgumentParser):
+    """One command's parser."""
+
+    def __init__(self, name: str, command: Command) -> None:
         super().__init__(
-            prog=f"soter {command}",
-            description=about,
-            epilog=f"examples:\n{examples.rstrip()}",
+            prog=f"soter {name}",
+            description=cleandoc(command.Options.__doc__ or ""),
+            epilog=f"examples:\n{command.EXAMPLES.rstrip()}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
             add_help=False,
@@ -174,10 +216,67 @@ class CommandParser(argparse.ArgumentParser):
             "--json", action="store_true", help="print one JSON document (docs/json.md)"
         )
         self.add_argument("-h", "--help", action=_Help, nargs=0, help="show this text")
+        options = options_of(command.Options)
+        for field_name, known in options.items():
+            if field_name == "params":
+                self._add_settings()
+            elif known.flags:
+                self._add(field_name, known)
+        self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
+
+    def subject(self, args: argparse.Namespace) -> dict[str, object]:
+        """What a document says that it is about, however the command ends."""
+        return {told: getattr(args, name) for name, told in self._about.items()}
+
+    def _add(self, name: str, known: Option) -> None:
+        """What a command line takes for a field of a record."""
+        *flags, metavar = known.flags.split()
+        kind, needed = known.kind.text, known.given is ...
+        how: dict[str, Any] = {
+            "default": None if needed else known.given,
+            "help": known.help(TIMES),
+        }
+        if metavar.startswith("--"):
+            self.add_argument(*flags, metavar, dest=name, action="store_true", **how)
+            return
+        how |= {"type": kind if callable(kind) else READERS.get(kind, str)}
+        how |= {"metavar": metavar.strip("[].")}
+        if metavar.endswith("..."):
+            how["nargs"] = "+"
+        if metavar.startswith("["):
+            how["nargs"] = "?"
+        if metavar.startswith("{"):
+            how |= {"choices": metavar.strip("{}").split(","), "metavar": None}
+        if not known.dashed:
+            self.add_argument(name, choices=known.kind.names or None, **how)
+            return
+        if kind == "several":
+            given = None if known.given is None else list(known.given)
+            how |= {"action": "append", "default": given}
+        elif metavar.startswith("["):
+            how["const"] = ""
+        self.add_argument(*flags, dest=name, required=needed, **how)
+
+    def _add_settings(self) -> None:
+        for flag, metavar, name, about in SETTINGS:
+            self.add_argument(
+                flag,
+                action="append",
+                default=[],
+                metavar=metavar,
+                type=_pair,
+                dest=name,
+                help=about,
+            )
 
     def error(self, message: str) -> NoReturn:
         """A wrong command line: raises UsageError."""
-        raise UsageError(message, self.format_usage().removeprefix("usage: ").strip())
+        raise UsageError(message, self.usage_line)
+
+    @property
+    def usage_line(self) -> str:
+        """How it is written."""
+        return self.format_usage().removeprefix("usage: ").strip()
 
 
 class _Help(argparse.Action):
@@ -185,20 +284,15 @@ class _Help(argparse.Action):
         raise HelpWantedError(parser.format_help().rstrip())
 
 
-def add_file(parser: CommandParser, help_: str = "the program") -> None:
-    """The positional FILE."""
-    parser.add_argument("file", metavar="FILE", help=help_)
+def file_option(flags: str = "FILE", words: str = "the program", told: str = "file") -> Any:  # noqa: ANN401 - a field
+    """What a command is about, by its place; `told`: as the document says it."""
+    return option(flags, ..., words, told=told, keyword=False)
 
 
-def add_report(parser: CommandParser, what: str, ending: str) -> None:
-    """--report; `what` it writes; `ending`: of its file where no path is given."""
-    parser.add_argument(
-        "--report",
-        nargs="?",
-        const="",
-        metavar="PATH",
-        help=f"write {what}: one HTML page (.soter/...{ending})",
-    )
+def report_option(what: str, ending: str, flags: str = "--report") -> Any:  # noqa: ANN401 - a field
+    """`what` --report writes; `ending`: of its file where no path is given."""
+    words = f"write {what}: one HTML page (.soter/...{ending})"
+    return option(f"{flags} [PATH]", None, words, keyword=False)
 
 
 def report_path(report: str, of: str, ending: str) -> Path:
@@ -207,53 +301,30 @@ def report_path(report: str, of: str, ending: str) -> Path:
     return Path(report or Path(".soter") / f"{stem}{ending}")
 
 
-def add_settings(parser: CommandParser) -> None:
-    """--set and --bind."""
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="K=V",
-        type=_pair,
-        dest="params",
-        help="value of a parameter, such as --set GAIN=3, --set d.PERIOD=20ms, --set r[0].GAIN=2",
-    )
-    parser.add_argument(
-        "--bind",
-        action="append",
-        default=[],
-        metavar="X=WHAT",
-        type=_pair,
-        dest="bindings",
-        help="what answers extern X: python:file.py:name, c:file.c:name, onnx:a.onnx, sb3:a.zip",
-    )
+FORMATS = ("sarif", "junit", "github")
+FORMAT = (
+    f"--format {{{','.join(FORMATS)}}}",
+    None,
+    "for CI, on standard output (docs/commands.md)",
+)
+"""The option of those that print one."""
+WITH_FORMAT = ("check", "verify", "test", "monitor")
 
 
-def add_options(parser: CommandParser, record: type) -> None:
-    """An argument for each field of a record that has a flag, and --set and --bind at `params`."""
-    for name, known in options_of(record).items():
-        if name == "params":
-            add_settings(parser)
-        *flags, metavar = known.flags.split() or [""]
-        how: dict[str, Any] = {"dest": name, "default": known.given, "help": known.help(TIMES)}
-        if metavar.startswith("--"):
-            parser.add_argument(*flags, metavar, action="store_true", **how)
-            continue
-        how |= {"metavar": metavar.strip("[]"), "type": READERS.get(known.kind.text, str)}
-        if metavar.startswith("["):
-            how |= {"nargs": "?", "const": ""}
-        if metavar.startswith("{"):
-            how |= {"choices": metavar.strip("{}").split(","), "metavar": None}
-        if flags:
-            action = "append" if known.kind.text == "several" else "store"
-            parser.add_argument(*flags, action=action, **how)
+def format_of(name: str | None, options: Sequence[str]) -> str | None:
+    """The format that a command line asks for; None for none, or a wrong one."""
+    if name not in WITH_FORMAT:
+        return None
+    asked = [b for a, b in pairwise(options) if a == "--format"]
+    asked += [a.removeprefix("--format=") for a in options if a.startswith("--format=")]
+    return asked[-1] if asked and asked[-1] in FORMATS else None
 
 
 def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
     """The keywords of a record that a command line has."""
     options = options_of(record, keyword=True)
     values = {name: getattr(args, name) for name in options if name in args}
-    return values | {"params": dict(args.params)}
+    return values | ({"params": dict(args.params)} if "params" in options else {})
 
 
 def _pair(text: str) -> tuple[str, str]:

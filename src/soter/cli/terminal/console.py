@@ -230,6 +230,8 @@ class Console:
     def __init__(self, *, json: bool, own_process: bool = False) -> None:
         self.json = json
         self.own_process = own_process
+        self.of_program: tuple[Diagnostic, ...] = ()
+        """What was found in the program that the command is about, to be told however it ends."""
         """Whether this process is the command, and not somebody's who calls `main`."""
         self._verdict: ResultPipe | None = None
         self._during = ExitStack()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.language.load.loader import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
@@ -22,13 +22,24 @@ if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
 
 
-def loaded(args: argparse.Namespace, console: Console) -> Program:
-    """The program of `args.file` with `args.bindings`; `SoterError` where it is none."""
+def opened(args: argparse.Namespace, console: Console) -> Program:
+    """The program of `args.file`; its warnings are told with whatever comes of the command."""
     with LineOfProgress(console) as line:
         program = load(args.file, line)
+    console.of_program = program.diagnostics if program.ok else ()
+    return program
+
+
+def bound(program: Program, args: argparse.Namespace) -> Program:
+    """The same with `args.bindings`; `SoterError` where it is none."""
     for name, target in args.bindings:
         program.bind(name, target)
     return program
+
+
+def loaded(args: argparse.Namespace, console: Console) -> Program:
+    """Both."""
+    return bound(opened(args, console), args)
 
 
 STDIN = "<stdin>"
@@ -44,9 +55,9 @@ def standard_input() -> str:
     data = stream.buffer.read(most + 1) if hasattr(stream, "buffer") else stream.read(most + 1)
     if len(data) > most:
         message = f"cannot read standard input: it is larger than {most >> 20} MiB"
-        raise SoterError((Diagnostic("D005", message),))
+        raise mistake("D005", message)
     try:
         return data if isinstance(data, str) else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"standard input is not UTF-8: byte {error.start} is wrong"
-        raise SoterError((Diagnostic("D005", message),)) from error
+        raise mistake("D005", message) from error

@@ -176,20 +176,25 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
+    lines += _reservations(run, console)
+    return lines
+
+
+def _reservations(run: Run, console: Console) -> Iterator[str]:
+    """What the verdict does not say of what flew."""
     for m in run.system.modules:
         if m.unshown:
             what = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
-            lines.append(f"{console.paint('yellow', 'NOT SHOWN')}  {what}")
+            yield f"{console.paint('yellow', 'NOT SHOWN')}  {what}"
     if run.late:
-        lines.append(f"{console.paint('yellow', 'LATE')}  the trusted part was: see the note")
+        yield f"{console.paint('yellow', 'LATE')}  the trusted part was: see the note"
     for name, steps in run.never_answered.items():
         word = console.paint("yellow", "NEVER ANSWERED")
-        lines.append(f"{word}  `{name}` failed in each of {steps} steps: nothing of it was tried")
+        yield f"{word}  `{name}` failed in each of {steps} steps: nothing of it was tried"
     if run.lag_s_max is not None and not run.timing:
         late = f"no instant was more than {_time(run.lag_s_max)} late"
         why = f" ({run.paced})" if run.paced else ""
-        lines.append(f"paced by the virtual-time driver, not the real-time runtime{why}: {late}")
-    return lines
+        yield f"paced by the virtual-time driver, not the real-time runtime{why}: {late}"
 
 
 def _violations(run: Run, console: Console) -> Iterator[str]:

@@ -9,10 +9,12 @@ from __future__ import annotations
 import argparse
 import re
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser, UsageError
+from soter.cli.terminal.command_line import CommandOutcome, UsageError
 from soter.cli.terminal.console import decimal
+from soter.diagnostics.command_records import choice, option, read_by
 from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
 
 if TYPE_CHECKING:
@@ -30,29 +32,29 @@ The environment variable {LIMIT} goes before `soter cache limit`.
 """
 GB = 1000
 SIZE = re.compile(r"([0-9]{1,9})\s*([MG])?B?", re.IGNORECASE)
-ACTIONS = ("show", "clear", "limit")
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("cache", "What compiled programs take on the disk.", EXAMPLES)
-    made.add_argument(
-        "action",
-        metavar="ACTION",
-        nargs="?",
-        default="show",
-        choices=ACTIONS,
-        help="by default show",
-    )
-    made.add_argument("size", metavar="SIZE", nargs="?", type=_megabytes, help="such as 500MB, 2GB")
-    return made
+def _megabytes(text: str) -> int:
+    """A size in MB; ArgumentTypeError for any other text."""
+    match = SIZE.fullmatch(text.strip())
+    if match is None:
+        raise argparse.ArgumentTypeError(f"`{text}` is no size: write 500MB or 2GB")
+    return int(match[1]) * (GB if (match[2] or "").upper() == "G" else 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What compiled programs take on the disk."""
+
+    action: str = option("[ACTION]", "show", "by default show", choice("show", "clear", "limit"))
+    size: int | None = option("[SIZE]", None, "such as 500MB, 2GB", read_by(_megabytes))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Show, clear, or set the limit; UsageError for a size where none is meant."""
     if (args.size is None) != (args.action != "limit"):
         wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
-        raise UsageError(f"`soter cache {args.action}` {wants}", parser().format_usage())
+        raise UsageError(f"`soter cache {args.action}` {wants}")
     removed: tuple[int, int] | None = None
     if args.action == "clear":
         removed = clear()
@@ -80,14 +82,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "removed": None if removed is None else {"entries": removed[0], "bytes": removed[1]},
     }
     return CommandOutcome(fields=fields)
-
-
-def _megabytes(text: str) -> int:
-    """A size in MB; ArgumentTypeError for any other text."""
-    match = SIZE.fullmatch(text.strip())
-    if match is None:
-        raise argparse.ArgumentTypeError(f"`{text}` is no size: write 500MB or 2GB")
-    return int(match[1]) * (GB if (match[2] or "").upper() == "G" else 1)
 
 
 def _ago(seconds: float) -> str:

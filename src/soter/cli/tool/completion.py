@@ -10,7 +10,8 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import CommandOutcome, CommandParser
+from soter.cli.terminal.command_line import CommandOutcome
+from soter.diagnostics.command_records import choice, option
 
 if TYPE_CHECKING:
     import argparse
@@ -49,21 +50,19 @@ class Words:
     path: bool
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser(
-        "completion", "Print what a shell needs to complete command lines.", EXAMPLES
-    )
-    made.add_argument("shell", metavar="SHELL", choices=tuple(SHELLS), help="bash, zsh or fish")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Print what a shell needs to complete command lines."""
+
+    shell: str = option("SHELL", ..., "bash, zsh or fish", choice("bash", "zsh", "fish"))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Print it."""
-    from soter.cli.main import COMMANDS, command_of  # noqa: PLC0415 - it imports this file by name
+    from soter.cli.main import COMMANDS, parser_of  # noqa: PLC0415 - it imports this file by name
 
     words = [
-        words_of(name, about, command_of(name).parser() if name != "help" else None, COMMANDS)
+        words_of(name, about, parser_of(name) if name != "help" else None, COMMANDS)
         for name, about in COMMANDS.items()
     ]
     text = "\n".join(SHELLS[args.shell](words))
@@ -108,10 +107,10 @@ def bash(commands: list[Words]) -> Iterator[str]:
     yield "  COMPREPLY=()"
     yield '  case "$command:$prev" in'
     for c in commands:
-        for option in c.options:
-            if option.takes:
-                at = "|".join(f"{c.name}:{n}" for n in option.names)
-                yield f"    {at}) {_bash_reply(option.values, path=option.path)}; return ;;"
+        for o in c.options:
+            if o.takes:
+                at = "|".join(f"{c.name}:{n}" for n in o.names)
+                yield f"    {at}) {_bash_reply(o.values, path=o.path)}; return ;;"
     yield "  esac"
     yield '  case "$command" in'
     names = " ".join(c.name for c in commands)
@@ -202,15 +201,15 @@ def fish(commands: list[Words]) -> Iterator[str]:
             yield f"{seen} -a {_fish(' '.join(c.first))}"
         if c.path:
             yield f"{seen} -F"
-        for option in c.options:
+        for o in c.options:
             names = " ".join(
-                f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in option.names
+                f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in o.names
             )
             takes = ""
-            if option.takes:
-                takes = f" -r -a {_fish(' '.join(option.values))}" if option.values else " -r"
-                takes += " -F" if option.path else ""
-            yield f"{seen} {names}{takes} -d {_fish(option.about)}"
+            if o.takes:
+                takes = f" -r -a {_fish(' '.join(o.values))}" if o.values else " -r"
+                takes += " -F" if o.path else ""
+            yield f"{seen} {names}{takes} -d {_fish(o.about)}"
 
 
 def _fish(text: str) -> str:

@@ -7,10 +7,12 @@ Non-goals: the pages (`diagnostics/pages`).
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, CommandParser
+from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome
 from soter.diagnostics.codes import all_codes, explain, named, suggestions, title
+from soter.diagnostics.command_records import option
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.diagnostics.render import safe
 
@@ -27,11 +29,11 @@ EXAMPLES = """\
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("explain", "Explain a diagnostic code, or list all of them.", EXAMPLES)
-    made.add_argument("code", metavar="CODE", nargs="?", help="such as P1a; none lists all")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Explain a diagnostic code, or list all of them."""
+
+    code: str | None = option("[CODE]", None, "such as P1a; none lists all")
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

@@ -10,13 +10,15 @@ import difflib
 import os
 import shlex
 import stat
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, CommandParser, exit_of
+from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, exit_of, file_option
 from soter.cli.terminal.open_program import STDIN, standard_input
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.command_records import SWITCH, option
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.report.atomic_write import atomic_write
 
@@ -33,13 +35,13 @@ EXAMPLES = """\
 """
 
 
-def parser() -> CommandParser:
-    """The command line."""
-    made = CommandParser("fmt", "Lay out source files, in place.", EXAMPLES)
-    made.add_argument("files", metavar="FILE", nargs="+", help="a program; - for standard input")
-    made.add_argument("--check", action="store_true", help="change nothing, exit 1 if needed")
-    made.add_argument("--diff", action="store_true", help="change nothing, show the difference")
-    return made
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Lay out source files, in place."""
+
+    files: list[str] = file_option("FILE...", "a program; - for standard input", told="files")
+    check: bool = option("--check", False, "change nothing, exit 1 if needed", SWITCH)
+    diff: bool = option("--diff", False, "change nothing, show the difference", SWITCH)
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -60,7 +62,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     _say(args, changed, problems, console)
     looked_only = args.check and bool(changed)
     code = exit_of(problems) or (DIAGNOSTICS if looked_only else 0)
-    fields: dict[str, object] = {"files": args.files, "changed": changed}
+    fields: dict[str, object] = {"changed": changed}
     if "-" in texts:
         fields["text"] = texts["-"]
     return CommandOutcome(code, tuple(problems), fields)
@@ -106,7 +108,7 @@ def _replace(path: Path, text: str) -> None:
             stream.write(text.encode("utf-8", "surrogatepass"))
     except OSError as error:
         message = f"cannot write `{path}`: {reason(error)}"
-        raise SoterError((Diagnostic("D006", message),)) from error
+        raise mistake("D006", message) from error
 
 
 def _require_leave(path: Path, mode: int) -> None:
@@ -116,4 +118,4 @@ def _require_leave(path: Path, mode: int) -> None:
     again = shlex.quote(str(path))
     helps = (f"chmod u+w {again} && soter fmt {again}", f"only look: soter fmt --diff {again}")
     what = f"cannot write `{path}`: it is read-only"
-    raise SoterError((Diagnostic("D006", what, helps=helps),))
+    raise mistake("D006", what, *helps)

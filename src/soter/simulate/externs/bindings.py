@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.core.steps import lower
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
@@ -31,7 +31,6 @@ from soter.simulate.externs.python_extern import (
     load_python,
     policy_files,
 )
-from soter.simulate.run_settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -100,14 +99,14 @@ def check_text(name: str, text: str) -> str:
     """A binding given as text, its file checked; SoterError U001."""
     binding = binding_of(text)
     if binding is None:
-        raise usage_error(
+        raise mistake(
             "U001",
             f"`{name}` cannot be bound to `{text}`",
             f"write {', '.join(f'NAME={form}' for form in FORMS.values())}",
         )
     for file in binding.files:
         if not Path(file).is_file():
-            raise usage_error("X003", f"there is no file `{file}` to bind `{name}` to")
+            raise mistake("X003", f"there is no file `{file}` to bind `{name}` to")
     return text
 
 

@@ -179,7 +179,7 @@ DOCUMENT = JsonObject(
     },
     beside={"file": str, "log?": str, "report?": str},
     engine=one_of("native", "interp", "recorded"),
-    real_time={"$ref": "real_time"},
+    real_time={"$ref": "real_time.json"},
     violation_list=JsonObject(
         f"{RESULT}.Violation",
         "what kind time_s count file=span.source.name line=span.line column=span.column",

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import NEVER, decode_from
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -165,7 +165,7 @@ class RunLog:
         try:
             yield
         except LogError as error:
-            self.problem = SoterError((Diagnostic("D006", str(error)),))
+            self.problem = mistake("D006", str(error))
         except BaseException:
             self._log = None  # it is dropped
             raise

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.diagram.svg import picture as draw
 from soter.language.evaluate.limits_from_predicates import limits
 from soter.language.model import typed
@@ -151,14 +151,10 @@ AXES = {"x", "y", "z"}
 def require_report_package() -> None:
     """SoterError D007 where the package that draws reports is not installed."""
     if find_spec("plotly") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "reports are drawn with the package `plotly`, which is not installed",
-                    helps=("install it: pip install 'soter[report]'",),
-                ),
-            )
+        raise mistake(
+            "D007",
+            "reports are drawn with the package `plotly`, which is not installed",
+            "install it: pip install 'soter[report]'",
         )
 
 
@@ -180,7 +176,7 @@ def write_report(
         page = report_page(run, title, provenance)
         return write_html(page, path, self_contained=self_contained)
     except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", str(error)) from error
 
 
 def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:

@@ -99,7 +99,7 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
     path = write_counterexample(counterexample, tmp_path / "deep" / "x.json")
     read = read_counterexample(path)
     assert read == counterexample
-    schema = json_documents.SCHEMAS["counterexample"]
+    schema = json_documents.SCHEMAS["counterexample.json"]
     assert list(json_documents._check(schema, json.loads(path.read_text()), "")) == []
     document = json.loads(path.read_text())
     document["choices"]["t.leak"][0][1] = 0.11  # more leak than the program declares
