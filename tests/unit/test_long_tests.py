@@ -1,4 +1,4 @@
-"""No test is left out in silence, and each random one says how many examples it draws."""
+"""No test is left out in silence."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ import pytest
 
 import processes
 from durations import BUDGET_S, SHARED, TOTAL_S, Known, entered, quick_lines, read, text
-from generators.file_listing import files_below
 from long_tests import COMMAND, PAGES, examples
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -69,7 +68,6 @@ def test_cheap(shared):
 def test_page(shared):
     busy(0.4)
 """
-CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)')
 
 
 @pytest.mark.parametrize(
@@ -199,16 +197,6 @@ def test_the_environment_decides_how_many_examples(monkeypatch: pytest.MonkeyPat
     assert examples("SOTER_OF_THIS_TEST", quick=3, long=40) == 3
     monkeypatch.setenv("SOTER_OF_THIS_TEST", "7")
     assert examples("SOTER_OF_THIS_TEST", quick=3, long=40) == 7
-
-
-def test_tests_of_one_variable_draw_equally_many_examples() -> None:
-    drawn: dict[str, set[tuple[str, str]]] = {}
-    for path in files_below(TESTS, "test_*.py"):
-        if path != Path(__file__):
-            for variable, *counts in CALL.findall(path.read_text(encoding="utf-8")):
-                drawn.setdefault(variable, set()).add((counts[0], counts[1]))
-    assert len(drawn) > 20
-    assert [variable for variable, counts in drawn.items() if len(counts) > 1] == []
 
 
 def test_the_command_for_everything_asks_for_it() -> None:
