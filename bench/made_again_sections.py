@@ -442,7 +442,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("exploration.md", "| file in"): DEFINED,
     ("exploration.md", "| δ"): DEFINED,
     ("exploration.md", "paper.soter -o paper.html"): f"{SESSION}exploration_flights.py",
-    ("find-the-bug.md", "| in a `test`"): DEFINED,
     ("find-the-bug.md", "| option"): DEFINED,
     ("find-the-bug.md", "```$ soter test"): f"{SESSION}find_the_bug.py",
     ("gallery.md", "```$ soter test"): f"{SESSION}gallery_page.py",
