@@ -168,7 +168,7 @@ def test_command_lines_are_found() -> None:
     assert total >= 50
 
 
-def test_the_search_finds_headings_and_a_phone_sees_whole_tables(tmp_path: Path, site: Any) -> None:
+def test_the_search_of_a_page_finds_headings(tmp_path: Path, site: Any) -> None:
     if browser.chromium() is None:
         pytest.skip("no chromium on this machine")
     made = site.Site(ROOT, tmp_path)
