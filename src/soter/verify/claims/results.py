@@ -156,9 +156,8 @@ class RemedyCost:
         """One line."""
         if self.not_measured:
             return f"not measured: {self.not_measured}"
-        before = "nothing can fly" if self.before is None else self.before
         run = f"{self.until_s:g} s of {self.system} simulated, seed 1"
-        return f"{run}: before {before}; with it {self.after}"
+        return f"{run}: before {self.before or 'nothing can fly'}; with it {self.after}"
 
 
 @dataclass
