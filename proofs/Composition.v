@@ -1,5 +1,5 @@
 (* Modules that assume what others guarantee.
-   Purpose: "Composition" of docs/proof.md, and with it groups that read each other: projection of influences.
+   Purpose: "Composition" of proof-modules.md, and with it groups that read each other: projection of influences.
    Non-goals: promises of progress; who guarantees what in a program. *)
 Require Import Reals Lra Lia.
 From Soter Require Import Releases.

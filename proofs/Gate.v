@@ -1,5 +1,5 @@
 (* A gate that looks at commands: the DM's verdict is about the commands that may act, not about all of U.
-   Purpose: "The gate" of docs/proof.md: who may act is V, refused commands are never published, silence is judged.
+   Purpose: "The gate" of proof-flight.md: who may act is V, refused commands are never published, silence is judged.
    Non-goals: how R_V(H) is computed; the nearest permitted command; memory behind the gate (shapers, rate limits). *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns Module.

@@ -1,5 +1,5 @@
 (* Decisions by tubes: the DM follows SC from its estimate to rest; no core, no R(H) and no P3 are needed.
-   Purpose: "Decisions by tubes" of docs/proof.md: what is good, its lemma, its theorem, the first rule of rest.
+   Purpose: "Decisions by tubes" of proof-flight.md: what is good, its lemma, its theorem, the first rule of rest.
    Non-goals: how tubes are computed; a DM that looks at AC's command; maps that move. *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns Module Gate.

@@ -1,5 +1,5 @@
 (* Control comes back.
-   Purpose: "P2b" of docs/proof.md: with fresh reads a verdict "AC" is in force in bounded time after SC took over.
+   Purpose: "P2b" of proof-sets.md: with fresh reads a verdict "AC" is in force in bounded time after SC took over.
    Non-goals: modes of other modules in `safer`, several groups; how Q and the chains to it are found. *)
 Require Import Reals Lra Lia Classical.
 From Soter Require Import Releases Trajectories ScRuns Module.

@@ -1,4 +1,4 @@
-/* A fall-back run, as docs/proof.md ("Decisions by tubes") defines it, beside the tube of a check.
+/* A fall-back run, as "Decisions by tubes" (docs/proof-flight.md) defines it, beside a tube.
  *
  * Purpose: `fall_back`: any command until an output of SC acts, then SC, read late and wrong, acting
  * within its windows; every state compared with the tube, and, once it rests, with what `moves` and

@@ -4,7 +4,7 @@
 
 Purpose: `KINDS`, the constants of a check that the theorem names; `smaller`, the text of a check in
 which one of them is; `declared`, the least that each may be, from the text of a drawn program and
-the formulas of docs/proof.md and from nothing else; `unlike`, the constants that are less.
+the formulas of docs/proof-flight.md and from nothing else; `unlike`, the constants that are less.
 Non-goals: making the constants (`tube_check.py`), that the times themselves are right (the
 enumerator of tests/generators/schedule_systems.py says so).
 """

@@ -1,7 +1,7 @@
 /* A module that decides by tubes, against an adversary that knows everything.
  *
  * Purpose: `attack_fly`, closed loops of the compiled DM and SC in which every time, error and
- * disturbance is the adversary's, within the model of time (docs/proof.md); `attack_contain`,
+ * disturbance is the adversary's, within the model of time (proof-flight.md); `attack_contain`,
  * fall-back runs as "Decisions by tubes" defines them, each instant compared with the tube that the
  * check computed; `attack_late`, how much earlier than needed the check says no.
  * Non-goals: which modules (tube_module.py), what is counted of them (attack.py).

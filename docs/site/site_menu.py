@@ -47,6 +47,9 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "understand",
         (
             ("proof.md", "What is proved"),
+            ("proof-sets.md", "What SC keeps"),
+            ("proof-modules.md", "Modules together"),
+            ("proof-flight.md", "Decisions in flight"),
             ("verification.md", "How it is proved"),
             ("recheck.md", "Reading the re-checker"),
             ("testing.md", "What is explored"),

@@ -36,6 +36,8 @@ SAID = (
     "safe", "safer", "ttf", "verify", "module", "until", "always", "never", "reads", "drives",
     "disturbance", "measured", "within", "max_age", "unit", "default", "deploys", "grid", "late",
 )  # fmt: skip
+STACKED_FROM = 4
+"""Columns of a table that a phone shows one below the other."""
 LONG = 24
 """Cells of more letters keep a width that is read well, where the window is narrow."""
 
@@ -106,8 +108,33 @@ def render(text: str, resolve: Resolve) -> Rendered:
         if token.type == "td_open" and len(tokens[i + 1].content) > LONG:
             token.attrSet("class", "long")
         _links(token.children or (), resolve)
+    _stacks(tokens)
     done.html = parser.renderer.render(tokens, parser.options, {})
     return done
+
+
+def _stacks(tokens: Sequence[Any]) -> None:
+    """Tables with long cells in many columns say in each cell of which: a phone stacks them."""
+    table: Any = None
+    heads: list[str] = []
+    cells: list[tuple[Any, int]] = []
+    column = 0
+    for i, token in enumerate(tokens):
+        if token.type == "table_open":
+            table, heads, cells = token, [], []
+        elif token.type == "tr_open":
+            column = 0
+        elif token.type == "th_open":
+            heads.append(tokens[i + 1].content)
+        elif token.type == "td_open":
+            cells.append((token, column))
+            column += 1
+        elif token.type == "table_close":
+            long = any(cell.attrGet("class") == "long" for cell, _ in cells)
+            if long and len(heads) >= STACKED_FROM:
+                table.attrSet("class", "stacks")
+                for cell, number in cells:
+                    cell.attrSet("data-head", heads[number])
 
 
 def _links(tokens: Sequence[Any], resolve: Resolve) -> None:

@@ -40,7 +40,7 @@ def test_a_car_on_a_road_is_proved_without_an_axis_along_it(tmp_path: Path) -> N
     verified = _soter(tmp_path, "verify", "lane.soter")
     assert verified.returncode == 0, verified.stdout
     assert "PROVED under" in verified.stdout
-    assert "where the functions in its rate are defined: c.x" in verified.stdout
+    assert "where functions in its rate are defined: c.x" in verified.stdout
     read = lane.replace("-0.25 * pose.y", "-0.25 * pose.y + 0.001 * pose.x")
     (tmp_path / "lane.soter").write_text(read, encoding="utf-8")
     refused = _soter(tmp_path, "verify", "lane.soter")

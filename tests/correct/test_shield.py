@@ -2,7 +2,7 @@
 
 Purpose: both engines do the same with hostile controllers; no command that may act is outside of
 what the table permits; `safe` is kept; a near-optimal AC keeps control; wrong tables are told.
-Non-goals: the theorem (docs/proof.md, A gate that looks at commands).
+Non-goals: the theorem (docs/proof-flight.md, A gate that looks at commands).
 """
 
 from __future__ import annotations

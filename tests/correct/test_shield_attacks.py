@@ -3,7 +3,7 @@
 Purpose: every command that AC gets through is permitted together with what may still act, by a
 reader of the tests' own; the same in deployed C; no step of a controller lasts; the explorer knows
 that a step below a shield reads the time; a DM that forgets commands too soon is refuted.
-Non-goals: hostile runs and tables (`test_shield.py`), the theorem (docs/proof.md).
+Non-goals: hostile runs and tables (`test_shield.py`), the theorem (docs/proof-flight.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Nodes between a module with a shield and its plants (docs/proof.md, Shields).
+"""Nodes between a module with a shield and its plants (docs/proof-flight.md, Shields).
 
 Purpose: one in SC's instant is followed, W counts until it passes a command on; what it makes of
 sensors or of a memory is state of the plants of the proof, or refused by prover and re-checker.

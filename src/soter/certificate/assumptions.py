@@ -108,10 +108,8 @@ def _open(facts: Facts) -> Said:
 
 def _left_out(facts: Facts) -> Said:
     for s in facts.left_out:
-        text = (
-            "left out, as nothing that is asked reads it, below 1e+308, and where the functions in"
-        )
-        yield f"left out {s.name}", f"{text} its rate are defined: {s.name}"
+        text = "left out, as nothing that is proved depends on it, below 1e+308, and where"
+        yield f"left out {s.name}", f"{text} functions in its rate are defined: {s.name}"
 
 
 def _turning(facts: Facts) -> Said:

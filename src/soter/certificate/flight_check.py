@@ -15,8 +15,8 @@ instant may be half there, and is left out.
 
 The argument: a log is one of the program, parameters and system of the certificate, or of a system
 that deploys it (M025: the same modules and nodes, without plants), or it is refused. By the theorem
-a verdict "AC" needs reads that are fresh and an estimate that is good (docs/proof.md, "Decisions by
-tubes", condition 5): the first the log says, the second is asked of the tube of this room, with
+a verdict "AC" needs reads that are fresh and an estimate that is good (proof-flight.md, "Decisions
+by tubes", condition 5): the first the log says, the second is asked of the tube of this room, with
 what the certificate claims of rest. Whether that claim holds is the matter of the re-check that
 comes first; without it nothing here is confirmed.
 """

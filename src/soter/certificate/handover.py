@@ -1,7 +1,7 @@
 """Hand-overs: whether the state of a view jumps only into R(H).
 
 Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
-is confirmed: of the node that publishes it, and of R(H) (docs/proof.md, "Hand-over");
+is confirmed: of the node that publishes it, and of R(H) (docs/proof-sets.md, "Hand-over");
 `not_entered`: that the state lies in R(H) wherever something holds of an estimate.
 Non-goals: rejecting: what is not confirmed is an assumption, and the report says why. That a node
 changes a view in no other step (`induction/handover_jumps.py`).

@@ -3,9 +3,9 @@
 Purpose: `refuse_unproved_towers`: which module of a tower is followed here, and that all of its
 controllers publish what it publishes; `slowest_below`: as often as P1a asks. `read_above`: the
 parts of the `safer` above which speak of the plants of this proof, what a hand-back asks of H, and
-assumptions that follow (docs/proof.md, Towers). `handed_back`: from the state on which the module
-above gives control back to the instant from which all that acts is SC's, on states that are no
-older.
+assumptions that follow (proof-modules.md, Towers). `handed_back`: from the state on which the
+module above gives control back to the instant from which all that acts is SC's, on states that are
+no older.
 Non-goals: that the state lies in R(H) there (`handover.py`); sharing code with
 `verify/problem/module_above.py` and `verify/problem/extract.py`, which the prover goes by.
 

@@ -1,4 +1,4 @@
-"""All modules together: who keeps what each takes for granted (docs/proof.md, Composition).
+"""All modules together: who keeps what each takes for granted (docs/proof-modules.md, Composition).
 
 Purpose: `rows_of`: lines of a table, the same for the terminal and the page.
 Non-goals: verdicts (`claims/results.py`), finding out (`scope.py`).

@@ -2,7 +2,7 @@
 
 Purpose: every system that holds a module is either the same problem, or named as not covered; who
 guarantees what a module takes for granted of the rest of its system: the part of some module's
-`safe` that keeps a topic in its declared set (docs/proof.md, Composition).
+`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition).
 Non-goals: proofs; whether the module that guarantees something is proved: the report holds the two
 against each other.
 """

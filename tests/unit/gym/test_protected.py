@@ -1054,7 +1054,7 @@ def test_the_margin_is_that_of_the_run() -> None:
 
 
 def margin_of(env: Protected) -> float:
-    """docs/proof.md, Margin, from the record of the state."""
+    """docs/proof-sets.md, Margin, from the record of the state."""
     session = env.session
     module, record, facts = session.module, session.record, session.facts
     if not facts["mode"]:

@@ -3,7 +3,7 @@
 Purpose: what computed predicates are shown with: cells of states all of whose estimates lie in a
 set, and that nothing leads out of a set from the states behind estimates. `to_show`: that from no
 state behind an estimate commands of the cells that a shield permits there lead out of K before SC's
-first output acts (docs/proof.md, A gate that looks at commands).
+first output acts (docs/proof-flight.md, A gate that looks at commands).
 Non-goals: free phases (`group_claims.py`), which claims there are, the table's bytes
 (`grid_group.py`); that the DM reads its table as it should.
 

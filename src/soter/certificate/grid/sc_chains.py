@@ -13,7 +13,7 @@ and then the new one. What precedes a_k is a matter of old commands alone: nothi
 
 Where commands act later than half a period (2 j > delta) several may follow each other between two
 cuts. Then of an instant only this is used: what acts answers, in each component, some sample that
-was taken since `in_force` before it (docs/proof.md, "Late commands"). Time is cut at a_0 + k delta.
+was taken since `in_force` before it (proof-sets.md, "Late commands"). Time is cut at a_0 + k delta.
 """
 
 from __future__ import annotations

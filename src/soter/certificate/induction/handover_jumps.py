@@ -1,6 +1,6 @@
 """When what the map of a view reads may change: only in steps of which `enters` holds.
 
-Purpose: `why_not`: the node part of a hand-over (docs/proof.md), for one topic that a map reads.
+Purpose: `why_not`: the node part of a hand-over (proof-sets.md), for one topic that a map reads.
 Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
 published as it was published last, or `enters` holds of what the later step reads and publishes,
 and that step publishes all by which the decision module and SC know of the view.

@@ -3,7 +3,7 @@
 Purpose: `PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it.
 Non-goals: what is published (`published_value_ranges.py`), what the DM holds (`polytope_group.py`).
 
-K is a core (docs/proof.md, "Polytopes"): from every state of K at a nominal time C holds for a
+K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
 period and K when it ends, whatever is outstanding from the period before and whatever of the next
 output acts early. The state is in K at a_0, which is the first nominal time.
 """

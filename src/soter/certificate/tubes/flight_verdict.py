@@ -1,8 +1,8 @@
 """Whether an estimate is good, by a tube in Arb.
 
 Purpose: `ModuleTube`: a module, read once; `good` follows SC from an estimate as
-"Decisions by tubes" (docs/proof.md) has it, and gives a reason where it is not certain that SC ends
-at rest within C.
+"Decisions by tubes" (proof-flight.md) has it, and gives a reason where it is not certain that SC
+ends at rest within C.
 Non-goals: what is shown beforehand (`rest_claims.py`).
 
 The argument: let s be the instant of the estimate, x^. Any command acts until a_0 in [s + alpha,

@@ -1,6 +1,6 @@
 """What is claimed of a module with `rest` before anything flies, shown by another tube.
 
-Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", docs/proof.md):
+Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", proof-flight.md):
 `keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says; `slope`:
 a ball around every derivative of a term in one input, at kinks around Clarke's.
 Non-goals: the start and single estimates (`flight_verdict.py`); finding B and Y.

@@ -1,4 +1,4 @@
-"""What a module with `rest` is, as "Decisions by tubes" (docs/proof.md) has it.
+"""What a module with `rest` is, as "Decisions by tubes" (docs/proof-flight.md) has it.
 
 Purpose: `RestProblem`: which states are followed, in which leaf the DM sees each and how far that
 may be off, the sets of states, what `moves` says, and every time constant, from the program alone.

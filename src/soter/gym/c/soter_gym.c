@@ -233,7 +233,7 @@ uint32_t soter_worlds_step(const soter_worlds* w) {
 /* ------------------------------------------------------------------ one world, its plant outside
  */
 
-/* docs/proof.md, Margin: what is left of the looks that keep AC; 0 in mode SC. */
+/* docs/proof-sets.md, Margin: what is left of the looks that keep AC; 0 in mode SC. */
 static int64_t soter_margin(const soter_view* v, void* state) {
   if (v->module < 0) {
     return 0;

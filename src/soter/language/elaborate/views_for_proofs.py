@@ -1,7 +1,7 @@
 """A module and its plants as proofs see them: by views, moved by others, from where they start.
 
 Purpose: a view speaks of the topics that its plants drive, and keeps what `safe`, `ttf` and `safer`
-say about those alone (docs/proof.md, Views): every part of `safe` and of `safer` must be kept by
+say about those alone (proof-sets.md, Views): every part of `safe` and of `safer` must be kept by
 some view (R023), and a part of `ttf` that none keeps is dropped, which makes a proof harder, not
 wrong. `moved_by_others` makes a disturbance of every topic that a plant reads and the module does
 not publish. `start_behind` says where an abstraction starts.

@@ -23,7 +23,7 @@
 #define SOTER_STATUS_CALENDARS 2 /* the calendar began anew: a second behind */
 #define SOTER_STATUS_HEAD 3
 
-/* of a module: its mode (1 is AC); until when AC surely keeps control (docs/proof.md, "Margin"), ns
+/* of a module: its mode (1 is AC); until when AC surely keeps control (proof-sets.md, "Margin"), ns
  * on CLOCK_MONOTONIC, 0 in mode SC; whether the DM's last look found `safer` on fresh reads; why SC
  * took over last (0: never, else 1 + soter_cause), and how often for each cause */
 #define SOTER_STATUS_MODE 0

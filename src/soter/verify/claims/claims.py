@@ -352,7 +352,7 @@ def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[st
     if not texts:
         return
     result.notes += (
-        f"C is no more than what plants can publish, as they stop there: {', '.join(texts)}",
+        f"C is cut to what plants can publish, as a plant stops beyond: {', '.join(texts)}",
     )
     for finding in (result.findings[c] for c in claims):
         if finding.verdict == UNDECIDED:

@@ -1,4 +1,4 @@
-"""Where control changes between modules the state lies in R(H) (docs/proof.md, Hand-over, Towers).
+"""Where control changes between modules the state lies in R(H) (proof-sets.md, Hand-over, Towers).
 
 Purpose: the set part of a hand-over: wherever `enters` holds of an estimate the state lies in R(H),
 in cells and outside the grid; and of a module below another one, what stands in the place of

@@ -156,8 +156,8 @@ class RemedyCost:
         """One line."""
         if self.not_measured:
             return f"not measured: {self.not_measured}"
-        before = "no tables to fly" if self.before is None else self.before
-        return f"{self.until_s:g} s of {self.system}, seed 1: before {before}; with it {self.after}"
+        run = f"{self.until_s:g} s of {self.system} simulated, seed 1"
+        return f"{run}: before {self.before or 'nothing can fly'}; with it {self.after}"
 
 
 @dataclass

@@ -285,7 +285,7 @@ def _scoped(
 def looks_of(problem: Problem, level_tables: Found) -> int:
     """How many looks of the DM keep AC, the one that finds `safer` among them: m - 1, or 1.
 
-    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof.md, Margin). Just
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (proof-sets.md, Margin). Just
     one look, which says nothing but when the next one is, where that argument has a gap: the DM's
     table is that of several cases, but the levels are nested in each of them alone; of a map a
     state may come to lie on the border of a cell; a half-space is read with a little less than S_0.

@@ -71,7 +71,7 @@ def recovery_causes(
     elif not _in_core(grid, start):
         start, whose = _inside(model, grid, part.core > 0), "inside K"
     if part.target is not None and not part.target.any():
-        text = "there is no cell all of whose estimates satisfy `safer`"
+        text = "`safer` holds on no whole cell with the errors of its estimates added"
         yield Cause("no_target", text, "" if goal.computed else _wide_enough(case, grid))
         return
     causes = list(_rests(goal, start, whose, budget))

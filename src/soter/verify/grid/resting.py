@@ -1,4 +1,4 @@
-"""Cells from which SC stands still wherever it is, and stays: "Rest anywhere" of docs/proof.md.
+"""Cells from which SC stands still wherever it is, and stays: "Rest anywhere" of proof-sets.md.
 
 Purpose: `resting`: cells of K that no chain shows. An SC that only stops moves what nothing reads,
 a *way*, by less and less, but by what a grid knows for ever: each hold the next cell is touched. So

@@ -1,7 +1,7 @@
 """Which commands a shield permits, on a grid.
 
 Purpose: of every cell of estimates and every least command cell the greatest one such that all
-commands between may act, in any order, until SC's first output does (docs/proof.md, "A gate that
+commands between may act, in any order, until SC's first output does (proof-flight.md, "A gate that
 looks at commands").
 Non-goals: reading it (`verify/tables/shield_tables.py`).
 

@@ -1,4 +1,4 @@
-"""When the state of a view may jump: only in steps of which `enters` holds (docs/proof.md).
+"""When the state of a view may jump: only in steps of which `enters` holds (docs/proof-sets.md).
 
 Purpose: a topic that the map of a view reads is followed back to the node that publishes it. Any
 two steps of that node in a row, and its first: what the map reads of the topic is published as it

@@ -15,7 +15,7 @@ Where the bounds come from, for one row c and drift = b + w, w symmetric after c
 - Hold k lies at the nominal times [n_k, n_(k+1)], n_k = a_0 + k delta: counted from the instant at
   which the first output of SC acts with all its components, at which the state is in K; nothing
   lies between a_0 and n_0. Every a_k^i is in t_0 + k delta + [0, j] and so is a_0 for k = 0, hence
-  a_k^i = n_k - p + [0, j] with one 0 <= p = a_0 - t_0 <= j for all k and i (docs/proof.md).
+  a_k^i = n_k - p + [0, j] with one 0 <= p = a_0 - t_0 <= j for all k and i (docs/proof-sets.md).
 - The read of hold k is y = x(n_k + s) + e, -d - j <= s <= j, and x(n + s) = x(n) + int x' with
   |x(n + s) - x(n)| <= |s| e^{|A||s|} (D + w). So K y is K (x - d/2 (A x + b + B u_c)) up to
   (d/2 + j) |K (A x + b + B u_c)| + (d + j) (|K B| u_r + |K| w)

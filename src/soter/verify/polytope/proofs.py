@@ -10,7 +10,7 @@ The claims, over K = `core`, R = `free`, S_j = `allowed[j]`, Q = `kept`:
   and the age of the read) and `rate` holds;
 - from K, C holds during a whole hold, and K when it ends: by induction over the holds of an SC run
   that starts in K, its state is in K at every nominal time a_0 + k delta, in C throughout (P2a);
-  a_0 is the run's own, wherever in its window it lies (docs/proof.md, "Polytopes");
+  a_0 is the run's own, wherever in its window it lies (docs/proof-sets.md, "Polytopes");
 - R in K, and from R the state stays in K for all of [0, H] under any control of U;
 - S_0 - E in R; for j > 0: G_j is carried into S_{j-1} eroded by E during the whole window,
   S_j - E in G_j, S_j in S_{j-1};

@@ -189,8 +189,8 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
     if inputs.left_out:
         names = ", ".join(x.name for x in inputs.left_out)
         text = (
-            "left out, as nothing that is asked reads it, below 1e+308, and where the functions in "
-            f"its rate are defined: {names}"
+            "left out, as nothing that is proved depends on it, below 1e+308, and where "
+            f"functions in its rate are defined: {names}"
         )
         assumptions.append(Assumption("left out", text))
     if inputs.others:

@@ -2,7 +2,7 @@
 
 Purpose: `modes_as_topics`: a module whose SC, `ttf` or `safer` reads `mode(M)` of another one, or
 `margin(M)` of any, reads a topic in its place that nobody of the proof drives; for whom P2b waits,
-and whether those wait in turn (docs/proof.md, Coordinated switching).
+and whether those wait in turn (docs/proof-modules.md, Coordinated switching).
 Non-goals: `safe`, `core` and lemmas, in which none of these may stand; one's own mode; the
 re-checker, which reads `mode` by itself and refuses `margin`.
 """

@@ -1,4 +1,4 @@
-"""A module below another one: what its proof takes from that one (docs/proof.md, Towers).
+"""A module below another one: what its proof takes from that one (docs/proof-modules.md, Towers).
 
 Purpose: `under`: where the module above gives control back, as a predicate over what the plants of
 the proof drive, and how old the state behind that verdict may be once it is in force;

@@ -3,7 +3,7 @@
 Purpose: diagnostics for controllers, plants and predicates outside of what `verify/` handles; which
 part of `ttf` a proof goes by where another part asks how old a read is (`ttf_of_states`); maps:
 `static` topics that `safe` of a module with `rest` reads and no plant drives, what is refused of
-them, and their contract as an assumption ("Decisions by tubes" in docs/proof.md, condition 7).
+them, and their contract as an assumption ("Decisions by tubes" in proof-flight.md, condition 7).
 Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
 that reads maps (`verify/tubes/`).
 

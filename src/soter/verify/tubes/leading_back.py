@@ -1,4 +1,4 @@
-"""Whether SC leads back into a box around rest: rule 1 of "Decisions by tubes" (docs/proof.md).
+"""Whether SC leads back into a box around rest: rule 1 of "Decisions by tubes" (proof-flight.md).
 
 Purpose: `led_back`: on which way, from parts of the box where it does not from all of it at once;
 where that is not shown a text with figures: a run that is not back, or which part is not led back,
@@ -9,7 +9,7 @@ Non-goals: the box (`rest_claims.py`), the tube (`rest.soter`); verdicts by runs
 runs come back shows nothing.
 
 SC reads what is true and new, as it may, and all begins at an output of it, as in rule 1 of
-"Decisions by tubes" (docs/proof.md).
+"Decisions by tubes" (docs/proof-flight.md).
 """
 
 from __future__ import annotations

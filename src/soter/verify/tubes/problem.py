@@ -1,7 +1,7 @@
 """What is to be shown of a module with `rest`: its DM follows SC from each estimate.
 
 Purpose: `TubeProblem`, and `followed`, which makes one of what every flow has; R007 for what the
-theorem ("Decisions by tubes" in docs/proof.md) does not have.
+theorem ("Decisions by tubes" in docs/proof-flight.md) does not have.
 Non-goals: the check (`tube_check.py`), what is shown offline (`rest_claims.py`).
 """
 

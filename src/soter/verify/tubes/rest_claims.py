@@ -1,7 +1,7 @@
 """What is shown of a module with `rest` before anything flies.
 
 Purpose: `shown`: a box around where `rest` holds that SC keeps (rule 1 of "Decisions by tubes" in
-docs/proof.md), what SC answers on all that it may read, what `moves` says, and the start; each by
+proof-flight.md), what SC answers on all that it may read, what `moves` says, and the start; each by
 the tube of `rest.soter`. `undrifted`: how far SC moves what `moves` names once `rest` holds: rule 2
 with V the sum of c_i |x_i| over states: where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at
 most V as long as |p_i| + c_i q_i <= 0; V is 0 where they are, and exactly so, as each is taken out

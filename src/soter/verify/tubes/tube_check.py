@@ -61,7 +61,7 @@ ENDINGS = 2
 
 @dataclass(frozen=True)
 class TubeTimes:
-    """Times of a tube in ns (docs/proof.md, "Decisions by tubes")."""
+    """Times of a tube in ns (docs/proof-flight.md, "Decisions by tubes")."""
 
     earliest: int
     """alpha: an output of SC is complete no earlier after the estimate's instant."""

@@ -1,9 +1,9 @@
 """The verdicts on a module whose DM follows SC, and its entry in a certificate.
 
 Purpose: what was shown offline as findings, property by property. What the DM decides in flight is
-never called proved: it is *assumed* that its compiled check is sound (docs/proof.md, "Decisions by
-tubes", condition 5). `entry`: what is claimed of the module, what of rest, and every constant that
-its check is made of.
+never called proved: it is *assumed* that its compiled check is sound (proof-flight.md, "Decisions
+by tubes", condition 5). `entry`: what is claimed of the module, what of rest, and every constant
+that its check is made of.
 Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/tubes/`).
 """
 

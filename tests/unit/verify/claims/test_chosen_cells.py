@@ -96,7 +96,7 @@ def test_smaller_cells_are_chosen_said_and_as_good_as_if_they_were_declared(
     assert (result.verdict, result.cells) == ("proved", 100)
     assert f"{WALL}(25 -> 100 cells)" in result.notes
     (cost,) = (note for note in result.notes if note.startswith("smaller cells: "))
-    assert "before no tables to fly; with it " in cost
+    assert "before nothing can fly; with it " in cost
     declared = verified(tmp_path, WRITTEN)
     assert (declared.verdict, declared.cells) == ("proved", 100)
     assert not any("cells" in note for note in declared.notes)

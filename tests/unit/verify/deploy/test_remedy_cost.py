@@ -157,7 +157,7 @@ def test_text_and_document_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[
     found: Any = json.loads(capsys.readouterr().out)["modules"]["SafeTank"]["properties"]
     cost = found["P2b"]["cost"]
     assert f"with it {cost['after']['takeovers_per_min']:.4g} takeovers a minute" in line
-    assert line.startswith("  costs  60 s of Plant, seed 1: before ")
+    assert line.startswith("  costs  60 s of Plant simulated, seed 1: before ")
     assert found["P2a"]["cost"] is None
 
 

@@ -1,4 +1,4 @@
-"""Fall-back runs and rest runs of docs/proof.md, "Decisions by tubes", on whole numbers.
+"""Fall-back runs and rest runs of docs/proof-flight.md, "Decisions by tubes", on whole numbers.
 
 Purpose: `Check` says "good" by going through all fall-back runs of an estimate as they are defined;
 `Times` has the times of that section. A unit of time is one tick, in which the plant makes x + u +

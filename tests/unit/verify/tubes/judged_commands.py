@@ -2,7 +2,7 @@
 
 Purpose: `JudgedExecutions`: as `executions.py`, but that AC publishes commands, any of U at every
 tick before or after DM and SC, if they are good with all that may still act; they act between L_min
-and L later. `Judge` says "good with V" by going through all fall-back runs as docs/proof.md,
+and L later. `Judge` says "good with V" by going through all fall-back runs as docs/proof-flight.md,
 "Commands judged when they are published", defines them.
 Non-goals: several components, maps.
 """

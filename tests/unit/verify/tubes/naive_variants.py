@@ -1,4 +1,4 @@
-"""Thirteen ways in which a naive version of "Decisions by tubes" (docs/proof.md) is wrong.
+"""Thirteen ways in which a naive version of "Decisions by tubes" (docs/proof-flight.md) is wrong.
 
 Purpose: `VARIANTS`, a function each. It gives what happens in the naive version, and by the
 conditions of the page: SAFE or VIOLATED (all executions were gone through, or the one schedule that

@@ -1,8 +1,8 @@
 """Small modules that decide by fall-back runs, drawn at random, and checks that are a tick off.
 
-Purpose: `drawn` makes one of a number: times that keep condition 1 of docs/proof.md, "Decisions by
-tubes", a law of SC, a constraint and the states at rest that the law keeps; `off` makes one time of
-its check wrong.
+Purpose: `drawn` makes one of a number: times that keep condition 1 of proof-flight.md, "Decisions
+by tubes", a law of SC, a constraint and the states at rest that the law keeps; `off` makes one time
+of its check wrong.
 Non-goals: the definitions (`fallback_runs.py`), executions (`executions.py`).
 """
 

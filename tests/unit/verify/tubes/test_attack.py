@@ -53,7 +53,7 @@ def test_small_programs_stay_in_their_tubes(number: int) -> None:
 
 @pytest.mark.parametrize("kind", smaller_constants.KINDS)
 def test_a_constant_that_is_smaller_than_declared_is_seen(kind: str) -> None:
-    """Beside the program's text and the formulas of docs/proof.md."""
+    """Beside the program's text and the formulas of docs/proof-flight.md."""
     asked = 0
     for number in range(6):
         program = drawn(number)

@@ -1,4 +1,4 @@
-"""The theorem of docs/proof.md, "Decisions by tubes", on all executions of small modules."""
+"""The theorem of docs/proof-flight.md, "Decisions by tubes", on all executions of small modules."""
 
 from __future__ import annotations
 
