@@ -188,8 +188,9 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     return FlownFigures(often, ac_share(last, module.index), count)
 
 
-LEAST_S, OF_PROOF = 10.0, 1.0
-"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken."""
+LEAST_S, OF_PROOF, SHOWN_S = 8.0, 1.0, 4.0
+"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken, and
+as many more as what shows that it is open may take."""
 COARSE = 40_000
 """Cells of a group on which a change is tried first."""
 PILOT, LONGER = 1_500, 4.0
@@ -206,7 +207,7 @@ class Trials:
 
     def __init__(self, cpu_s: float, attempt: Attempt) -> None:
         self._attempt = attempt
-        self._until = time.process_time() + max(LEAST_S, OF_PROOF * cpu_s)
+        self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
     def failing(self, problem: Problem) -> tuple[str, ...] | None:
         """The claims that are not proved of a problem, in order; None: that was not seen.

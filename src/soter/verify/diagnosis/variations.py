@@ -237,10 +237,10 @@ def _exchanged(found: NotProved) -> Iterator[Change]:
         yield exchanged(found.problem), f"ac {symbol.sc.name}; sc {symbol.ac.name};"
 
 
-HALF, OTHERS = 1, 2
-"""Costs: what asks more of the world, and what changes who flies, come after all else."""
+CELLS, HALF, OTHERS = 1, 2, 3
+"""Costs, after 0: other cells, what asks more of the world, what changes who flies."""
 VARIATIONS = (
-    Variation("a longer axis: `{}`", _longer, without_core=True, with_core=True),
+    Variation("a longer axis: `{}`", _longer, without_core=True, with_core=True, cost=CELLS),
     Variation("no ends where runs leave: `{}`", _without_ends, without_core=True, with_core=False),
     Variation(
         "neither `ttf` nor `safer`: left out, both are computed",
@@ -250,7 +250,7 @@ VARIATIONS = (
     ),
     Variation("{}", _younger, without_core=True, with_core=True),
     Variation("{}", _other_start, without_core=False, with_core=True),
-    Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True),
+    Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True, cost=CELLS),
     Variation(
         "disturbances and errors half as wide",
         _half_against,

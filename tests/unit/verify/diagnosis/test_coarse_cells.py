@@ -39,6 +39,7 @@ def test_without_time_there_is_a_verdict_and_no_run(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(choice, "SIZES", ())
     monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
     monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
+    monkeypatch.setattr(tried_remedies, "SHOWN_S", 0.0)
     finding = explained(changed(("/ 320", "/ 4"))).findings["P2a"]
     assert (finding.verdict, finding.leaving) == ("undecided", None)
     assert "of 0 runs" in finding.causes[0].text

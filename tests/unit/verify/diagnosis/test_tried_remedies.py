@@ -176,6 +176,7 @@ def test_what_there_was_no_time_for_is_said(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setitem(choice.CELLS_MAX, "P2b", 20)  # else smaller ones are chosen
     monkeypatch.setattr(tried_remedies, "LEAST_S", 0.0)
     monkeypatch.setattr(tried_remedies, "OF_PROOF", 0.0)
+    monkeypatch.setattr(tried_remedies, "SHOWN_S", 0.0)
     result = explained(changed(*COARSE, ("/ 16;", "/ 16; levels 3;")))
     assert any("not, for want of time: more cells" in t for t in result.findings["P2b"].tried)
     assert "(tried" not in first_help(result)
