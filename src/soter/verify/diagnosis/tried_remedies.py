@@ -189,8 +189,8 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
 
 
 LEAST_S, OF_PROOF, SHOWN_S = 8.0, 1.0, 4.0
-"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken, and
-as many more as what shows that it is open may take."""
+"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken,
+and as many more as what shows that it is open may take."""
 COARSE = 40_000
 """Cells of a group on which a change is tried first."""
 PILOT, LONGER = 1_500, 4.0
@@ -236,10 +236,10 @@ class Trials:
             return None
         return done if self.go_on() else None
 
-    def stays(self, problem: Problem, leaving: LeavingRun) -> bool:
+    def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
         """Whether the undisturbed run of a problem stays in C, and for longer than that one."""
         done = self._done(merged(problem, PILOT))
-        if not done:
+        if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
         trace = run(model, model.start, next(patterns(model)), until_s, self.go_on)
@@ -295,8 +295,7 @@ class _Helped:
         """Whether one more change helps, which is then made."""
         found = self.found
         for remedy, tried in in_order(remedies(found)):
-            exchanged = remedy.cost == OTHERS and found.leaving is not None
-            if exchanged and not trials.stays(tried, found.leaving):
+            if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
