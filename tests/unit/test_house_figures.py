@@ -180,7 +180,6 @@ ROOMS = {
     "tests/unit/language": (20, "as above"),
     "tests/unit/verify/claims": (18, "a file a claim or a choice, found by its name"),
     "tests/unit/certificate": (68, "as above; and what single functions promise, by kind"),
-    "tests/unit/verify/diagnosis": (17, "as above"),
     "tests/unit/verify/tubes": (21, "as above, what enumerates small systems, maps, columns, fits"),
     "tests/unit/cli": (37, "as above: a file a command"),
     "tests/unit/explore": (40, "as above; the engine's strategies are asked one by one"),

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
+    from soter.language.model.system import Component, System
 
     Law = tuple[Facts, list[list[Group]]]
     """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
@@ -64,6 +65,12 @@ def kept_by_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
     return [g.kept_by(groups) for g in of_sc.groups]
 
 
+def _subscribed(flying: System, c: Component) -> set[int | None]:
+    """The topics that a node subscribes to, those of its queues too."""
+    read = [] if c.node is None else [c.scope.topics[s.topic] for s in c.node.subscribes]
+    return {*read, *(flying.topics[index].queue_of for index in read)}
+
+
 def law_of(facts: Facts) -> Facts:
     """The problem of the law, held to the times of the module; DiffersError where there is none.
 
@@ -76,10 +83,7 @@ def law_of(facts: Facts) -> Facts:
     if not law or set(law) != outputs:
         raise DiffersError(f"`{module.name}` declares no fail-safe law")
     for c in flying.components:
-        if c.node is None or c.index in (module.ac, module.sc):
-            continue
-        read = [flying.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
-        if any(t.index in module.outputs or t.queue_of in module.outputs for t in read):
+        if c.index not in (module.ac, module.sc) and _subscribed(flying, c) & {*module.outputs}:
             raise DiffersError(f"`{c.name}` reads the module's outputs: the law is not what acts")
     if any(x.of_others for x in facts.disturbances):
         raise DiffersError("others move the plants: nobody keeps what they publish where all stops")
@@ -102,14 +106,13 @@ def law_of(facts: Facts) -> Facts:
     components[module.sc] = replace(sc, node=node, initial=(), failsafe={})
     own = next(m for m in flying.modules if m.index == module.index)
     ruled = replace(own, symbol=replace(own.symbol, sc=node))
-    modules = tuple(ruled if m.index == own.index else m for m in flying.modules)
+    modules = tuple(ruled if m is own else m for m in flying.modules)
     system = replace(flying, components=tuple(components), modules=modules)
     law_facts = read_facts(system, own.name, facts.view)
     leave_out(law_facts, [s.name for s in facts.left_out])
     check_supported(law_facts)
-    if [(s.name, s.low, s.high) for s in law_facts.states] != [
-        (s.name, s.low, s.high) for s in facts.states
-    ]:
+    its, ours = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
+    if its != ours:
         raise DiffersError("the fail-safe law is not about the states of the module")
     law_facts.times, law_facts.turning = dict(facts.times), set(facts.turning)
     return law_facts

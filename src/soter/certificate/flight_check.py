@@ -136,25 +136,28 @@ class _Verdicts:
         if release < self.next:
             yield "it is the second one of its period"
             return
-        began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
-        if (before or after) and began > self.late:  # the one before it counts until then
-            yield f"it came {began} ns after its release, and may {self.late} ns"
-        elif (before or after) and ended > self.late + self.response:
-            most = self.late + self.response
-            yield f"it was there {ended} ns after its release, and may {most} ns"
+        if before or after:  # the one before it counts until then
+            began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
+            yield from self._late(began, ended)
         if self.said is not None and self.said != before and release == self.next:
             yield f"{_mode(before)} had control before it, and {_mode(self.said)} by the one before"
         if after != self.in_ac:
             yield f'it says "{_mode(after)}", and {_mode(self.in_ac)} has control'
         predicates = said["predicates"]
-        false = [name for name in AGAINST if predicates[name]]
-        if before:  # SC gives control back after a fault of AC, too (docs/semantics.md)
-            false += ["gate_fault"] if predicates["gate_fault"] else []
-        else:
-            false += ["safer"] if not predicates["safer"] else []
+        # SC gives control back after a fault of AC, too (docs/semantics.md)
+        false = [name for name in (*AGAINST, *["gate_fault"] * before) if predicates[name]]
+        false += ["safer"] * (not before and not predicates["safer"])
         if after and false:
             yield f'it says "AC" against its own {", ".join(false)}'
         self.next, self.said, self.flew = release + self.period, after, self.in_ac
+
+    def _late(self, began: int, ended: int) -> Iterator[str]:
+        """That it comes, or is there, too many ns after its release."""
+        most = self.late + self.response
+        if began > self.late:
+            yield f"it came {began} ns after its release, and may {self.late} ns"
+        elif ended > most:
+            yield f"it was there {ended} ns after its release, and may {most} ns"
 
     def missing(self, before_ns: int, *, in_ac: bool = False) -> str:
         """What is missing of the releases before a time, if AC had control; `in_ac`: just then."""

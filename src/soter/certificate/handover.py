@@ -114,8 +114,7 @@ def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
         for values, of_case in zip(facts.cases(), groups, strict=True):
-            why = not_entered(CaseModel(facts, values, facts.extents), of_case, expr)
-            if why:
+            if why := not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
         return _said(error)
@@ -181,8 +180,7 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
     states = [s for g in groups for s in g.states]
     if sorted(states) != list(range(len(model.facts.states))):
         return "not every state is in a group"
-    unentered = next((g.unentered for g in groups if g.unentered), "")
-    if unentered:
+    if unentered := next((g.unentered for g in groups if g.unentered), ""):
         return unentered
     reach = _reach(model.facts, expr)
     for k, ends in enumerate(reach):

@@ -33,9 +33,12 @@ from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Said
     from soter.certificate.time.derived_times import DerivedTimes, TimingSetting
+    from soter.language.model import typed
     from soter.language.model.system import Module, System
 
 
@@ -102,16 +105,10 @@ def read_above(facts: Facts) -> None:
     if facts.kind != "flow":
         raise NotRecheckedError("modules above each other over a plant that moves in steps")
     here, there = facts.module.scope, module.scope
-    if repr(sorted((p.name, repr(v)) for p, v in here.params.items())) != repr(
-        sorted((p.name, repr(v)) for p, v in there.params.items())
-    ):
+    mine, its = (sorted((p.name, repr(v)) for p, v in s.params.items()) for s in (here, there))
+    if mine != its:
         raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
-    known = {i for of in read_by(facts) for i in of}
-    shown = {
-        topic
-        for topic, index in here.topics.items()
-        if index in known and there.topics.get(topic) == facts.running.get(index, -1)
-    }
+    shown = _seen_by_both(facts, there.topics)
     assert module.symbol.safer is not None, "M019"
     safer = said_of(module.symbol.safer, shown)
     if safer is None:
@@ -140,6 +137,13 @@ def assumed(above: ModuleAbove) -> Said:
     yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
     text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
     yield f"sets while {name}", f"{text} (else they stop)"
+
+
+def _seen_by_both(facts: Facts, above: Mapping[typed.TopicSymbol, int]) -> set[typed.TopicSymbol]:
+    """The topics that the module reads, and that are the same where they run."""
+    known, topics = {i for of in read_by(facts) for i in of}, facts.module.scope.topics
+    same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
+    return {t for t in same if topics[t] in known}
 
 
 def _problems(facts: Facts, module: Module) -> list[Facts]:

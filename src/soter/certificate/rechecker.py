@@ -55,7 +55,7 @@ from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.axes_without_ends import read_turning, refuse_turns_read
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import leave_out, refuse_read
-from soter.certificate.reading.module_facts import Facts
+from soter.certificate.reading.module_facts import Facts, Input
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
@@ -71,7 +71,7 @@ from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from soter.certificate.failsafe_law import Law
@@ -281,7 +281,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
     static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
-    if given != [list(c) for c in facts.cases()]:
+    if given != [*map(list, facts.cases())]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
 
     def read(case: dict[str, Any], claims: set[str], *, computed: bool) -> list[Group]:
@@ -385,8 +385,14 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         leave_out(facts, [s.name for s in facts.states if s.name not in there])
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
-    extents = []
-    for i, (given, known) in enumerate(zip(inputs, [*facts.states, *others], strict=True)):
+    facts.extents = tuple(_extents(facts, zip(inputs, [*facts.states, *others], strict=True)))
+    if "wraps" in entry:
+        read_turning(facts, entry["wraps"])
+
+
+def _extents(facts: Facts, pairs: Iterable[tuple[Any, Input]]) -> Iterator[tuple[float, float]]:
+    """The ranges of the states; all others are those of the program."""
+    for i, (given, known) in enumerate(pairs):
         only_keys(given, "name kind low high", "an input")
         if (given["name"], given["kind"]) != (known.name, known.kind):
             raise RejectedError(f"input {given['name']} is {known.name} by the program")
@@ -394,12 +400,9 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         if i < len(facts.states):
             if facts.axes.get(i, (low, high)) != (low, high):
                 raise RejectedError(f"the grid of {known.name} is another one in the program")
-            extents.append((low, high))
+            yield low, high
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
-    facts.extents = tuple(extents)
-    if "wraps" in entry:
-        read_turning(facts, entry["wraps"])
 
 
 def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
@@ -427,8 +430,7 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
         wraps = tuple(s in facts.turning for s in states)
         if any(wraps) and entry["kind"] != "grid":
             raise RejectedError("an axis wraps around that is none of cells")
-        ends = unbounded if any(unbounded) else ()
-        grid = Grid(tuple(edges), ends, wraps if any(wraps) else ())
+        grid = Grid(tuple(edges), unbounded * any(unbounded), wraps * any(wraps))
         groups.append(method.read(certificate, facts, entry, Axes(tuple(states), grid)))
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")

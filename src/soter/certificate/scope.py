@@ -77,8 +77,7 @@ def uncovered(
 ) -> list[RecheckAssumption]:
     """Everything that a reader might think is covered, and is not."""
     gaps = [*_modules(checked, overrides, covered)]
-    values = {n: v for f in covered for n, v in parameters_of(f.flying).items()}
-    if values:
+    if values := {n: v for f in covered for n, v in parameters_of(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
         gaps.append(("parameters", f"values of parameters other than {shown}"))
     for facts in covered:

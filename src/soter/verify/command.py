@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
+    from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
@@ -73,12 +74,8 @@ def verify(
     refuse_forced(chosen)
     whole = {flat.name: flat for flat, _ in chosen}
     chosen = _views(chosen)
-    problems = problems_of(chosen)
-    for k, (flat, _) in enumerate(chosen):
-        declared = checked.program.systems.get(flat.name)
-        if declared is not None and declared.faults:
-            without = Assumption("no faults", NO_FAULTS.format(flat.name))
-            problems[k] = replace(problems[k], assumptions=(*problems[k].assumptions, without))
+    pairs = zip(problems_of(chosen), chosen, strict=True)
+    problems = [_without_faults(checked.program, flat, problem) for problem, (flat, _) in pairs]
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = _proved(problems, refute, explain, progress, search)
     of_those_above(results)
@@ -109,6 +106,15 @@ def verify(
         write_report(verification, report)
     verification.page = _page
     return verification
+
+
+def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Problem:
+    """That none of a system's faults happens is an assumption."""
+    declared = program.systems.get(flat.name)
+    if declared is None or not declared.faults:
+        return problem
+    without = Assumption("no faults", NO_FAULTS.format(flat.name))
+    return replace(problem, assumptions=(*problem.assumptions, without))
 
 
 def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
@@ -144,24 +150,18 @@ def _proved(
     try:
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
             share = _part(progress, i, len(problems))
-            # a run of a view, or of a plant that others move as they like, is none of the vehicle;
-            # one of another AC, or of an SC that nobody takes control from, is none of a tower
             whole = not (problem.view or problem.influences)
-            attack = refute and whole and not (problem.above or problem.below)
-            why = (refute and whole) if explain is None else explain
             result = methods[i].verify(
                 problem,
-                refute=attack,
-                explain=why,
+                refute=refute and _may_be_attacked(problem),
+                explain=(refute and whole) if explain is None else explain,
                 progress=share,
                 search=search,
                 compiled=None if job is None else job.result(),
             )
             results.append(mark_untried(result))
     except KeyboardInterrupt as stopped:
-        lines = [line for r in results for line in settled(r)]
-        later = [f"{p.name}: no claim settled" for p in problems[len(results) :]]
-        vars(stopped)["__notes__"] = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
+        _say_what_is_settled(stopped, results, problems[len(results) :])
         beside.shutdown(wait=False, cancel_futures=True)
         while not all(job is None or job.done() for job in needed):
             end_compilers()
@@ -170,6 +170,24 @@ def _proved(
     finally:
         beside.shutdown(cancel_futures=True)
     return results
+
+
+def _say_what_is_settled(
+    stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
+) -> None:
+    """In notes of the interruption; the first of what is open has them already, where it began."""
+    lines = [line for r in results for line in settled(r)]
+    later = [f"{p.name}: no claim settled" for p in open_]
+    vars(stopped)["__notes__"] = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
+
+
+def _may_be_attacked(problem: Problem) -> bool:
+    """Whether a run that leaves C is one of the vehicle.
+
+    One of a view, or of a plant that others move as they like, is none; one of another AC, or of
+    an SC that nobody takes control from, is none of a tower.
+    """
+    return not (problem.view or problem.influences or problem.above or problem.below)
 
 
 def _page(report: VerifyReport) -> str:
@@ -218,13 +236,7 @@ def modules_of(
     _not_deployed(checked, system)
     names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
     if not system and preferred is not None:
-        names.sort(  # whatever the default system forces: it is the one that is judged
-            key=lambda n: (
-                n != preferred.name
-                and 1
-                + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
-            )
-        )
+        names.sort(key=lambda n: n != preferred.name and 1 + _forces(checked, n, params))
     modules: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()
@@ -242,6 +254,11 @@ def modules_of(
     if module is not None and not modules:
         raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
     return modules
+
+
+def _forces(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
+    """Whether a system forces a module; of the default one that does not count."""
+    return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
 
 
 def _not_deployed(checked: CheckResult, system: str | None) -> None:

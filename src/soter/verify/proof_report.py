@@ -275,26 +275,30 @@ def _module(m: ModuleResult) -> ModuleProof:
         PropertyRow(name, meanings.get(name, ""), f.verdict, _method(f), f.seconds, f.text)
         for name, f in m.findings.items()
     )
-    runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
+    runs = filter(None, (f.counterexample for f in m.findings.values()))
     told = dict.fromkeys(map(str, runs))  # one run may refute several
-    leaving = next((f.leaving for f in m.findings.values() if f.leaving is not None), None)
+    leaving = next(filter(None, (f.leaving for f in m.findings.values())), None)
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"{_keeps(m)} `{_safe(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
-        f"{_cells(m)}{m.seconds:.1f} s"
-        + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
+        headline=_headline(m),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
         counterexample=tuple(line for run in told for line in run.splitlines()),
         open=tuple(_open(m)),
-        switches=all(m.findings[n].holds for n in ("ttf", "P3") if n in m.findings),
-        but=m.vacuity.text if m.verdict in HOLDING and m.vacuity is not None else "",
+        switches=all(f.holds for n, f in m.findings.items() if n in ("ttf", "P3")),
+        but=m.vacuity.text if m.verdict in HOLDING and m.vacuity else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )
+
+
+def _headline(m: ModuleResult) -> str:
+    lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
+    head = f"{_keeps(m)} `{_safe(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
+    return f"{head}{_cells(m)}{m.seconds:.1f} s{lines}"
 
 
 def _method(f: Finding) -> str:

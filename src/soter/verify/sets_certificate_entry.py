@@ -26,19 +26,9 @@ def entry_over_sets(
 ) -> dict[str, object]:
     """The module in a manifest."""
     problem = result.problem
-    q = problem.quantities
     plants = [c.name for c in problem.system.components if c.role == "plant"]
-    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
-    if not problem.module.law:
-        claims.pop("failsafe", None)  # none is declared: there is nothing to be claimed
+    claims = _claims(result)
     recover = problem.recover_ns if claims.get("P2b") == PROVED else None
-    inputs = [
-        *inputs_of("state", q.states, problem.states),
-        *inputs_of("control", q.controls, problem.controls),
-        *inputs_of("disturbance", q.disturbances, problem.disturbances),
-        *inputs_of("error", q.errors, problem.errors),
-        *inputs_of("other", q.others, problem.others),
-    ]
     proved = {n for n, v in claims.items() if v == PROVED}
     entry: dict[str, object] = {
         "system": system,
@@ -46,7 +36,7 @@ def entry_over_sets(
         "plants": plants,
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
         "times": times_of(problem.times),
-        "inputs": inputs,
+        "inputs": _every_input(problem),
         "cases": [
             _case(problem, case, f"{stem}_{k}", files, proved)
             for k, case in enumerate(result.cases)
@@ -57,7 +47,7 @@ def entry_over_sets(
     if problem.view:
         entry["view"] = problem.view
     if around := sorted(problem.quantities.turning):
-        entry["wraps"] = [q.states[s].name for s in around]
+        entry["wraps"] = [problem.quantities.states[s].name for s in around]
     if result.laws:
         ruled = enumerate(result.laws)
         entry["law"] = [_case(problem, case, f"{stem}_law{k}", files, {"P2a"}) for k, case in ruled]
@@ -66,6 +56,24 @@ def entry_over_sets(
     if problem.computed:
         entry["tables"] = _tables(result, stem, files)
     return entry
+
+
+def _claims(result: ModuleResult) -> dict[str, str]:
+    """Verdicts by claim; of a fail-safe law only where one is declared."""
+    law = bool(result.problem.module.law)
+    unclaimed = UNCLAIMED if law else (*UNCLAIMED, "failsafe")
+    return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
+
+
+def _every_input(problem: Problem) -> list[dict[str, str]]:
+    q = problem.quantities
+    return [
+        *inputs_of("state", q.states, problem.states),
+        *inputs_of("control", q.controls, problem.controls),
+        *inputs_of("disturbance", q.disturbances, problem.disturbances),
+        *inputs_of("error", q.errors, problem.errors),
+        *inputs_of("other", q.others, problem.others),
+    ]
 
 
 def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:

@@ -35,6 +35,7 @@ from soter.verify.claims.results import (
     NO_CORE,
     PROPERTIES,
     PROVED,
+    REFUTED,
     STAYS,
     UNDECIDED,
     Finding,
@@ -119,20 +120,8 @@ def verify_module(
         added=(*_prelude(prelude), *_together(problem, done), *others),
         shown=scheme | {a.key for a in others} | set(entered),
     )
-    static_claims(problem, result)
-    result.findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
+    _enter_verdicts(result, done, why)
     result.findings["P2a"].tried += chosen.tried
-    result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
-    if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
-        _only_if_proved(result.findings["P2a"], diverges, STIFF_HINT)
-    for claim in ("P2a", "P3") if why else ():
-        _only_if_proved(result.findings[claim], why, NOT_ENTERED)
-    waits(problem, result.findings["P2b"])
-    handover_claims.while_in_ac(problem, result.findings["P2b"])
-    result.findings["failsafe"] = _failsafe(problem, result, done)
-    if result.findings["failsafe"].verdict == PROVED:
-        result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
-        result.added += (_lease_holds(problem),)
     _reached(progress, CASES, f"{problem.name}: the compiled DM")
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
@@ -145,8 +134,10 @@ def verify_module(
             from soter.verify.attack.refute import refuted  # noqa: PLC0415 - compiles all of it
 
             refuted(problem, result)
-        if refute if explain is None else explain:
-            _diagnose(done, result, cpu)
+        if (refute if explain is None else explain) and result.verdict in (UNDECIDED, REFUTED):
+            from soter.verify.diagnosis.tried_remedies import diagnose  # noqa: PLC0415 - only here
+
+            diagnose(done, result, cpu, _attempt)
     say_narrowed(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
     return result
@@ -266,6 +257,24 @@ def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
 # ---------------------------------------------------------------- verdicts
 
 
+def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> None:
+    """Every property but the DM's; `unentered`: why a declared `enters` is not shown."""
+    problem, findings = result.problem, result.findings
+    static_claims(problem, result)
+    findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
+    findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
+    if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
+        _only_if_proved(findings["P2a"], diverges, STIFF_HINT)
+    for claim in ("P2a", "P3") if unentered else ():
+        _only_if_proved(findings[claim], unentered, NOT_ENTERED)
+    waits(problem, findings["P2b"])
+    handover_claims.while_in_ac(problem, findings["P2b"])
+    findings["failsafe"] = _failsafe(problem, result, done)
+    if findings["failsafe"].verdict == PROVED:
+        result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
+        result.added += (_lease_holds(problem),)
+
+
 def _decision_module(result: ModuleResult) -> Finding:
     """The generated C of the DM is the switching logic."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
@@ -333,12 +342,11 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     if open_:
         text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
         return Finding(UNDECIDED, method=HOW["failsafe"], text=text)
-    finding = Finding(PROVED, method=HOW["failsafe"])
     kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
     lease = show_ns(problem.times.lease_ns)
-    finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
-    finding.text += f"each lease ends at most {lease} after its release"
-    return finding
+    text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
+    text += f"each lease ends at most {lease} after its release"
+    return Finding(PROVED, method=HOW["failsafe"], text=text)
 
 
 def static_claims(problem: Problem, result: ModuleResult) -> None:
@@ -449,16 +457,6 @@ def _shares(done: list[Case]) -> dict[str, float]:
 
 
 # ---------------------------------------------------------------- diagnosis
-
-
-def _diagnose(done: list[Case], result: ModuleResult, cpu_s: float) -> None:
-    """Where something stays undecided, or SC for ever: why, as far as a few seconds can tell."""
-    from soter.verify.diagnosis.empty_invariant import diagnose, open_in  # noqa: PLC0415 - only here
-    from soter.verify.diagnosis.tried_remedies import try_remedies  # noqa: PLC0415 - only here
-
-    if open_in(result):
-        diagnose(done, result)
-        try_remedies(result, cpu_s, _attempt)
 
 
 def _attempt(problem: Problem, tell: Tell) -> list[Case]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import announce, lasting, passing_phase
 from soter.verify.claims.cells import cells_of
-from soter.verify.diagnosis.experiments import merged
+from soter.verify.diagnosis.variations import merged
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import cases
 

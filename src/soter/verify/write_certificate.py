@@ -117,7 +117,7 @@ def _replace(folder: Path, files: dict[str, bytes]) -> None:
             raise SoterError((_in_the_way(folder, min(strange or names)),))
         for path in old:
             path.unlink()
-        for path in sorted((p for p in folder.rglob("*")), reverse=True):
+        for path in sorted(folder.rglob("*"), reverse=True):
             path.rmdir()
         for name, data in files.items():
             target = folder / name

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.verify.diagnosis import empty_invariant
+from soter.verify.diagnosis import tried_remedies
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -112,7 +112,7 @@ def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
 def test_what_is_undecided_says_where_and_what_would_help(
     soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(empty_invariant, "BUDGET_S", 1.0)
+    monkeypatch.setattr(tried_remedies, "LEAST_S", 1.0)
     wind = ("wind: float in [-0.2, 0.2]", "wind: float in [-2.5, 2.5]")
     done = soter("verify", write(here, wind), "--no-refute")
     assert done.exit == 4

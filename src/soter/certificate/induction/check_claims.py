@@ -62,8 +62,7 @@ def recheck_induction(
     k, returns = compare(facts, entry["induction"])
     said = dict(entry["claims"])
     _static(facts, said)
-    wanted = claims & set(TOGETHER)
-    if wanted:
+    if wanted := claims & set(TOGETHER):
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
         rests_on = _induction(facts, k)

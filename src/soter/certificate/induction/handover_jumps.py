@@ -70,8 +70,7 @@ def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol)
     if len(writers) != 1 or writers[0].node is None:
         return "", "it is not published by one node alone"
     (c,) = writers
-    why = _not_for_this(facts, c, at)
-    if why:
+    if why := _not_for_this(facts, c, at):
         return c.name, why
     shown = _shown(facts)
     for index in shown:

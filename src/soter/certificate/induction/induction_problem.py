@@ -159,10 +159,9 @@ def _times(facts: InductionFacts) -> None:
             raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
-    if any(c.jitter_ns for c in facts.flying.components):
-        who = delayed(facts.flying, facts.actors)
-        if who:
-            raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
+    late = any(c.jitter_ns for c in facts.flying.components)
+    if late and (who := delayed(facts.flying, facts.actors)):
+        raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     others = [c for c in facts.actors if c.role in ("ac", "node")]

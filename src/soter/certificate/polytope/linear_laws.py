@@ -145,9 +145,7 @@ class CommandLaw:
 def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) -> CommandLaw:
     """The law of a group; `RejectedError` where it is not linear within the limits."""
     names = [c.name for c in model.facts.controls]
-    if len(set(claimed.controls)) < len(claimed.controls) or not set(claimed.controls) <= set(
-        names
-    ):
+    if sorted({*claimed.controls} & {*names}) != sorted(claimed.controls):
         raise RejectedError("the law of a polytope group is of unknown controls")
     controls = tuple(names.index(c) for c in claimed.controls)
     terms, states = model.new_terms()
@@ -197,14 +195,11 @@ def _claimed(
     zs = []
     for row, offset in zip(claimed.gain.tolist(), claimed.offset.tolist(), strict=True):
         parts = []
-        for factor, place in zip(row, places, strict=True):
-            if factor != 0.0:
-                if place is None:
-                    raise RejectedError(
-                        "the law of a polytope group has inputs that SC does not read"
-                    )
-                atom = terms.atoms[place]
-                parts.append((exact(factor), Linear(ZERO, {place: ONE}, ZERO, atom.low, atom.high)))
+        for factor, place in ((f, at) for f, at in zip(row, places, strict=True) if f != 0.0):
+            if place is None:
+                raise RejectedError("the law of a polytope group has inputs that SC does not read")
+            atom = terms.atoms[place]
+            parts.append((exact(factor), Linear(ZERO, {place: ONE}, ZERO, atom.low, atom.high)))
         zs.append(terms.combine(parts, exact(offset)))
     return zs
 

@@ -72,18 +72,13 @@ def read_turning(facts: Facts, names: object) -> None:
     if not isinstance(names, list) or not names or len({*map(str, names)}) != len(names):
         raise RejectedError("`wraps` is not as it should be")
     by_name = {s.name: i for i, s in enumerate(facts.states)}
-    if any(name not in by_name for name in names):
+    if not by_name.keys() >= {*names}:
         raise RejectedError("`wraps` names a state that there is not")
     symbol = facts.symbol
-    if (
-        facts.kind != "flow"
-        or facts.view
-        or symbol.shield is not None
-        or symbol.verify.enters is not None
-        or len(facts.tower) > 1
-    ):
+    beside = (symbol.shield, symbol.verify.enters)
+    if facts.kind != "flow" or facts.view or beside != (None, None) or len(facts.tower) > 1:
         raise RejectedError("an axis wraps around where that is not settled")
-    facts.turning = {by_name[name] for name in names}
+    facts.turning = {*map(by_name.__getitem__, names)}
     for i in facts.turning:
         low, high = map(exact, facts.extents[i])
         long = abs(high - low - 2 * arb.pi()) < NEAR and -low < 10 and high < 10

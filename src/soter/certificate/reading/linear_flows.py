@@ -210,28 +210,19 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     if known and all(rows[i] is not None for i in moving):
         stepped = _as_stepped(model, rows, moving)
         rows = [stepped.get(i, row) for i, row in enumerate(rows)]
-    inside = set(members)
+    own = [row for i in members if (row := rows[i]) is not None]
     noises: Rows = []
     constants = []
-    for at, i in enumerate(members):
-        row = rows[i]
-        assert row is not None
-        c = row.constant
-        outside = [ZERO] * len(model.extents)
-        for j, (low, high) in enumerate(model.extents):
-            if j not in inside and not row.a[j].is_zero():
-                x, y = exact(low), exact(high)
-                c += row.a[j] * (x + y) * HALF
-                outside[j] = row.a[j] * (y - x) * HALF
+    for at, row in enumerate(own):
+        c, outside = _from_outside(model, row, members)
         alone = [row.error if k == at else ZERO for k in range(len(members))]
         noises.append([*row.noise, *outside, *alone])
         constants.append(c)
-    member_rows = [rows[i] for i in members]
     used = [k for k in range(len(noises[0])) if not all(r[k].is_zero() for r in noises)]
     return LinearFlow(
         tuple(members),
-        [[row.a[j] for j in members] for row in member_rows if row is not None],
-        [list(row.b) for row in member_rows if row is not None],
+        [[row.a[j] for j in members] for row in own],
+        [list(row.b) for row in own],
         constants,
         [[r[k] for k in used] for r in noises],
         tuple((exact(c.low), exact(c.high)) for c in model.facts.controls),
@@ -247,6 +238,17 @@ class FlowRow:
     constant: arb
     noise: list[arb]
     error: arb = ZERO
+
+
+def _from_outside(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tuple[arb, list[arb]]:
+    """A row's constant, and its noise by states that are no members: anywhere in their extents."""
+    c, outside = row.constant, [ZERO] * len(model.extents)
+    for j, (low, high) in enumerate(model.extents):
+        if j not in members and not row.a[j].is_zero():
+            x, y = exact(low), exact(high)
+            c += row.a[j] * (x + y) * HALF
+            outside[j] = row.a[j] * (y - x) * HALF
+    return c, outside
 
 
 def _whole(model: CaseModel) -> list[FlowRow | None]:

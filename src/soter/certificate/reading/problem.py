@@ -183,7 +183,7 @@ def _read_topics(facts: Facts) -> None:
     errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
     if facts.computed:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
-        errors_of |= {topic for topic, _ in facts.leaves.values()} or known
+        errors_of |= dict(facts.leaves.values()).keys() or known
     for index in module.outputs:
         facts.controls += _leaves_of(facts, index, "control")
     for m in (m for c in facts.plants for m in c.measured):

@@ -148,8 +148,8 @@ def as_it_runs(facts: Facts) -> None:
                 raise NotRecheckedError(f"`{symbol.name}` is no topic of `{flying.name}`")
             at = runs.topics[symbol]
             one, other = system.topics[index], flying.topics[at]
-            same = one.bounds == other.bounds and one.max_age_ns == other.max_age_ns
-            if not same or repr(one.default) != repr(other.default):
+            its, ours = ((t.bounds, t.max_age_ns, repr(t.default)) for t in (one, other))
+            if its != ours:
                 raise NotRecheckedError(
                     f"`{other.name}` has another set, default or `max_age` than `{one.name}`"
                 )

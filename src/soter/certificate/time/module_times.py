@@ -145,19 +145,20 @@ def _check_map(facts: Facts, setting: TimingSetting) -> None:
 
     Else `NotRecheckedError`: ages and delays are not counted beside a map.
     """
-    step = facts.plants[0].period_ns
-    if any(c.period_ns != step for c in facts.plants):
-        raise NotRecheckedError("maps with different periods")
-    dm, sc = setting.dm, setting.sc
-    if any(ns % step for ns in (dm.period, sc.period, dm.phase, sc.phase)):
-        raise NotRecheckedError("a module that does not step together with its map")
-    if dm.slow or sc.slow or any(e.least or e.most for e in setting.effects):
-        raise NotRecheckedError("delays beside a map")
-    if setting.silent:
-        raise NotRecheckedError("`dropout` beside a map")
+    step, dm, sc = facts.plants[0].period_ns, setting.dm, setting.sc
     paths = [(r, p) for r in (*setting.by_dm, *setting.by_sc) for p in r.paths]
-    if any(p.clocks[1:] for _, p in paths) or any(e.clocks for e in setting.effects):
-        raise NotRecheckedError("nodes between a map and its module")
+    late = [dm.slow, sc.slow, *(e.least | e.most for e in setting.effects)]
+    between = [*(p.clocks[1:] for _, p in paths), *(e.clocks for e in setting.effects)]
+    together = (dm.period, sc.period, dm.phase, sc.phase)
+    beside = {
+        "maps with different periods": {c.period_ns for c in facts.plants} != {step},
+        "a module that does not step together with its map": any(ns % step for ns in together),
+        "delays beside a map": any(late),
+        "`dropout` beside a map": setting.silent,
+        "nodes between a map and its module": any(between),
+    }
+    for what in (what for what, is_there in beside.items() if is_there):
+        raise NotRecheckedError(what)
     for read, path in paths:
         sensor = path.sensor
         if sensor.phase or step % sensor.period:

@@ -210,8 +210,7 @@ class NodeWays(Ways):
         """
         assert c.node is not None
         topics = _subscribed(self.system, c)
-        before = [p for i in topics for p in self._to(i, behind)]
-        if before:
+        if before := [p for i in topics for p in self._to(i, behind)]:
             self._steps(c, index)
             self._noted(c)
             self.notes["shows", c.name] = None
@@ -272,19 +271,23 @@ class NodeWays(Ways):
                 continue
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            assert c.node is not None
-            for topic in c.node.publishes:
-                after = c.scope.topics[topic]
-                step = self._in_step(c, nodes, behind)
-                on = nodes if step else (*nodes, self._clock(c))
-                ends = list(self._from(after, on, (*behind, c.index)))
-                if ends:
-                    self._steps(c, after)
-                    if not step:
-                        self._noted(c)
-                    self.notes["in step" if step else "passes", c.name] = None
-                routes += ends
+            routes += self._by_node(c, nodes, behind)
         return routes
+
+    def _by_node(
+        self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
+    ) -> Iterable[tuple[Clock, ...]]:
+        assert c.node is not None
+        for topic in c.node.publishes:
+            after = c.scope.topics[topic]
+            step = self._in_step(c, nodes, behind)
+            on = nodes if step else (*nodes, self._clock(c))
+            if ends := list(self._from(after, on, (*behind, c.index))):
+                self._steps(c, after)
+                if not step:
+                    self._noted(c)
+                self.notes["in step" if step else "passes", c.name] = None
+            yield from ends
 
     def _in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
         """Whether a node is released whenever SC is, behind all before it, and says no times.

@@ -58,12 +58,11 @@ def check_thread(
         return ""
     turns = _turns(thread)
     dm, sc = system.components[module.dm], system.components[module.sc]
+    clocks[dm.name] = setting.dm
     for t in turns:
         if t.ends > t.release + t.who.period_ns:
             raise DiffersError(f"`{t.who.name}` may not be done when it is released again")
-        if t.who.index == dm.index:
-            _held(t, t.release + setting.dm.late, setting.dm.response)
-        elif t.who.index == sc.index:
+        if t.who.index == sc.index:
             _held(t, setting.starts_by(t.release), setting.sc.response)
         elif t.who.name in clocks:
             clock = clocks[t.who.name]

@@ -131,22 +131,26 @@ def returned(done: list[Case]) -> list[Case]:
     if not any(case.failed("P2b") for case in done):
         return done
     before, started = [_Before(case) for case in done], [_starts(case) for case in done]
+    shown = _shown_of_less(done)
+    if not (shown and all(_starts(case) for case, well in zip(done, started, strict=True) if well)):
+        for kept in before:
+            kept.restore()
+    return done
+
+
+def _shown_of_less(done: list[Case]) -> bool:
+    """Whether all but the start is shown once cells of K are given up, a few times at most."""
     for _ in range(ROUNDS):
-        if not all(_may_give_up(case) for case in done):
+        if not all(map(_may_give_up, done)):
             break
         for case in done:
-            failures = case.failed("P2b")
-            if failures:
+            if failures := case.failed("P2b"):
                 _give_up(case, failures)
                 after_core(case)
         _recovered(done)
-        if not any(_unshown_failures(case) for case in done):
-            if all(_starts(case) for case, well in zip(done, started, strict=True) if well):
-                return done
-            break
-    for kept in before:
-        kept.restore()
-    return done
+        if not any(map(_unshown_failures, done)):
+            return True
+    return False
 
 
 def _recovered(done: list[Case]) -> None:

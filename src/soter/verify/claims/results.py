@@ -79,7 +79,7 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a claim could not be shown, as measured (`empty_invariant.py`, `failure_margins.py`).
+    """Why a claim could not be shown, as runs show it (`open_claims.py`).
 
     `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
     would help; `numbers`: the measurement.

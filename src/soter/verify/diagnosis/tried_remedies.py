@@ -1,8 +1,9 @@
 """What to write, tried before it is said, and what it costs.
 
-Purpose: for a module that is not proved one loop: change what a person could change, prove again
-within a bound on its CPU time, on merged cells first, and keep what helps. Those that helped, those
-that did not, and those that were not tried are told apart. `enter_cost`: takeovers a minute, AC's
+Purpose: for a module that is not proved one loop: change what a person could change (a row of
+`variations.py`), prove again within a bound on its CPU time, on merged cells first, and keep what
+helps. Those that helped, those that did not, and those that were not tried are told apart.
+`enter_cost`: takeovers a minute, AC's
 share of the time and the bytes of the DM's tables, in one run of the system as it is and in one as
 it would be with what was tried.
 Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants;
@@ -12,7 +13,7 @@ costs in systems with externs, which `soter verify` never runs.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.codegen.unit import generate
@@ -25,27 +26,26 @@ from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.library import Library
 from soter.native.shared_library import library
 from soter.verify.claims.case import SPENT
-from soter.verify.claims.cells import cells_of, smaller_cells
-from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.cells import cells_of
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, FlownFigures, RemedyCost
 from soter.verify.deploy.missing_predicates import complete, open_modules, put, sets_of
-from soter.verify.diagnosis import experiments
-from soter.verify.diagnosis.experiments import COARSE
-from soter.verify.diagnosis.grid_ends import LOST, longer_of
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
+from soter.verify.diagnosis.open_claims import explain
 from soter.verify.diagnosis.vacuity import vacuity
+from soter.verify.diagnosis.variations import OTHERS, NotProved, merged, remedies
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import CancelledError, UnboundedError
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from soter.language.model.system import Module, System
     from soter.verify.claims.case import Case
-    from soter.verify.claims.results import Cause, LeavingRun, ModuleResult
-    from soter.verify.problem.problem import Axis, Problem
+    from soter.verify.claims.results import LeavingRun, ModuleResult
+    from soter.verify.diagnosis.variations import Remedy
+    from soter.verify.problem.problem import Problem
 
     Tell = Callable[[str, float], None]
     Attempt = Callable[[Problem, Tell], list[Case]]
@@ -88,6 +88,8 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
+    if problem is not None and _world(remedied) != _world(problem):
+        return RemedyCost(flat.name, not_measured="it is about another plant")
 
     def tell(what: str, share: float) -> None:
         del what, share
@@ -111,6 +113,11 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
     if why or after is None:
         return RemedyCost(flat.name, not_measured=why or "no tables were found on the whole grid")
     return RemedyCost(flat.name, until_ns / 1e9, before, after)
+
+
+def _world(problem: Problem) -> object:
+    """What a run of the system takes from its plants, and not from the problem."""
+    return problem.initial, problem.disturbances, problem.errors
 
 
 def _why_not(flat: System, problem: Problem) -> str:
@@ -181,35 +188,26 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
     return FlownFigures(often, ac_share(last, module.index), count)
 
 
-LEAST_S, OF_PROOF = 8.0, 1.0
-"""CPU seconds that all trials of a module get: so many, or so often what the proof has taken."""
+LEAST_S, OF_PROOF, SHOWN_S = 8.0, 1.0, 4.0
+"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken,
+and as many more as what shows that it is open may take."""
+COARSE = 40_000
+"""Cells of a group on which a change is tried first."""
 PILOT, LONGER = 1_500, 4.0
 """Cells on which AC in SC's place is set up for a run, and how often as long as SC's it is."""
 CHAIN_MAX = 3
 """So many changes are made together at most."""
-HOPELESS = ("wrap_around", "drift_of_all")
-"""Causes that no other grid, age or predicate mends; another SC does."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 NOT_TRIED = "(not tried)"
 """Behind what is suggested, and nobody has proved the module with."""
 
 
-@dataclass(frozen=True)
-class Remedy:
-    """A change: what to write, and the problem that it makes; None: it was not tried."""
-
-    said: str
-    problem: Problem | None
-    exchanged: bool = False
-    """It changes what AC and SC are: asked last."""
-
-
 class Trials:
-    """Verifications of changed problems of one module, and what they took."""
+    """Verifications of changed problems of one module, and the CPU time that they may take."""
 
-    def __init__(self, problem: Problem, cpu_s: float, attempt: Attempt) -> None:
-        self.problem, self._attempt = problem, attempt
-        self._until = time.process_time() + max(LEAST_S, OF_PROOF * cpu_s)
+    def __init__(self, cpu_s: float, attempt: Attempt) -> None:
+        self._attempt = attempt
+        self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
     def failing(self, problem: Problem) -> tuple[str, ...] | None:
         """The claims that are not proved of a problem, in order; None: that was not seen.
@@ -227,27 +225,27 @@ class Trials:
     def _done(self, problem: Problem) -> list[Case] | None:
         def tell(what: str, share: float) -> None:
             del what, share
-            if not self.goes_on():
+            if not self.go_on():
                 raise CancelledError
 
-        if not self.goes_on():
+        if not self.go_on():
             return None
         try:
             done = self._attempt(problem, tell)
         except (CancelledError, UnboundedError, SoterError, EnclosureError):
             return None
-        return done if self.goes_on() else None
+        return done if self.go_on() else None
 
     def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
         """Whether the undisturbed run of a problem stays in C, and for longer than that one."""
-        done = self._done(experiments.merged(problem, PILOT))
+        done = self._done(merged(problem, PILOT))
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
-        trace = run(model, model.start, next(patterns(model)), until_s, self.goes_on)
+        trace = run(model, model.start, next(patterns(model)), until_s, self.go_on)
         return not trace.left and trace.times[-1] > leaving.time_s[-1]
 
-    def goes_on(self) -> bool:
+    def go_on(self) -> bool:
         """Whether there is CPU time left."""
         return time.process_time() < self._until
 
@@ -259,122 +257,78 @@ def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
     """
     trials = []
     for change in changes:
-        if change.problem is None:
-            continue
-        coarse = experiments.merged(change.problem, COARSE[1])
+        coarse = merged(change.problem, COARSE)
         if coarse.groups != change.problem.groups:
             trials.append((change, coarse))
         trials.append((change, change.problem))
-    return sorted(trials, key=lambda trial: (trial[0].exchanged, cells_of(trial[1])))
+    return sorted(trials, key=lambda trial: (trial[0].cost, cells_of(trial[1])))
 
 
-def remedies(problem: Problem, failing: Sequence[str], result: ModuleResult) -> Iterator[Remedy]:
-    """What may help where these claims fail; `result`: as nothing is changed.
+def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
+    """Enter what was found open, and what was tried, where anything is undecided or SC refuted.
 
-    None of its problems is what was asked of `result`.
-    """
-    causes = [cause for claim in ORDER for cause in result.findings[claim].causes]
-    if not (failing[0] == "P2a" and any(c.kind in HOPELESS for c in causes)):
-        yield from _of_the_problem(problem, failing, result, causes)
-    wall = any(c.kind == "one_sided" for c in causes)
-    if failing[0] == "P2a" and result.findings["P2a"].leaving is not None and not wall:
-        names = problem.module.symbol.sc.name, problem.module.symbol.ac.name
-        said = "`ac {}; sc {};`, if that is what was meant".format(*names)
-        yield Remedy(said, experiments.exchanged(problem), exchanged=True)
-
-
-def _of_the_problem(
-    problem: Problem, failing: Sequence[str], result: ModuleResult, causes: Sequence[Cause]
-) -> Iterator[Remedy]:
-    """With the controllers as they are."""
-    for lost in (c for c in causes if c.kind == LOST):
-        longer = experiments.longer_axes(problem, longer_of(lost, len(problem.states)))
-        if longer.groups != problem.groups:
-            yield Remedy(f"a longer axis: `{lines_of(longer)}`", longer)
-    left = result.findings["P2a"].leaving
-    if failing[0] == "P2a" and left is not None and not left.safe:
-        at = left.names.index(left.axis)
-        said = f"no ends where runs leave: `{lines_of(problem, at)}`"
-        yield Remedy(said, experiments.without_ends(problem, at))
-    if failing[0] != "P2a":
-        said = "neither `ttf` nor `safer`: left out, both are computed"
-        yield Remedy(said, experiments.predicates_left_out(problem))
-    younger = experiments.younger_reads(problem)
-    if younger is not None:
-        yield Remedy(" and ".join(younger[1]), younger[0])
-    grids = [g for g in problem.groups if g.representation == "grid"]
-    if failing[0] != "P2a" and grids:
-        smaller = replace(smaller_cells(problem, grids), declared_groups=())
-        if cells_of(smaller) <= CELLS_MAX["P2a"]:
-            yield Remedy(f"more cells: `{lines_of(smaller)}`", smaller)
-
-
-def lines_of(problem: Problem, opened: int | None = None) -> str:
-    """The `grid` lines of a problem, the axis of one state `open`."""
-    return " ".join(
-        f"grid {', '.join(_written(a, opened) for a in g.axes)};"
-        for g in problem.groups
-        if g.representation == "grid"
-    )
-
-
-def _written(axis: Axis, opened: int | None) -> str:
-    edges = axis.edges[1:-1] if axis.unbounded else axis.edges
-    edges = edges[:-1] if axis.open else edges
-    low, high = map(axis.end, (edges[0], edges[-1]))
-    said = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
-    if axis.open:
-        return f"{said} open to {axis.end(axis.edges[-1])}"
-    return f"{said} open" if axis.unbounded or axis.state == opened else said
-
-
-def try_remedies(result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
-    """Enter what was tried at the first claim that is not proved, where any is undecided.
-
-    Changes are made one on top of the other, each kept where it helps, until all is proved.
     `cpu_s`: what the proof took, in CPU seconds.
     """
-    failing = [c for c in ORDER if not result.findings[c].holds]
+    failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
+    trials = Trials(cpu_s, attempt)
+    explain(done, result, trials.go_on)
     if all(f.verdict != UNDECIDED for f in findings) or any(SPENT in f.text for f in findings):
         return  # where work was cut short no change makes less of it
-    trials = Trials(result.problem, cpu_s, attempt)
-    problem, left = trials.problem, tuple(failing)
-    helped: list[str] = []
-    in_vain: list[str] = []
-    untried: list[str] = []
-    going = True
-    while going and left and len(helped) < CHAIN_MAX:
-        going = False
-        for remedy, tried in in_order(remedies(problem, left, result)):
-            if remedy.exchanged and not trials.stays(tried, result.findings["P2a"].leaving):
+    leaving = result.findings["P2a"].leaving
+    helped = _Helped(NotProved(result.problem, failing, done, leaving))
+    while helped.found.failing and len(helped.said) < CHAIN_MAX and helped.by_one_more(trials):
+        pass
+    helped.enter(result, failing)
+
+
+class _Helped:
+    """Changes that were made one on top of the other, each kept where it helps."""
+
+    def __init__(self, found: NotProved) -> None:
+        self.found = found
+        self.said: list[str] = []
+        self.in_vain: dict[str, None] = {}
+        self.untried: dict[str, None] = {}
+
+    def by_one_more(self, trials: Trials) -> bool:
+        """Whether one more change helps, which is then made."""
+        found = self.found
+        for remedy, tried in in_order(remedies(found)):
+            if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
                 continue
-            phase(f"{problem.name}: trying {remedy.said}")
+            phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
-            better = now == () or (as_it_is and now is not None and _better(now, left))
-            if better and now is not None:
-                helped.append(remedy.said)
-                problem, left, going = remedy.problem or problem, now, True
-                break
+            if now == () or (as_it_is and now is not None and _better(now, found.failing)):
+                self.said.append(remedy.said)
+                self.in_vain.pop(remedy.said, None)
+                self.found = replace(found, problem=remedy.problem, failing=now)
+                return True
             if as_it_is and now is not None:
-                in_vain.append(remedy.said)
-            elif as_it_is and not trials.goes_on():  # else it is no problem
-                untried.append(remedy.said)
-    first, told = result.findings[failing[0]], "; ".join
-    if helped:
-        first.remedied = None if left else problem
-        then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
-        first.tried.append(f"with {told(helped)}: {then}")
-        otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
-        first.hint = f"{'; and '.join(helped)} (tried: {then}){otherwise}"
-        for claim in failing[1:] if not left else ():
-            result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
-    if in_vain:
-        first.tried.append(f"in vain: {told(dict.fromkeys(in_vain))}")
-    if untried and left:
-        first.tried.append(f"not, for want of time: {told(dict.fromkeys(untried))}")
-    p3 = result.findings["P3"]
-    p3.hint = next((f.hint for c in failing if (f := result.findings[c]).text == p3.text), p3.hint)
+                self.in_vain[remedy.said] = None
+            elif as_it_is and not trials.go_on():  # else it is no problem
+                self.untried[remedy.said] = None
+        return False
+
+    def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
+        """Say so at the first claim that is not proved."""
+        left, told = self.found.failing, "; ".join
+        first = result.findings[failing[0]]
+        if self.said:
+            first.remedied = None if left else self.found.problem
+            then = f"all but {', '.join(left)} proved" if left else "every claim is proved"
+            first.tried.append(f"with {told(self.said)}: {then}")
+            otherwise = f"; or {first.hint} {NOT_TRIED}" if left and first.hint else ""
+            first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"
+            for claim in failing[1:] if not left else ():
+                result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
+        if self.in_vain:
+            first.tried.append(f"in vain: {told(self.in_vain)}")
+        if self.untried and left:
+            first.tried.append(f"not, for want of time: {told(self.untried)}")
+        p3 = result.findings["P3"]
+        same = (f.hint for c in failing if (f := result.findings[c]).text == p3.text)
+        p3.hint = next(same, p3.hint)
 
 
 def _better(now: Sequence[str], left: Sequence[str]) -> bool:

@@ -167,12 +167,8 @@ class EnclosureOperations:
 
     def binary(self, op: str, a: Item, b: Item) -> Item:
         """+ - * / of floats."""
-        turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
-        if turning and op in "+-":
-            turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
-            if turns <= TURNS_MAX and sums <= SUMS_MAX:
-                plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
-                return self._turned(self.binary(op, *plain), turns, sums)
+        if op in "+-" and (turned := self._sum_of_turns(op, a, b)) is not None:
+            return turned
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
             known = span_binary(op, a, b)
             if known is not None:
@@ -182,13 +178,26 @@ class EnclosureOperations:
         if isinstance(b, FloatRange):
             if op == "-":
                 op, b = "+", FloatRange(-b.high, -b.low)
-            ends = (float_literal(b.low), float_literal(b.high))
             if op in {"*", "+"} or not b.low <= 0.0 <= b.high:
-                name = {"+": "shift", "*": "scale", "/": "over"}[op]
-                return self._form(f"soter_n_{name}", self.form(a), *ends)
+                return self._beside_range(op, a, b)
         if op == "*" and a == b:
             return self._form("soter_n_square", self.form(a))
         return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
+
+    def _sum_of_turns(self, op: str, a: Item, b: Item) -> Form | None:
+        """+ - of what may be turns off, and knows how many; None where it is too many, or none."""
+        turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
+        turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
+        if not turning or turns > TURNS_MAX or sums > SUMS_MAX:
+            return None
+        plain = (Form(x.place) if isinstance(x, Form) else x for x in (a, b))
+        return self._turned(self.binary(op, *plain), turns, sums)
+
+    def _beside_range(self, op: str, a: Item, b: FloatRange) -> Form:
+        """+ * / of a float and one that is known to lie in a range."""
+        name = {"+": "shift", "*": "scale", "/": "over"}[op]
+        ends = float_literal(b.low), float_literal(b.high)
+        return self._form(f"soter_n_{name}", self.form(a), *ends)
 
     def extreme(self, op: str, a: Item, b: Item) -> Item:
         """The operations min and max, of floats or ints: b < a ? b : a."""

@@ -1,7 +1,7 @@
 """What a grid group's analysis is told: ranges, times, and which ends of its grid the plant keeps.
 
 Purpose: ranges, times and scheme of one module as `GridGroup` takes them, from a `Problem` or by
-hand. `keep_borders`: what `soter_reach_invariant_ends.c` goes by: a level that is never below zero,
+hand. `borders_of`: what `soter_reach_invariant_ends.c` goes by: a level that is never below zero,
 a state between two stops: a grid may end exactly there, though images round outward; and rates that
 are zero but for rounding.
 Non-goals: reading a program (`problem/extract.py`); ends that only SC keeps: commands may be
@@ -15,7 +15,7 @@ have come from. The argument stands in `soter_reach_invariant_ends.c`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -119,7 +119,7 @@ LOOK_AHEAD = 4.0
 
 
 class BorderedModel(Protocol):
-    """What of a group's model the borders look at, and change: `low`, `high`, `crossed`."""
+    """What of a group's model the borders look at."""
 
     c: Any
     inputs: GridInputs
@@ -128,7 +128,6 @@ class BorderedModel(Protocol):
     unbounded: frozenset[int]
     wraps: frozenset[int]
     covers_scheme: bool
-    crossed: list[str]
     low: Floats
     high: Floats
 
@@ -139,12 +138,27 @@ class BorderedModel(Protocol):
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
         """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
 
-    def hangs_on_states(self, state: int) -> bool:
-        """Whether the rate of a state is another one at other states."""
+    def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
+        """Whether the rate of a state is another one at other states of these ranges."""
 
 
-def keep_borders(model: BorderedModel) -> None:
-    """Finds the ends that are kept; the domain then goes on beyond them.
+@dataclass(eq=False)
+class Borders:
+    """What is known of the ends of a group's axes, and the ranges beyond those that are kept."""
+
+    low: Floats
+    high: Floats
+    scheme: float
+    dust: list[float] = field(default_factory=list)
+    """By axis: rates that may be zero but for rounding."""
+    kept: dict[tuple[int, bool], int] = field(default_factory=dict)
+    """(axis, whether it is the upper end) -> how it is kept, as the engine counts it."""
+    crossed: list[str] = field(default_factory=list)
+    """Ends that the flow keeps, and the scheme was not shown to."""
+
+
+def borders_of(model: BorderedModel) -> Borders | None:
+    """The ends that are kept; the domain goes on beyond them. None where a rate has no bounds.
 
     An end that is kept by the exact flow only, not with what the simulator's scheme adds, is none:
     the scheme of a linear flow is in the proof. A rate that no state changes is the same in all
@@ -153,28 +167,27 @@ def keep_borders(model: BorderedModel) -> None:
     g = model.c
     whole = _rates(model, model.low, model.high)
     if whole is None:
-        return
+        return None
     steps = [step for step, _, _ in model.inputs.steps]
     step = max(steps, default=0.0) if model.covers_scheme else 0.0
-    g.scheme = LOOK_AHEAD * step
+    found = Borders(model.low.copy(), model.high.copy(), LOOK_AHEAD * step)
     back = BACK * (g.delay + max(2 * g.jitter, g.swept)) if g.is_local else 0.0
     for i, state in enumerate(model.axes):
         largest = float(np.abs(whole[state]).max())
-        g.dust[i] = DUST * largest + 8.0 * g.extra_w[i]
-        if state in model.unbounded:
-            g.kept_low[i] = g.kept_high[i] = UNBOUNDED
-            continue
-        if state in model.wraps:
-            g.kept_low[i] = g.kept_high[i] = WRAPS
-            continue
+        found.dust.append(DUST * largest + 8.0 * g.extra_w[i])
+        endless = UNBOUNDED if state in model.unbounded else WRAPS if state in model.wraps else 0
         for upper in (False, True):
-            _keep_end(model, i, back * largest, upper=upper)
+            if endless:
+                found.kept[i, upper] = endless
+            else:
+                _keep_end(model, found, i, back * largest, upper=upper)
+    return found
 
 
-def _keep_end(model: BorderedModel, i: int, back: float, *, upper: bool) -> None:
+def _keep_end(model: BorderedModel, found: Borders, i: int, back: float, *, upper: bool) -> None:
     """One end of one axis."""
-    g, state, edges = model.c, model.axes[i], model.edges[i]
-    low, high = model.low.copy(), model.high.copy()
+    state, edges = model.axes[i], model.edges[i]
+    low, high = found.low.copy(), found.high.copy()
     if upper:
         low[state], high[state] = edges[-1], high[state] + back
     else:
@@ -182,24 +195,23 @@ def _keep_end(model: BorderedModel, i: int, back: float, *, upper: bool) -> None
     rates = _rates(model, low, high)
     if rates is None:
         return
-    if upper and state in model.open_ends:
-        g.kept_high[i] = 1
-        model.high[state] = high[state]
-        return
-    inwards = -rates[state][1] if upper else rates[state][0]
-    if not inwards >= 0.0:
-        return
-    if not inwards >= g.extra_w[i] and model.hangs_on_states(state):
-        names = model.inputs.names or tuple(f"state {k}" for k in range(len(model.inputs.states)))
-        side, end = ("below", edges[-1]) if upper else ("above", edges[0])
-        model.crossed.append(f"{names[state]} {side} {float(end):g}")
-        return
+    if not (upper and state in model.open_ends):
+        inwards = -rates[state][1] if upper else rates[state][0]
+        if not inwards >= 0.0:
+            return
+        if not inwards >= model.c.extra_w[i] and model.hangs_on_states(
+            state, found.low, found.high
+        ):
+            count = len(model.inputs.states)
+            names = model.inputs.names or tuple(f"state {k}" for k in range(count))
+            side, end = ("below", edges[-1]) if upper else ("above", edges[0])
+            found.crossed.append(f"{names[state]} {side} {float(end):g}")
+            return
+    found.kept[i, upper] = 1
     if upper:
-        g.kept_high[i] = 1
-        model.high[state] = high[state]
+        found.high[state] = high[state]
     else:
-        g.kept_low[i] = 1
-        model.low[state] = low[state]
+        found.low[state] = low[state]
 
 
 def _rates(model: BorderedModel, low: Floats, high: Floats) -> Floats | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, followed
-from soter.verify.grid.group_inputs import keep_borders
+from soter.verify.grid.group_inputs import borders_of
 from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
@@ -222,7 +222,7 @@ class GridModel:
         if g.is_local and not lib.soter_reach_linearize(g, *ends):
             raise UnboundedError("the dynamics have no finite enclosure over the grid")
         if self.inputs.kind == "flow":
-            keep_borders(self)
+            self._go_beyond_borders()
         if self.inputs.kind == "flow" and not g.commands:
             g.delay = g.jitter = g.swept = (
                 0.0  # no command moves this group: when one acts is all the same
@@ -230,6 +230,18 @@ class GridModel:
             g.past = 1
         if not lib.soter_reach_prepare(g):
             raise UnboundedError("the flow is too stiff for one period of SC")
+
+    def _go_beyond_borders(self) -> None:
+        found, g = borders_of(self), self.c
+        if found is None:
+            return
+        self.low[:], self.high[:] = found.low, found.high
+        self.crossed += found.crossed
+        g.scheme = found.scheme
+        for i, dust in enumerate(found.dust):
+            g.dust[i] = dust
+        for (i, upper), how in found.kept.items():
+            (g.kept_high if upper else g.kept_low)[i] = how
 
     @property
     def is_linear(self) -> bool:
@@ -286,9 +298,9 @@ class GridModel:
             return None
         return np.asarray(out[: len(self.inputs.states), :2])
 
-    def hangs_on_states(self, state: int) -> bool:
+    def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
         """Whether the rate of a state is another one at other states (or may be: a fault)."""
-        found = self._rate_forms(self.low, self.high)
+        found = self._rate_forms(low, high)
         return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
 
     def _remainder(self) -> float:

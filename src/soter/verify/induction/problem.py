@@ -179,7 +179,26 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
             notes=("they are computed from sets of states, and induction has none",),
             helps=("write both",),
         )
-    sc = flat.components[module.sc]
+    _refuse_controller(flat, module, diagnostics)
+    for topic in topic_reads(symbol.safe):
+        index = module.scope.topics[topic]
+        writers = [c for c in flat.components if index in _written_by(c)]
+        if not writers or any(c.plant is not None for c in writers):
+            who = f"plant `{writers[0].name}`" if writers else "the environment"
+            diagnostics.error(
+                "R030",
+                f"`safe` of module `{module.name}` speaks of `{flat.topics[index].name}`, which "
+                f"{who} drives",
+                symbol.safe.span,
+                also=((topic.span, "the topic"),),
+                notes=("induction is about what nodes publish",),
+                helps=("prove it on sets of states: `grid` or `polytope` in place of `induction`",),
+            )
+
+
+def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    """What SC and the predicates rest on that no relation has."""
+    symbol, sc = module.symbol, flat.components[module.sc]
     if sc.extern:
         diagnostics.error(
             "R003",
@@ -188,7 +207,8 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
             helps=("write it in Soter",),
         )
     assert sc.node is not None
-    for call in _externs(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())):
+    takeover = sc.node.takeover or ()
+    for call in _externs(*symbol.spoken, *sc.node.step, *takeover):
         diagnostics.error(
             "R003",
             f"module `{module.name}` rests on the extern function `{call.fun.name}`",
@@ -197,7 +217,7 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
             helps=("write it in Soter",),
         )
     known = {**sc.scope.modules, **module.scope.modules}
-    for where, read in mode_reads(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())).items():
+    for where, read in mode_reads(*symbol.spoken, *sc.node.step, *takeover).items():
         if known.get(where) != module.index:
             diagnostics.error(
                 "R030",
@@ -212,20 +232,6 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
                 f"module `{module.name}` speaks of a margin",
                 node.span,
                 notes=("a margin says what the proof of a module shows, and proves nothing",),
-            )
-    for topic in topic_reads(symbol.safe):
-        index = module.scope.topics[topic]
-        writers = [c for c in flat.components if index in _written_by(c)]
-        if not writers or any(c.plant is not None for c in writers):
-            who = f"plant `{writers[0].name}`" if writers else "the environment"
-            diagnostics.error(
-                "R030",
-                f"`safe` of module `{module.name}` speaks of `{flat.topics[index].name}`, which "
-                f"{who} drives",
-                symbol.safe.span,
-                also=((topic.span, "the topic"),),
-                notes=("induction is about what nodes publish",),
-                helps=("prove it on sets of states: `grid` or `polytope` in place of `induction`",),
             )
 
 

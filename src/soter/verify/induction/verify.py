@@ -230,15 +230,7 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
     if returned:
         finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
         finding.text += ", if it is acknowledged" if symbol.acknowledgements else ""
-        granted = [*(["`progress` holds"] if problem.progress else [])]
-        still = sorted(problem.system.topics[i].name for i in problem.heard)
-        granted += [f"{_named(still, 'and')} stays as it is"] if still else []
-        if problem.modes is not None and problem.modes.waits:
-            granted += [f"{said(problem.modes.waits)} in AC"]
-        granted += (
-            [f"no step of {_named(induction.latching, 'or')} faults"] if induction.latching else []
-        )
-        if granted:
+        if granted := [*_granted(problem, induction)]:
             text = f"{finding.text} while {_named(granted, 'and')}: not proved"
             finding.rest_on(ASSUMED, text)
         if problem.modes is not None and problem.modes.never:
@@ -256,6 +248,18 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
         if problem.recover_ns is not None:
             finding.hint = f"longer than `recover within` {show_ns(problem.recover_ns)}"
     return finding
+
+
+def _granted(problem: InductionProblem, induction: Induction) -> Iterator[str]:
+    """What SC gives control back under, in clauses."""
+    if problem.progress:
+        yield "`progress` holds"
+    if still := sorted(problem.system.topics[i].name for i in problem.heard):
+        yield f"{_named(still, 'and')} stays as it is"
+    if problem.modes is not None and problem.modes.waits:
+        yield f"{said(problem.modes.waits)} in AC"
+    if induction.latching:
+        yield f"no step of {_named(induction.latching, 'or')} faults"
 
 
 def _taken_for_granted(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:

@@ -207,15 +207,7 @@ class PolytopeProof(GroupProof):
         self.shown.discard("S")
         if sets is None:
             return
-        problem = case.problem
-        shown = seen(problem)
-        states = [a.state for a in self.group.axes]
-        names = [problem.quantities.states[s].name for s in states if s not in shown]
-        topics = {problem.topic_leaf_of_state[s][0] for s in states if s in shown}
-        several = problem.times.age_dm > 0 and len(topics) > 1
-        if names or several:
-            text = f"the DM sees no topic with {', '.join(names)}"
-            text = text if names else "the DM sees this group in topics of different ages"
+        if text := self._unseen(case.problem):
             hint = "one topic that shows all of the group's states, or write `ttf` and `safer`"
             self._both(case, text, hint)
             return
@@ -225,11 +217,22 @@ class PolytopeProof(GroupProof):
             sets.allowed, sets.carried = list(its.allowed), list(its.carried)
         empty = [j for j, s in enumerate(sets.allowed) if inner_point(s) is None]
         if why or empty:
-            hint = SLOW if SPENT in why else problem.stronger
+            hint = SLOW if SPENT in why else case.problem.stronger
             self._both(case, why or f"S_{empty[0]} is empty: AC would never get control", hint)
         elif self._proved(case, ("ttf", "safer"), "S", proofs.prove_levels):
             return
         sets.allowed, sets.carried = [], []
+
+    def _unseen(self, problem: Problem) -> str:
+        """Why the DM knows no estimate of the group's states; "": it does."""
+        shown = seen(problem)
+        states = [a.state for a in self.group.axes]
+        names = [problem.quantities.states[s].name for s in states if s not in shown]
+        if names:
+            return f"the DM sees no topic with {', '.join(names)}"
+        topics = {problem.topic_leaf_of_state[s][0] for s in states}
+        several = problem.times.age_dm > 0 and len(topics) > 1
+        return "the DM sees this group in topics of different ages" if several else ""
 
     def withheld(self, case: Case) -> bool:
         """After any failure up to its levels."""

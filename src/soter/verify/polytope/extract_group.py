@@ -390,6 +390,14 @@ def _limited(
     return best
 
 
+def _rounded(centre: F, parts: Sequence[F]) -> tuple[float, float, list[float]]:
+    """A form in doubles: its middle, what rounding loses, its coefficients."""
+    rounded = [float(x) for x in parts]
+    loss = abs(centre - F(float(centre)))
+    loss += sum(abs(x - F(y)) for x, y in zip(parts, rounded, strict=True))
+    return float(centre), up(loss), rounded
+
+
 def remainder_of(
     forms: CompiledEnclosures,
     domain: Floats,
@@ -420,10 +428,7 @@ def remainder_of(
             exact[pivots[rows.index(a)]] += weight * F(z_rad[a])
             for f in free:
                 exact[f] -= weight * F(gain[a, f]) * F(radius[f])
-        rounded = [float(x) for x in exact]
-        loss = abs(centre - F(float(centre)))
-        loss += sum(abs(x - F(y)) for x, y in zip(exact, rounded, strict=True))
-        given[p, 2], given[p, 3], given[p, FORM:] = float(centre), up(loss), rounded
+        given[p, 2], given[p, 3], given[p, FORM:] = _rounded(centre, exact)
     affine_law = forms.affine("law", given, max(commands) + 1)
     if affine_law is None:
         return None

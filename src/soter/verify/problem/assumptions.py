@@ -20,6 +20,8 @@ from soter.verify.problem.supported_constructs import assumed_of_maps
 from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
@@ -155,32 +157,7 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
     if not place.abstract:
         text = f"the world behaves like {names} for some disturbance within its bounds"
         assumptions.append(Assumption(f"world {names}", text))
-    of_others = {i.name(place.system) for i in place.influences}
-    drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
-    said = [
-        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit(d)}") for d, r in drawn
-    ]
-    for others, key, what in (
-        (False, "disturbances", "disturbances stay within their bounds"),
-        (
-            True,
-            "others",
-            "what others publish and what moves these plants stays in its declared set",
-        ),
-    ):
-        bounds = ", ".join(text for of, text in said if of is others)
-        assumptions += [Assumption(key, f"{what}: {bounds}")] if bounds else []
-    if inputs.errors:
-        pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
-        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit(e)}" for e, r in pairs)
-        exact = _exact(place, inputs)
-        rest = f"; exact: {', '.join(exact)}" if exact else ""
-        text = f"measurement errors stay within their bounds: {bounds}{rest}"
-        assumptions.append(Assumption("errors", text))
-    measured = {(e.owner, e.path) for e in inputs.errors}
-    if place.driven and not measured:
-        text = "estimates are exact: no measurement error is declared"
-        assumptions.append(Assumption("exact", text))
+    assumptions += [*_drawn(place, inputs), *_measured(place, inputs)]
     bounded = _published(place)
     if bounded:
         names = ", ".join(bounded)
@@ -198,6 +175,34 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         text = f"{names}: any value of the declared set, at any time"
         assumptions.append(Assumption("any value", text))
     return assumptions
+
+
+def _drawn(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
+    """The bounds of disturbances, and of what others do to the plants."""
+    of_others = {i.name(place.system) for i in place.influences}
+    drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
+    said = [
+        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit(d)}") for d, r in drawn
+    ]
+    moved = "what others publish and what moves these plants stays in its declared set"
+    for others, key, what in (
+        (False, "disturbances", "disturbances stay within their bounds"),
+        (True, "others", moved),
+    ):
+        if bounds := ", ".join(text for of, text in said if of is others):
+            yield Assumption(key, f"{what}: {bounds}")
+
+
+def _measured(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
+    """How far estimates may be off, and which are exact."""
+    if inputs.errors:
+        pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
+        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit(e)}" for e, r in pairs)
+        exact = _exact(place, inputs)
+        rest = f"; exact: {', '.join(exact)}" if exact else ""
+        yield Assumption("errors", f"measurement errors stay within their bounds: {bounds}{rest}")
+    elif place.driven:
+        yield Assumption("exact", "estimates are exact: no measurement error is declared")
 
 
 def _unit(leaf: Leaf) -> str:
@@ -233,26 +238,8 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
-    for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc]):
-        shown = place.shown_by(next(i for i in place.driven if _is(place, i, chain)))
-        through = ", ".join(_filter(n) for n in chain.nodes)
-        if chain.source:
-            first = chain.nodes[0].name
-            text = (
-                f"what {first} publishes, on which {chain.topic.name} rests, is its own, and the "
-                "defaults of its topics are what it would have published before its first step"
-            )
-        elif chain.sensor is None or chain.sensor.name != shown:
-            who = "the world" if chain.sensor is None else chain.sensor.name
-            text = f"{chain.topic.name} rests on {who}, too, whose age is followed"
-        elif not chain.nodes:
-            text = f"{chain.topic.name} shows the state of {shown} at the instant of publication"
-        else:
-            text = (
-                f"{chain.topic.name} shows, within the errors declared, the state of {shown} that "
-                f"{through} read (how old that is, is followed)"
-            )
-        assumptions.append(Assumption(f"shows {chain.topic.name}", text))
+    followed = dict.fromkeys([*chains.by_dm, *chains.by_sc])
+    assumptions += [Assumption(f"shows {c.topic.name}", _shows(place, c)) for c in followed]
     topics: dict[str, list[str]] = {}
     for topic, who in chains.beside:
         topics.setdefault(who, []).append(topic)
@@ -275,6 +262,26 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
         text = f"no step of {names} faults (a node that does is silent from then on)"
         assumptions.append(Assumption("nodes run", text))
     return list(dict.fromkeys(assumptions))
+
+
+def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
+    """Of what a topic of the module tells the state."""
+    shown = place.shown_by(next(i for i in place.driven if _is(place, i, chain)))
+    through = ", ".join(_filter(n) for n in chain.nodes)
+    if chain.source:
+        return (
+            f"what {chain.nodes[0].name} publishes, on which {chain.topic.name} rests, is its own, "
+            "and the defaults of its topics are what it would have published before its first step"
+        )
+    if chain.sensor is None or chain.sensor.name != shown:
+        who = "the world" if chain.sensor is None else chain.sensor.name
+        return f"{chain.topic.name} rests on {who}, too, whose age is followed"
+    if not chain.nodes:
+        return f"{chain.topic.name} shows the state of {shown} at the instant of publication"
+    return (
+        f"{chain.topic.name} shows, within the errors declared, the state of {shown} that "
+        f"{through} read (how old that is, is followed)"
+    )
 
 
 def _is(place: VerificationSystem, index: int, chain: CauseEffectChain) -> bool:
@@ -312,7 +319,6 @@ def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
 def _timing(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: ProblemKind
 ) -> list[Assumption]:
-    verify = place.module.symbol.verify
     assumptions = []
     if not times.schedule.dropout and times.schedule.read_by_sc:
         assumptions.append(NO_DROPOUT)
@@ -333,27 +339,7 @@ def _timing(
         age = show_ns(times.age_sc)
         text = f"what SC reads is at most {age} old (for SC no runtime enforces it)"
         assumptions.append(Assumption("age", text))
-    declared = [n for n in DELAYS if n in times.declared]
-    if declared:
-        shown = ", ".join(f"{n.replace('_', ' ')} {_declared(times, n)}" for n in declared)
-        assumptions.append(Assumption("declared", f"times as declared: {shown}"))
-    nodes = sorted({*verify.late_of, *verify.response_of})
-    if nodes:
-        text = f"times as declared, too: of {', '.join(nodes)}"
-        assumptions.append(Assumption("declared of nodes", text))
-    absent = [WORDS[n] for n in DELAYS if n not in times.declared]
-    lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
-    assumptions += [
-        Assumption(f"takes {n}", f"{n} takes {show_ns(high)} a step at most, as it says")
-        for n, (_, high) in lasting.items()
-    ]
-    absent += [
-        f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
-        for n in undeclared(place, chains)
-    ]
-    if absent:
-        text = f"undeclared times are zero: {', '.join(absent)}"
-        assumptions.append(Assumption("undeclared", text))
+    assumptions += [*_declared_times(place, times, chains)]
     assumptions += [Assumption("thread", text) for text in times.rests]
     text = "sensors publish exactly at their releases, before anybody reads in that instant"
     assumptions.append(Assumption("sensors on time", text))
@@ -362,6 +348,31 @@ def _timing(
     text = "commands of AC and SC act in the order in which they were published"
     assumptions.append(Assumption("order", text))
     return assumptions
+
+
+def _declared_times(
+    place: VerificationSystem, times: Times, chains: CauseEffectChains
+) -> Iterator[Assumption]:
+    """The times that the program declares, and those that it leaves out."""
+    verify = place.module.symbol.verify
+    declared = [n for n in DELAYS if n in times.declared]
+    if declared:
+        shown = ", ".join(f"{n.replace('_', ' ')} {_declared(times, n)}" for n in declared)
+        yield Assumption("declared", f"times as declared: {shown}")
+    if nodes := sorted({*verify.late_of, *verify.response_of}):
+        yield Assumption("declared of nodes", f"times as declared, too: of {', '.join(nodes)}")
+    absent = [WORDS[n] for n in DELAYS if n not in times.declared]
+    lasting = {n.name: n.takes_ns for n in (*chains.nodes, *chains.behind) if n.takes_ns}
+    for name, (_, high) in lasting.items():
+        yield Assumption(
+            f"takes {name}", f"{name} takes {show_ns(high)} a step at most, as it says"
+        )
+    absent += [
+        f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
+        for n in undeclared(place, chains)
+    ]
+    if absent:
+        yield Assumption("undeclared", f"undeclared times are zero: {', '.join(absent)}")
 
 
 def _declared(times: Times, name: str) -> str:

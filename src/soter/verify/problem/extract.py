@@ -260,14 +260,10 @@ def _shield(
     if symbol.shield is None:
         return
     behind = times is not None and any(o.nodes for o in times.schedule.outputs)
-    behind = behind or any(not all(map(in_thread, w.in_step)) for w in ways)
-    behind = behind or any(w.inner and w.inner[0] not in w.in_step for w in ways)
-    keeping = [n for w in ways for n in w.in_step if n.node is not None and n.node.locals]
-    behind = behind or not all(is_state_of_proof(at, n) for n in keeping)
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
-        "nodes between the module and its plants": behind,
+        "nodes between the module and its plants": behind or _may_be_late(at, ways),
         "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
@@ -282,6 +278,15 @@ def _shield(
             "is not proved",
             helps=("leave `shield` out: `ttf` looks at the state alone",),
         )
+
+
+def _may_be_late(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
+    """Whether a node on the way passes a command on later, or makes something of a memory."""
+    late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
+    on_the_way = [n for w in ways for n in w.in_step]
+    keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
+    followed = all(map(in_thread, on_the_way)) and all(is_state_of_proof(at, n) for n in keeping)
+    return late or not followed
 
 
 def _between(at: VerificationSystem) -> bool:

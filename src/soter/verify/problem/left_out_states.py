@@ -126,13 +126,17 @@ def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]
     divides = isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("/", "%")
     if isinstance(e.type, IntType) or (divides and _reads(parts[1])):
         return False
-    known = (
-        isinstance(e, SIMPLE)
-        or (isinstance(e, typed.Index) and not _reads(e.index))
-        or (isinstance(e, typed.TypedCall) and e.fun.prelude and e.fun.name in TOTAL)
-        or (isinstance(e, typed.Builtin) and e.name in LARGEST_OF)
-    )
-    return known and all(_is_total(part, lets) for part in parts)
+    return _is_total_of_its_parts(e) and all(_is_total(part, lets) for part in parts)
+
+
+def _is_total_of_its_parts(e: typed.TypedExpr) -> bool:
+    if isinstance(e, typed.Index):
+        return not _reads(e.index)
+    if isinstance(e, typed.TypedCall):
+        return e.fun.prelude and e.fun.name in TOTAL
+    if isinstance(e, typed.Builtin):
+        return e.name in LARGEST_OF
+    return isinstance(e, SIMPLE)
 
 
 def _reads(e: typed.TypedExpr) -> bool:
@@ -154,15 +158,18 @@ def _degree(
         left, right = of_parts
         return left + right if e.op == "*" else left if not right else inf
     if isinstance(e, typed.TypedCall) and e.fun.prelude:
-        return 0 if e.fun.name in BOUNDED else max(of_parts) if e.fun.name == "clamp" else inf
+        return {**dict.fromkeys(BOUNDED, 0), "clamp": max(of_parts)}.get(e.fun.name, inf)
     if isinstance(e, typed.Conditional):
         return max(of_parts[1:])
-    grows_as_its_parts = (
-        isinstance(e, (typed.TypedUnary, typed.TypedField, typed.Index, typed.Aggregate))
-        or (isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("+", "-"))
-        or (isinstance(e, typed.Builtin) and e.name in LARGEST_OF)
-    )
-    return max(of_parts) if grows_as_its_parts else inf
+    return max(of_parts) if _grows_as_its_parts(e) else inf
+
+
+def _grows_as_its_parts(e: typed.TypedExpr) -> bool:
+    if isinstance(e, (typed.TypedBinary, typed.Vector)):
+        return e.op in ("+", "-")
+    if isinstance(e, typed.Builtin):
+        return e.name in LARGEST_OF
+    return isinstance(e, (typed.TypedUnary, typed.TypedField, typed.Index, typed.Aggregate))
 
 
 def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:

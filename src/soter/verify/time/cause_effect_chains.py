@@ -123,22 +123,25 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
             if place.module.symbol.shield is not None and not counted and node.index > before:
                 in_step += [node] if _prompt(place, node) else []
             return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
-        if any(
-            place.flat.topics[node.scope.topics[s.topic]].queue_of is not None
-            for s in node.node.subscribes
-        ):
-            raise UnfollowedError(node, "it reads a queue, whose commands may be of any age")
-        after = nodes[k + 1] if k + 1 < len(nodes) else None
-        for topic in node.node.publishes:
-            published = node.scope.topics[topic]
-            if after is None or published in _read_by(place, after):
-                must_publish(node, published)
+        _passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
         if _in_step(place, node) and not counted and node.index > before:
             in_step.append(node)
             before = node.index
         else:
             counted.append(node)
     return DownstreamPath(tuple(counted), tuple(in_step))
+
+
+def _passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
+    """`UnfollowedError` where a node may publish something old, or nothing, to the one after it."""
+    assert node.node is not None
+    topics = place.flat.topics
+    if any(topics[node.scope.topics[s.topic]].queue_of is not None for s in node.node.subscribes):
+        raise UnfollowedError(node, "it reads a queue, whose commands may be of any age")
+    for topic in node.node.publishes:
+        published = node.scope.topics[topic]
+        if after is None or published in _read_by(place, after):
+            must_publish(node, published)
 
 
 def _prompt(place: VerificationSystem, node: Component) -> bool:
@@ -366,21 +369,28 @@ def _upstream(
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module in own:
             continue
-        if not _publishes(c, index):
-            continue
-        if c.role != "node":
-            if seen:
-                yield _ChainPrefix(None, (c,), Releases(1), beside=c)
-                continue
+        if _publishes(c, index):
+            yield from _through(place, c, index, seen)
+
+
+def _through(
+    place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
+) -> Iterator[_ChainPrefix]:
+    """Those that come by a component that publishes there."""
+    assert c.node is not None
+    if c.role != "node":
+        if not seen:
             raise UnfollowedError(c, "the AC of another module may publish anything there")
-        must_publish(c, index)
-        ways = 0
-        for s in c.node.subscribes:
-            read = c.scope.topics[s.topic]
-            if flat.topics[read].queue_of is not None:
-                raise UnfollowedError(c, "it reads a queue, whose values may be of any age")
-            for way in _upstream(place, read, (*seen, c)):
-                ways += 1
-                yield replace(way, nodes=(*way.nodes, c))
-        if not ways:
-            yield _ChainPrefix(None, (c,), Releases(1), source=True)
+        yield _ChainPrefix(None, (c,), Releases(1), beside=c)
+        return
+    must_publish(c, index)
+    ways = 0
+    for s in c.node.subscribes:
+        read = c.scope.topics[s.topic]
+        if place.flat.topics[read].queue_of is not None:
+            raise UnfollowedError(c, "it reads a queue, whose values may be of any age")
+        for way in _upstream(place, read, (*seen, c)):
+            ways += 1
+            yield replace(way, nodes=(*way.nodes, c))
+    if not ways:
+        yield _ChainPrefix(None, (c,), Releases(1), source=True)

@@ -282,8 +282,7 @@ def times_of(
     def ns(expr: typed.TypedExpr | None) -> int:
         return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
 
-    given = {name: getattr(verify, name) for name in DELAYS}
-    delays = {name: ns(expr) for name, expr in given.items()}
+    delays = {name: ns(getattr(verify, name)) for name in DELAYS}
     dm, sc = read_by_dm(place), read_by_sc(place)
     for topic in {**dm, **sc}:
         _aged(place, topic, diagnostics)
@@ -306,20 +305,14 @@ def times_of(
     if not diagnostics.has_errors:
         assumed = assumed_of(schedule, chains)
         rests = check_deployed(place.flat, place.home, assumed, diagnostics)
-    times = Times(
-        schedule,
-        rests=tuple(rests),
-        horizon=None if verify.horizon is None else ns(verify.horizon),
-        declared=frozenset(
-            [name for name, expr in given.items() if expr is not None]
-            + ([] if undeclared(place, chains) else ["nodes"])
-        ),
-    )
+    declared = [name for name in DELAYS if getattr(verify, name) is not None]
+    declared += [] if undeclared(place, chains) else ["nodes"]
+    horizon = None if verify.horizon is None else ns(verify.horizon)
+    times = Times(schedule, horizon, frozenset(declared), tuple(rests))
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
-        if not place.abstract:
-            for who, topics in (("the DM", dm), ("SC", sc)):
-                _of_one_instant(place, who, topics, diagnostics)
+        for who, topics in () if place.abstract else (("the DM", dm), ("SC", sc)):
+            _of_one_instant(place, who, topics, diagnostics)
     return (of_map(times) if kind == "map" else times), chains
 
 

@@ -21,7 +21,7 @@ from soter.verify.problem.verification_system import sc_reads
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.language.model.system import System
+    from soter.language.model.system import Component, System
     from soter.language.model.typed import TopicSymbol
     from soter.semantics.configuration import Configuration
     from soter.verify.problem.problem import Problem
@@ -40,16 +40,9 @@ def fault_on_defaults(problem: Problem) -> str:
     assert component.node is not None
     modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in _modes(problem)]
     topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
-    paths = schedule.read_by_sc
-    at_once = len({p.publisher for p in paths}) == 1
-    if not any(p.nodes for p in paths) and not schedule.dropout:
-        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
-    followed = {p.topic for p in paths}
-    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
-    others = any(system.topics[t].name not in followed | with_them for t in topics)
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
-    if not at_once or others:
+    if not _published_together(problem, {system.topics[t].name for t in topics}):
         return "SC may read the default of one topic beside a value of another"
     known = {p.topic for p in schedule.read_by_dm}
     kept = bool(component.node.locals) or component.node.takeover is not None
@@ -57,16 +50,31 @@ def fault_on_defaults(problem: Problem) -> str:
         return "SC steps on defaults in any mode of others, with what it keeps: not followed"
     if kept and any(p.topic not in known for p in schedule.read_by_sc):
         return "SC may lose control and take it over, with what it keeps, before it has read"
+    return _first_fault(system, component, steps, modes)
+
+
+def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
+    """What goes wrong in so many first steps; "": nothing."""
     dummies = {c.name: _silent for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()
     for k in range(steps):
-        at = component.phase_ns + k * component.period_ns
-        for seen in _in_every_mode(replace(c, ct=at, FN=(sc,)), modes):
-            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc)
+        at = sc.phase_ns + k * sc.period_ns
+        for seen in _in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
+            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc.index)
             if outcome.fault is not None:
                 return f"SC faults on the defaults that it reads at first: {outcome.fault}"
     return ""
+
+
+def _published_together(problem: Problem, topics: set[str]) -> bool:
+    """Whether SC reads defaults of all of these topics, or of none."""
+    schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
+    at_once = len({p.publisher for p in paths}) == 1
+    if not any(p.nodes for p in paths) and not schedule.dropout:
+        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
+    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
+    return at_once and topics <= {p.topic for p in paths} | with_them
 
 
 def _modes(problem: Problem) -> Mapping[TopicSymbol, str]:

@@ -305,22 +305,7 @@ def _map(
     """A map is only defined at multiples of its period: everything is in whole steps."""
     step = place.plants[0].period_ns
     symbol = place.module.symbol
-    wrong = {
-        "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
-        "the decision module": [times.delta_dm] if times.delta_dm % step else [],
-        "the safe controller": [times.delta_sc] if times.delta_sc % step else [],
-        "the phases": [p for p in (times.phase_sc, times.phase_dm) if p % step],
-    }
-    for who, periods in wrong.items():
-        if periods:
-            diagnostics.error(
-                "R012",
-                f"{who} of module `{symbol.name}` cannot run every "
-                f"{show_ns(periods[0])} beside a plant that moves every {show_ns(step)}",
-                symbol.span,
-                notes=("a plant with `next` has no state between the multiples of its period",),
-                helps=("use multiples of the plant's period",),
-            )
+    _of_whole_steps(place, times, step, diagnostics)
     for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc] if place.abstract else []):
         _of_every_step(place, chain, step, diagnostics)
     acts = times.schedule.published + times.acts
@@ -349,6 +334,29 @@ def _map(
             notes=("with `next`, what is read and what acts must be of the same instant",),
             helps=("let SC read the plant's own topic, and the plant SC's",),
         )
+
+
+def _of_whole_steps(
+    place: VerificationSystem, times: Times, step: int, diagnostics: Diagnostics
+) -> None:
+    """R012 for periods and phases that are no multiples of the map's own period."""
+    symbol = place.module.symbol
+    wrong = {
+        "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
+        "the decision module": [times.delta_dm] if times.delta_dm % step else [],
+        "the safe controller": [times.delta_sc] if times.delta_sc % step else [],
+        "the phases": [p for p in (times.phase_sc, times.phase_dm) if p % step],
+    }
+    for who, periods in wrong.items():
+        if periods:
+            diagnostics.error(
+                "R012",
+                f"{who} of module `{symbol.name}` cannot run every "
+                f"{show_ns(periods[0])} beside a plant that moves every {show_ns(step)}",
+                symbol.span,
+                notes=("a plant with `next` has no state between the multiples of its period",),
+                helps=("use multiples of the plant's period",),
+            )
 
 
 def _of_every_step(

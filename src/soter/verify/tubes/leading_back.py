@@ -146,19 +146,24 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
 
 def _starts(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> Values:
     """Starts (n, states): corners of the sides that have to come back, the rest at some places."""
-    sides = [[box[s].low, box[s].high] for s in own]
-    corners = [list(c) for c in product(*sides)] if 2 ** len(own) <= CORNERS_MAX else []
-    if not corners:
-        ends = [[side[0] for side in sides], [side[1] for side in sides]]
-        corners = list(ends)
-        for of, other in (ends, ends[::-1]):
-            corners += [[*of[:k], other[k], *of[k + 1 :]] for k in range(len(sides))]
+    corners = _corners([[box[s].low, box[s].high] for s in own])
     rest = [box.get(s, Interval(0.0, 0.0)) for s in check.states]
     rest = [r if np.isfinite(r.high - r.low) else Interval(0.0, 0.0) for r in rest]
     others = [[r.low + (r.high - r.low) * k / PLACES for r in rest] for k in range(PLACES + 1)]
     starts = np.array([other for _ in corners for other in others])
     starts[:, [check.states.index(s) for s in own]] = np.repeat(corners, len(others), axis=0)
     return starts
+
+
+def _corners(sides: Sequence[list[float]]) -> list[list[float]]:
+    """Of a box; of one with many sides those at which all sides but one are the same."""
+    if 2 ** len(sides) <= CORNERS_MAX:
+        return [list(c) for c in product(*sides)]
+    ends = [[side[0] for side in sides], [side[1] for side in sides]]
+    corners = list(ends)
+    for of, other in (ends, ends[::-1]):
+        corners += [[*of[:k], other[k], *of[k + 1 :]] for k in range(len(sides))]
+    return corners
 
 
 def _winds(check: TubeCheck) -> Values:
@@ -305,16 +310,21 @@ class _Search:
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
-                halves = self._halves(part)
-                todo += [(half, depth + 1, 0.5 * share) for half in halves]
-                if not depth:  # what ends the search soonest: the last part of those to come
-                    for _ in range(1, SPLITS):
-                        halves = self._halves(halves[-1])
-                    todo.append((halves[-1], SPLITS, 0.0))  # counted with what it is of
+                todo += [(half, depth + 1, 0.5 * share) for half in self._halves(part)]
+                todo += (
+                    [] if depth else [(self._last_part(), SPLITS, 0.0)]
+                )  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             if progress is not None:
                 progress(shown)
         return Led(ways)
+
+    def _last_part(self) -> Box:
+        """Of those to come the last: it ends the search soonest."""
+        part = self._box
+        for _ in range(SPLITS):
+            part = self._halves(part)[-1]
+        return part
 
     def _whole(self) -> Box | None:
         """`_way` of all of the box, by the first of `CUTS` that shows the start, too.

@@ -56,9 +56,7 @@ def undrifted(
     answer = caller.value("answers_at_rest", ends)
     if answer is None:
         return "what SC answers at rest is not bounded"
-    ranges: dict[tuple[str, int], Interval] = {("x", s): at[s] for s in check.states}
-    ranges |= {("u", k): Interval(u[2], u[3]) for k, u in enumerate(answer)}
-    ranges |= {("w", k): Interval(d.low, d.high) for k, d in enumerate(check.problem.disturbances)}
+    ranges = _ranges(check, at, [Interval(u[2], u[3]) for u in answer])
     followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
     for z in followed:
         drift = check.problem.drifts[z]
@@ -71,6 +69,15 @@ def undrifted(
             if isfinite(by) and (why := _farther(check, z, e, by, ranges, box)):
                 return f"how far SC moves {name} is not shown: {way}, {why}"
     return ""
+
+
+def _ranges(
+    check: TubeCheck, at: Mapping[int, Interval], answer: Sequence[Interval]
+) -> dict[tuple[str, int], Interval]:
+    """Of all inputs of rates: states, answers of SC, disturbances."""
+    ranges = {("x", s): at[s] for s in check.states}
+    ranges |= {("u", k): u for k, u in enumerate(answer)}
+    return ranges | {("w", k): d for k, d in enumerate(check.problem.disturbances)}
 
 
 def _pushed(check: TubeCheck, state: int) -> str:
@@ -88,9 +95,8 @@ def _pushed(check: TubeCheck, state: int) -> str:
         for kind, k in sorted(movers)
         if kind == "w" and ranges[k].low != ranges[k].high
     ]
-    said += (
-        ["SC, by what it reads"] if check.read_by_law and any(k == "u" for k, _ in movers) else []
-    )
+    if check.read_by_law and "u" in dict(movers):
+        said.append("SC, by what it reads")
     return f" (moved by {', '.join(said)})" if said else ""
 
 

@@ -137,11 +137,7 @@ class TubeCheck:
             raise NoExpressionError("something reads a time, an age or a mode")
         self._left_out()
         self._reads_what_sc_reads(module.seen)
-        bounds = {s: self.problem.system.topics[t].bounds[k] for s, (t, k) in module.seen.items()}
-        self.read_sets = {
-            s: Interval(-inf, inf) if b is None else Interval(b.low, b.high)
-            for s, b in bounds.items()
-        }
+        self.read_sets = {s: self._set_of(t, k) for s, (t, k) in module.seen.items()}
         rates = [every[s] for s in self.states]
         self._still = module.still(rates)
         every_effect = enumerate(module.effects(rates, self._still))
@@ -151,6 +147,11 @@ class TubeCheck:
         ] or [(0, 0, zero)]  # no array is empty
         self._bends = module.bends(self._still)
         self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
+
+    def _set_of(self, topic: int, leaf: int) -> Interval:
+        """The declared set of a leaf of a topic."""
+        bound = self.problem.system.topics[topic].bounds[leaf]
+        return Interval(-inf, inf) if bound is None else Interval(bound.low, bound.high)
 
     def _left_out(self) -> None:
         """States that are not followed have rates, and do not grow without end in finite time.

@@ -27,7 +27,7 @@ from soter.verify.claims.results import (
     ModuleResult,
 )
 from soter.verify.deploy.missing_predicates import rest_claims
-from soter.verify.diagnosis.experiments import younger_reads
+from soter.verify.diagnosis.variations import younger_reads
 from soter.verify.problem.assumption import Assumption
 from soter.verify.sets_certificate_entry import inputs_of, times_of
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
@@ -173,11 +173,7 @@ def verify_by_tubes(
     if claims.answers:
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
-        endless = _endless(check, claims)
-        asked = (refute or explain) and not (endless or claims.astray)
-        tried = _with_younger_reads(problem, progress) if asked else ""
-        kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
-        rest.hint = MOVES if not claims.kept else kept if claims.box else ""
+        rest.hint = _helps(check, claims, progress, ask=bool(refute or explain))
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
@@ -199,6 +195,23 @@ def verify_by_tubes(
     result.findings = {p: findings[p] for p in PROPERTIES}
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _helps(
+    check: TubeCheck,
+    claims: RestClaims,
+    progress: Callable[[float], None] | None,
+    *,
+    ask: bool,
+) -> str:
+    """What helps where rest is not shown; `ask`: younger reads are tried."""
+    endless = _endless(check, claims)
+    asked = ask and not (endless or claims.astray)
+    tried = _with_younger_reads(check.problem, progress) if asked else ""
+    if not claims.kept:
+        return MOVES
+    kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
+    return kept if claims.box else ""
 
 
 def _with_younger_reads(problem: TubeProblem, progress: Callable[[float], None] | None) -> str:

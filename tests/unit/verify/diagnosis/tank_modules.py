@@ -14,7 +14,7 @@ import numpy as np
 
 from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
-from soter.verify.diagnosis import recovery_failures
+from soter.verify.diagnosis import open_claims
 from soter.verify.diagnosis.tried_remedies import mark_untried
 from soter.verify.verify_module import verify_module
 
@@ -64,7 +64,7 @@ def explained(text: str) -> ModuleResult:
     checked = check_file("tank.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     (problem,) = problems_of(modules_of(checked, None, None, {}))
-    with patch.object(recovery_failures, "PUSHED_S", 60.0):
+    with patch.object(open_claims, "BACK_S", 60.0):
         return mark_untried(verify_module(problem, refute=False, explain=True))
 
 

@@ -1,21 +1,15 @@
-"""A state that only goes one way, whatever SC does: said with its end and its rate."""
+"""The run that is shown where SC keeps nothing is one of the tank, and as soon as can be."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.verify.diagnosis.tank_modules import (
-    HIGH,
-    LOW,
-    cause,
-    changed,
-    check_run,
-    explained,
-    kinds,
-    soonest,
-)
+from unit.verify.diagnosis.tank_modules import HIGH, LOW, cause, changed, check_run, explained
+from unit.verify.diagnosis.tank_modules import soonest as soonest_of
+
+LEAK = 0.104
+"""More than the pump gives."""
 
 
 @pytest.fixture(scope="module")
@@ -23,24 +17,21 @@ def draining() -> ModuleResult:
     return explained(changed(("[0.0, 0.02]", "[0.15, 0.2]")))
 
 
-def test_it_is_told_first_with_the_end_by_which_it_leaves(draining: ModuleResult) -> None:
+@pytest.fixture(scope="module")
+def weak() -> ModuleResult:
+    return explained(changed(("[0.0, 0.02]", f"[0.0, {LEAK}]")))
+
+
+def test_it_is_said_that_a_run_leaves_safe_and_when_without_any_disturbance(
+    draining: ModuleResult,
+) -> None:
     finding = draining.findings["P2a"]
-    assert finding.text == "K is empty: the flow leaves C whatever SC does"
-    assert finding.causes[0].kind == "drift_of_all"
-    numbers = dict(finding.causes[0].numbers)
-    assert numbers["end"] == pytest.approx(LOW, abs=0.006)  # a cell
-
-
-def test_no_command_and_no_disturbance_is_slower_than_it_says(draining: ModuleResult) -> None:
-    rate = dict(cause(draining, "P2a", "drift_of_all").numbers)["rate"]
-    chance = np.random.default_rng(1)
-    rates = chance.uniform(-0.1, 0.1, 10_000) - chance.uniform(0.15, 0.2, 10_000)
-    assert rates.max() <= rate < 0.0
-    assert rate == pytest.approx(0.1 - 0.15, abs=1e-9)  # and the fastest pump reaches it
-
-
-def test_strength_is_not_looked_at(draining: ModuleResult) -> None:
-    assert not {"strength", "weak"} & set(kinds(draining, "P2a"))
+    assert finding.text == "K is empty: under SC a run of the model leaves `safe`"
+    assert [c.kind for c in finding.causes] == ["leaves"]
+    alone = soonest_of(1.0, 0.175, 0.0)  # in the middle of what leaks
+    assert finding.leaving is not None
+    told = float(finding.causes[0].text.partition("or delay after ")[2].split()[0])
+    assert finding.leaving.time_s[-1] <= told == pytest.approx(alone, abs=0.11)
 
 
 def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(
@@ -52,12 +43,31 @@ def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(
     assert (run.axis, run.side) == ("t.h", -1)
     check_run(run, (0.15, 0.2), 0.01, 1.0)
     assert not LOW < run.states[-1][0] < HIGH
-    fastest = soonest(1.0, 0.2, 0.01)
+    fastest = soonest_of(1.0, 0.2, 0.01)
     assert run.time_s[-1] <= fastest + 0.11  # the age of what SC reads makes it no later
     assert run.time_s[-1] >= (1.0 - LOW) / 0.3  # nothing falls faster than this
 
 
-def test_a_state_that_can_be_held_is_no_drift() -> None:
-    module_result = explained(changed(("[0.0, 0.02]", "[0.0, 0.104]")))
-    assert "drift_of_all" not in kinds(module_result, "P2a")
-    assert module_result.findings["P2a"].verdict == "undecided"
+def test_what_only_a_disturbance_does_is_not_said_of_the_undisturbed_run(
+    weak: ModuleResult,
+) -> None:
+    assert "without any" not in cause(weak, "P2a", "leaves").text
+    run = weak.findings["P2a"].leaving
+    assert run is not None
+    check_run(run, (0.0, LEAK), 0.01, 1.0)
+    assert run.states[-1][0] < 0.2 <= run.states[-2][0]
+
+
+def test_half_of_what_stands_against_sc_is_tried_and_is_what_it_says(weak: ModuleResult) -> None:
+    """So it is told from an SC that keeps nothing anyway."""
+    hint = weak.findings["P2a"].hint
+    assert hint.startswith("disturbances and errors half as wide")
+    assert hint.endswith("(tried: every claim is proved)")
+    half = (("[0.0, 0.02]", f"[{LEAK / 4}, {LEAK * 3 / 4}]"), ("within 0.01", "within 0.005"))
+    assert explained(changed(*half, ("/ 320", "/ 640"))).verdict == "proved"
+
+
+def test_an_sc_that_keeps_nothing_anyway_is_not_said_to_with_half(draining: ModuleResult) -> None:
+    finding = draining.findings["P2a"]
+    assert any(t.startswith("in vain: ") and "half as wide" in t for t in finding.tried)
+    assert finding.hint.endswith("(not tried)")

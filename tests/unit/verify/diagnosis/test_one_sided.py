@@ -1,4 +1,4 @@
-"""`safe` bounds one side: the grid's other end is told as the wall, and what a wider grid gives."""
+"""`safe` bounds one side: runs leave by the grid's other end, and a longer axis is tried."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ HALF = (
     ("ttf level < 0.25 || level > 1.75", "ttf level < 0.25"),
     ("safer level > 0.4 && level < 1.6", "safer level > 0.4"),
 )
+PREDICATES = ((2, "ttf"), (3, "safer"))
 
 
 @pytest.fixture(scope="module")
@@ -20,11 +21,10 @@ def filling() -> ModuleResult:
     return explained(changed(*HALF))
 
 
-def test_the_wall_is_named(filling: ModuleResult) -> None:
+def test_it_is_said_that_safe_still_holds_where_the_run_leaves(filling: ModuleResult) -> None:
     finding = filling.findings["P2a"]
-    assert finding.text == "K is empty: an end of the grid acts as a wall"
-    assert finding.causes[0].kind == "one_sided"
-    assert dict(finding.causes[0].numbers) == {"end": 1.8, "side": 1.0}
+    assert finding.text.startswith("K is empty: under SC a run of the model leaves the grid where")
+    assert "at t.h = 1.8" in finding.causes[0].text
 
 
 def test_the_run_passes_it_where_safe_holds(filling: ModuleResult) -> None:
@@ -35,14 +35,11 @@ def test_the_run_passes_it_where_safe_holds(filling: ModuleResult) -> None:
     check_run(run, (0.0, 0.02), 0.01, 3.0)
 
 
-def test_the_wider_grid_gives_what_it_says(filling: ModuleResult) -> None:
-    wider = explained(changed(*HALF, ("[0.2, 1.8] / 320", "[0.2, 3.4] / 640")))
-    (part,) = wider.cases[0].groups
-    share = (part.core > 0).sum() / part.allowed.sum()
-    assert share > 0.9
-    assert f"with a grid up to 3.4 K is {share:.1%} of C" in filling.findings["P2a"].causes[0].text
-
-
-def test_bounds_on_both_sides_are_no_wall() -> None:
-    weak = explained(changed(("0.5 * (1.0 - level)", "0.5 * (3.0 - level)")))
-    assert "one_sided" not in [c.kind for c in weak.findings["P2a"].causes]
+def test_the_longer_axis_that_is_told_was_tried(filling: ModuleResult) -> None:
+    said = filling.findings["P2a"].hint
+    grid = "grid t.h in [0.2, 3.4] / 640;"
+    more = "; and neither `ttf` nor `safer`: left out, both are computed"
+    assert said == f"a longer axis: `{grid}`{more} (tried: every claim is proved)"
+    longer = ("grid level in [0.2, 1.8] / 320;", grid)
+    left_out = tuple((f"  {name} {HALF[k][1].partition(' ')[2]};\n", "") for k, name in PREDICATES)
+    assert explained(changed(*HALF, longer, *left_out)).verdict == "proved"

@@ -48,11 +48,6 @@ FINE = (
 )
 
 
-def suggested(module_result: ModuleResult) -> str:
-    """What causes of P2b suggest, whatever was tried and found to help."""
-    return "; ".join(c.hint for c in module_result.findings["P2b"].causes)
-
-
 def helped(module_result: ModuleResult, claim: str = "P2b") -> str:
     return module_result.findings[claim].hint
 
@@ -62,25 +57,10 @@ def elsewhere() -> ModuleResult:
     return explained(changed(ELSEWHERE, FINE, text=LIFT))
 
 
-def test_an_sc_that_rests_outside_safer_is_told_where_it_rests_and_where_safer_holds(
-    elsewhere: ModuleResult,
-) -> None:
+def test_an_sc_that_rests_outside_safer_is_told_where_it_rests(elsewhere: ModuleResult) -> None:
     assert elsewhere.findings["P2b"].verdict == "undecided"
     why = cause(elsewhere, "P2b", "stays_away")
     assert "comes to rest at e.h = 5, e.v = 0" in why.text
-    numbers = dict(why.numbers)
-    assert numbers["at"] == pytest.approx(5.0, abs=1e-3)
-    # on every estimate: 6 and 7.5 less the error of 0.02
-    assert 6.02 <= numbers["low"] < 6.05
-    assert 7.45 < numbers["high"] <= 7.48
-
-
-def test_an_sc_that_goes_where_it_is_told_gives_control_back(elsewhere: ModuleResult) -> None:
-    target = re.search(r"let SC bring e\.h to ([\d.]+) instead of 5", suggested(elsewhere))
-    assert target is not None
-    there = LAW.replace("5.0 -", f"{float(target[1])} -")
-    mended = explained(changed(ELSEWHERE, FINE, (LAW, there), text=LIFT))
-    assert mended.findings["P2b"].verdict == "proved"
 
 
 @pytest.mark.long
@@ -88,8 +68,7 @@ def test_cells_that_are_too_coarse_are_told_with_a_grid_that_does() -> None:
     module_result = explained(LIFT)
     assert module_result.findings["P2b"].verdict == "undecided"
     assert "stays_away" not in kinds(module_result, "P2b")
-    assert "let SC" not in helped(module_result)
-    grid = re.search(r"`(grid [^`]*;)`", suggested(module_result))
+    grid = re.search(r"more cells: `(grid [^`]*;)` \(tried: every", helped(module_result))
     assert grid is not None
     before = re.search(r"grid [^;]*;", LIFT)
     assert before is not None
@@ -103,12 +82,10 @@ def test_a_disturbance_that_pushes_sc_out_of_safer_is_named_with_how_far() -> No
     why = cause(module_result, "P2b", "pushed_out")
     assert "leak = 0.02" in why.text
     assert "error of level = -0.01" in why.text
-    numbers = dict(why.numbers)
-    # the error moves the place where SC rests, and what the DM reads there
-    assert numbers["low"] == pytest.approx(0.96 - 0.01 - 0.01, abs=2e-3)
-    assert numbers["high"] == pytest.approx(1.0 + 0.01 + 0.01, abs=2e-3)
-    wide = f"safer level > {numbers['low'] - 0.02} && level < {numbers['high'] + 0.02}"
-    assert explained(changed((narrow[0], wide))).findings["P2b"].verdict == "proved"
+    assert "`safer` does not hold there of every estimate" in why.text
+    rests = re.search(r"t\.h = ([\d.]+)", why.text.partition("comes to rest")[2])
+    assert rests is not None
+    assert 0.95 - 2e-3 <= float(rests[1]) <= 0.98
 
 
 def test_a_safer_without_room_for_the_error_is_told_how_wide_it_has_to_be() -> None:
@@ -116,21 +93,6 @@ def test_a_safer_without_room_for_the_error_is_told_how_wide_it_has_to_be() -> N
         changed(("safer level > 0.4 && level < 1.6", "safer level > 0.99 && level < 1.0"))
     )
     assert kinds(module_result, "P2b") == ["no_target"]
-    assert "(0.03 in t.h)" in suggested(module_result)  # twice 0.01, and two cells of 0.005
-
-
-@pytest.mark.long
-def test_an_sc_that_only_stops_is_told_from_one_that_is_weak() -> None:
-    stops = (LAW, "-2.0 * motion.v")
-    still = ("load: float in [-0.1, 0.1]", "load: float in [-0.001, 0.001]")
-    module_result = explained(changed(stops, still, text=LIFT))
-    p2a = module_result.findings["P2a"]
-    assert p2a.verdict == "undecided"
-    assert p2a.text == "K is empty: SC only stops, and brings the plant to no place"
-    why = cause(module_result, "P2a", "no_pull")
-    assert why.text.startswith("SC brings e.h to no place")
-    assert "e.v" not in why.text  # that it does stop
-    assert " - h)" not in p2a.hint  # no law that nobody tried
 
 
 def test_an_sc_that_is_too_slow_is_told_the_time_that_it_needs() -> None:
@@ -142,13 +104,3 @@ def test_an_sc_that_is_too_slow_is_told_the_time_that_it_needs() -> None:
     assert mended.findings["P2b"].verdict == "proved"
     less = f"{grid} recover within {int(enough[1]) - 1}ms;"
     assert explained(changed((grid, less))).findings["P2b"].verdict == "undecided"
-
-
-@pytest.mark.long
-def test_a_grid_that_would_not_help_is_not_advised() -> None:
-    weak = changed((LAW, "1.0 * (5.0 - motion.h) - 0.1 * motion.v"), FINE, text=LIFT)
-    p2a = explained(weak).findings["P2a"]
-    (wall,) = [c for c in p2a.causes if c.kind == "drift"]
-    assert "K is empty as well" in wall.text
-    assert "a grid that goes" not in p2a.hint
-    assert "an SC that keeps e.v from getting to" in p2a.hint

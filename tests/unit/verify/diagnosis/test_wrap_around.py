@@ -1,4 +1,4 @@
-"""An angle that turns over: told only where plant and `safe` are the same at both ends."""
+"""An angle that turns over: who counts its turns is said, and an SC that holds one is kept."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import pytest
 
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.verify.diagnosis.tank_modules import cause, changed, explained, kinds
+from unit.verify.diagnosis.tank_modules import cause, changed, explained
 
 ARM = """soter 1;
 topic arm: float max_age 100ms;
@@ -42,9 +42,11 @@ def arm() -> ModuleResult:
     return explained(ARM)
 
 
-def test_an_angle_that_turns_over_is_told_as_such(arm: ModuleResult) -> None:
-    assert arm.findings["P2a"].text == "K is empty: an axis that should wrap around"
-    assert dict(arm.findings["P2a"].causes[0].numbers)["end"] == pytest.approx(math.pi)
+def test_who_counts_the_turns_of_an_angle_is_said(arm: ModuleResult) -> None:
+    """`arm > 100.0` in SC: on an axis of a full turn that nobody counts nothing would leave."""
+    why = cause(arm, "P2a", "leaves").text
+    assert "t.a is an angle whose axis does not wrap around" in why
+    assert "reads how far it has turned" in why
 
 
 def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(
@@ -61,28 +63,13 @@ def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(
     assert run.time_s[-1] == pytest.approx(t, abs=0.06)  # a step of the simulation
 
 
-def test_a_plant_that_differs_at_the_ends_does_not_wrap() -> None:
-    module_result = explained(changed(("0.1 * sin(a)", "0.01 * a"), text=ARM))
-    assert "wrap_around" not in kinds(module_result, "P2a")
-    assert dict(cause(module_result, "P2a", "drift").numbers)["side"] == 1.0
-
-
-def test_a_place_that_merely_moves_on_does_not_wrap() -> None:
+def test_a_place_that_merely_moves_on_is_no_angle() -> None:
     text = changed(("+ 0.1 * sin(a)", ""), ("3.14159265358979", "3.0"), text=ARM)
     text = changed(("sin(arm) < 2.0", "arm < 50.0"), text=text)
-    assert "wrap_around" not in kinds(explained(text), "P2a")
+    assert "angle" not in cause(explained(text), "P2a", "leaves").text
 
 
 ENDS = ("[-3.14159265358979, 3.14159265358979]", "[-3.15, 3.15]")
-
-
-def test_an_angle_whose_grid_is_not_just_one_turn_is_told_with_what_to_do_about_a_heading() -> None:
-    finding = explained(changed(ENDS, text=ARM)).findings["P2a"]
-    assert finding.text == "K is empty: an axis that should wrap around"
-    assert dict(finding.causes[0].numbers)["width"] == pytest.approx(2 * math.pi)
-    assert "SC itself turns t.a on" in finding.causes[0].text
-    assert "clamp(k * wrap_angle(wanted - a), low, high)" in finding.hint
-    assert "cut" not in [c.kind for c in finding.causes]
 
 
 def test_an_angle_that_sc_brings_to_one_heading_as_advised_is_kept() -> None:

@@ -18,10 +18,9 @@ from soter.verify import verify_module as verifying
 from soter.verify.attack.refute import refute
 from soter.verify.claims.results import ModuleResult, PolytopePart
 from soter.verify.deploy.missing_predicates import complete
-from soter.verify.diagnosis.empty_invariant import adds_up
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.polytope.ball_matrices import exact, exponential
-from soter.verify.polytope.claims import PolytopeProof, why_not
+from soter.verify.polytope.claims import why_not
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope
 from soter.verify.polytope.proofs import claims_of
@@ -31,7 +30,6 @@ from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Failure
-    from soter.verify.claims.results import Cause
     from soter.verify.polytope.ball_matrices import Array
     from soter.verify.problem.problem import Problem
 
@@ -151,42 +149,12 @@ def pulled(pull: float) -> tuple[tuple[str, str], ...]:
     return (*FOLLOWING, *COMPUTED, (FORWARD, rate), FOLLOWING_LAW)
 
 
-def still_sums(*changes: tuple[str, str]) -> list[Cause]:
-    """What `adds_up` finds in the matrices, without looking for sets."""
-    problem = problem_of(*changes)
-    library, _ = library_of(problem)
-    (group,) = problem.groups
-    limits = [(a.edges[0], a.edges[-1]) for a in group.axes]
-    part = PolytopePart(group)
-    part.model = linear_group(problem, CompiledEnclosures(library, problem, ()), group, limits)
-    return list(adds_up(PolytopeProof(group, part), problem))
-
-
-def test_a_sum_of_states_that_nothing_pulls_back_is_named() -> None:
-    (why,) = still_sums(*pulled(0.0))
-    assert "`c.v - c.b`" in why.text or "`c.b - c.v`" in why.text
-    assert dict(why.numbers)["rate"] == pytest.approx(0.2, rel=1e-3)
-    assert "no command moves it" in why.hint
-
-
-def test_a_state_that_sc_could_go_by_and_does_not_is_named() -> None:
-    (why,) = still_sums((LAW, "clamp(-2.5 * motion.v, -A, A)"))
-    assert why.hint == "an SC that goes by it"
-    assert "c.x" in why.text
-
-
-@pytest.mark.parametrize("changes", [(), pulled(6.0)])
-def test_nothing_adds_up_where_all_is_pulled_back(changes: tuple[tuple[str, str], ...]) -> None:
-    assert still_sums(*changes) == []
-
-
 @pytest.mark.long
-def test_a_plant_that_nothing_pulls_back_is_told_so_and_no_finer_grid() -> None:
+def test_a_plant_that_nothing_pulls_back_is_shown_to_leave() -> None:
     result = verify_module(problem_of(*pulled(0.0)), refute=False, explain=True)
     p2a = result.findings["P2a"]
-    assert p2a.text == "K is empty: nothing pulls a disturbed state back"
-    assert "no command moves it" in p2a.hint
-    assert "grid" not in p2a.hint
+    assert p2a.text.startswith("K is empty: under SC a run of the model leaves ")
+    assert p2a.leaving is not None
     follows = verify_module(problem_of(*pulled(6.0)), refute=False, explain=True)
     assert follows.findings["P2a"].verdict == "proved"
 

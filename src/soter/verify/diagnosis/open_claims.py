@@ -1,0 +1,300 @@
+"""What was found open: a run of the model that shows it, and where.
+
+Purpose: `explain`: of an empty K the run under SC that leaves C soonest, or that none was seen to;
+of a way back that is not shown the run that ends furthest outside `safer`, or that none does. Also
+beside a run that refutes, which says where it ends and not why.
+Non-goals: verdicts: these are runs of the model, and none of them refutes; what would help
+(`variations.py`), which is measured by proving again. It takes a few CPU seconds at most.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.claims.cells import holding
+from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
+from soter.verify.diagnosis.model_runs import (
+    FALSE,
+    TRUE,
+    LeavingSearch,
+    PointModel,
+    pattern_text,
+    patterns,
+    run,
+    soonest,
+)
+from soter.verify.grid.claims import GridProof
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.verify.claims.case import Case, Failure
+    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    GoOn = Callable[[], bool]
+
+OPEN = (UNDECIDED, REFUTED)
+"""A run says that something fails, and not why SC keeps nothing or does not come back."""
+EMPTY = "K is empty"
+RUNS_S, BACK_S = 2.5, 1.5
+"""CPU seconds for runs that leave C, and for those that do not come back."""
+FROM_START = 0.7
+"""Of these, so much for runs from the declared start; of what is left so much for each other."""
+WALK_HOLDS = 2000
+"""How long a run is followed to see where SC brings it."""
+STILL = 1e-3
+"""Of an axis: a run that moves less in the last quarter of its time has come to rest."""
+DECLARED = "the declared start"
+GIVEN_ALL_THE_SAME = (
+    "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
+    "wherever `safer` holds, so that has to be safe"
+)
+TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads how far it has turned"
+
+
+def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
+    """Enter what shows that K is empty, or that SC does not come back."""
+    p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
+    empty = next((c for c in done if c.failed("P2a")), None)
+    if p2a.verdict in OPEN and empty is not None:
+        _why_empty(done, empty, p2a, go_on)
+    elif p2b.verdict in OPEN:
+        for case in done:
+            stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
+            if stuck is not None:
+                p2b.causes.append(_WayBack(case, stuck).shown(_within(BACK_S, go_on)))
+                break
+    clause = result.problem.module.symbol.stays
+    if safer.verdict in OPEN and empty is None and clause:
+        safer.causes.append(Cause("asked_all_the_same", GIVEN_ALL_THE_SAME.format(clause)))
+
+
+def _within(seconds: float, go_on: GoOn) -> GoOn:
+    """Whether there is time left, of which this may take so much."""
+    until = time.process_time() + seconds
+    return lambda: go_on() and time.process_time() < until
+
+
+# ---------------------------------------------------------------- K
+
+
+def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) -> None:
+    failure = case.failed("P2a")[0]
+    if EMPTY not in failure.text:
+        return
+    model, proof = PointModel(case), failure.proof
+    if isinstance(proof, GridProof) and not proof.found.allowed.any():
+        why, cause = "there is no C", _no_constraint(model)
+    else:
+        search = _leaving(case, model, _within(RUNS_S, go_on))
+        finding.leaving = search.soonest
+        why, cause = _left(search, case) if search.soonest is not None else _none_left(search)
+    failing = sum(bool(c.failed("P2a")) for c in done)
+    if len(done) > 1:
+        pairs = zip(case.problem.parameters, case.parameter, strict=True)
+        at = ", ".join(f"{p.name} = {v}" for p, v in pairs)
+        cause = Cause(cause.kind, f"with {at} (of {len(done)} values {failing} fail) {cause.text}")
+    finding.causes.append(cause)
+    if finding.verdict == UNDECIDED:  # a run that refutes it says more
+        finding.text = f"{EMPTY}: {why}"
+
+
+def _no_constraint(model: PointModel) -> Cause:
+    """C itself has no cell."""
+    start, held = model.start, model.safe(model.start)
+    text = "`safe` holds on no whole cell of the grid"
+    if (start == np.clip(start, model.low, model.high)).all() and held in (FALSE, TRUE):
+        text += f"; at the declared start it is {'true' if held == TRUE else 'false'}"
+    return Cause("constraint", text)
+
+
+def _left(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
+    run_ = search.soonest
+    assert run_ is not None
+    if run_.safe:
+        why = text = "under SC a run of the model leaves `safe`"
+    else:
+        why = "under SC a run of the model leaves the grid where `safe` still holds"
+        text = f"{why}, at {run_.axis} = {run_.states[-1][run_.names.index(run_.axis)]:.6g}: what "
+        text += "lies beyond counts as unsafe"
+        if who := case.problem.turns_read.get(run_.axis):
+            text += TURNS.format(axis=run_.axis, who=who)
+    if search.undisturbed_s is not None:
+        text += f"; without any disturbance, error or delay after {search.undisturbed_s:.4g} s"
+    return why, Cause("leaves", text, "", (("left_s", float(run_.time_s[-1])),))
+
+
+def _none_left(search: LeavingSearch) -> tuple[str, Cause]:
+    """What cells lose is not SC's."""
+    text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
+    text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
+    numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
+    return "but no run of the model was seen to leave C", Cause("no_run", text, "", numbers)
+
+
+def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
+    """The soonest run from the declared start, else from another state of C."""
+    last = LeavingSearch()
+    for start, whose in _starts(case, model):
+        inside = (start >= model.low).all() and (start <= model.high).all()
+        if not inside or not model.safe(start) & TRUE:
+            continue
+        part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
+        search = soonest(model, start, whose, _within(part * RUNS_S, go_on))
+        search.runs += last.runs
+        search.longest_s = max(search.longest_s, last.longest_s)
+        search.cut |= last.cut
+        last = search
+        if search.soonest is not None or not go_on():
+            break
+    return last
+
+
+def _starts(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
+    """The declared start, the middle of C, and half way from there to either end of each axis."""
+    yield model.start, DECLARED
+    middle = model.start
+    for proof in case.proofs:
+        for state, value in proof.deepest.items():
+            middle[state] = value
+    middle = np.clip(middle, model.low, model.high)
+    yield middle, "the middle of C"
+    for axis in range(len(middle)):
+        for end in (model.high, model.low):
+            x = middle.copy()
+            x[axis] = (middle[axis] + end[axis]) / 2
+            yield x, "inside C"
+
+
+# ---------------------------------------------------------------- the way back
+
+
+def _is_way_back(failure: Failure) -> bool:
+    if not isinstance(failure.proof, GridProof):
+        return False
+    home = failure.proof.found.home
+    return failure.stuck or (home is not None and not home.any())
+
+
+@dataclass(frozen=True, eq=False)
+class _End:
+    """The last quarter of a run, and which part of it is outside `safer`."""
+
+    trace: ModelTrace
+    pattern: Pattern
+    outside: float
+    low: Floats
+    high: Floats
+
+
+class _WayBack:
+    """Where SC brings the plant, and whether it gives control back there."""
+
+    def __init__(self, case: Case, failure: Failure) -> None:
+        self.case, self.failure, self.model = case, failure, PointModel(case)
+        assert isinstance(failure.proof, GridProof)
+        self.grid = failure.proof
+
+    def shown(self, go_on: GoOn) -> Cause:
+        """The run that ends outside: the undisturbed one, else the worst with an adversary."""
+        target = self.grid.found.target
+        if target is not None and not target.any():
+            text = "there is no cell all of whose estimates satisfy `safer`"
+            return Cause("no_target", text)
+        start, whose = self._begin()
+        head = f"from {whose} ({_point(self.model, start)}) SC's run of the model"
+        worst: _End | None = None
+        followed = 0
+        for pattern in patterns(self.model):
+            end = self._end(start, pattern, go_on)
+            if end is None:
+                break
+            followed += 1
+            if end.trace.left:
+                if not pattern.any:
+                    text = f"{head} leaves C after {end.trace.times[-1]:.4g} s"
+                    return Cause("leaves", text)
+            elif end.outside and (worst is None or end.outside > worst.outside):
+                worst = end
+                if not pattern.any:
+                    break
+        if worst is not None:
+            kind = "pushed_out" if worst.pattern.any else "stays_away"
+            return Cause(kind, f"{head} {self._place(worst)}")
+        text = f"of {followed} runs of the model from {whose} none stays outside `safer`: no set "
+        return Cause("comes_back", text + "was shown that all runs stay in")
+
+    def _begin(self) -> tuple[Floats, str]:
+        """A cell without a way back; else the declared start, or a state of K."""
+        if self.failure.stuck and self.failure.cells is not None:
+            return self._inside(self.failure.cells), "one of them"
+        if self._in(self.grid.found.core > 0, self.model.start):
+            return self.model.start, DECLARED
+        return self._inside(self.grid.found.core > 0), "inside K"
+
+    def _inside(self, of: Bools) -> Floats:
+        """The middle of the cell of a set that is nearest to the grid's middle."""
+        x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
+        at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
+        for state, edges, i in zip(self.grid.engine.axes, self.grid.engine.edges, at, strict=True):
+            x[state] = (edges[i] + edges[i + 1]) / 2
+        return x
+
+    def _in(self, cells: Bools, x: Floats) -> bool:
+        """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
+        pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
+        at = [holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
+        inside = tuple(b for b in at if b is not None)
+        return len(inside) == len(at) and bool(cells[inside].all())
+
+    def _gives_back(self, x: Floats, *, exact: bool) -> bool:
+        """On the exact estimate of a state, (states,), or on every one; by the DM's table."""
+        if self.case.problem.computed:
+            target = self.grid.found.target
+            return target is not None and self._in(target, x)
+        if exact:
+            return self.model.safer(x)
+        box = self.case.forms.whole.copy()
+        box[self.model.states] = np.stack([x, x], axis=1)
+        return self.case.forms.truth(self.case.problem.returning, box) == TRUE
+
+    def _end(self, start: Floats, pattern: Pattern, go_on: GoOn) -> _End | None:
+        holds = WALK_HOLDS * self.model.inputs.period_ns / 1e9
+        trace = run(self.model, start, pattern, holds, go_on)
+        if pattern.any and not go_on():
+            return None
+        pairs = zip(trace.times, trace.states, strict=True)
+        late = [x for t, x in pairs if t >= 0.75 * trace.times[-1]]
+        wrong = sum(not self._gives_back(x, exact=not pattern.any) for x in late)
+        ends = np.min(late, axis=0), np.max(late, axis=0)
+        return _End(trace, pattern, wrong / len(late), *ends)
+
+    def _place(self, end: _End) -> str:
+        model, low, high = self.model, end.low, end.high
+        still = (high - low <= STILL * np.maximum(model.high - model.low, 1e-300)).all()
+        every = zip(model.names, low, high, strict=True)
+        between = ", ".join(f"{n} = {_zero(a):.4g} and {_zero(b):.4g}" for n, a, b in every)
+        at = f"stays between {between}" if not still else ""
+        at = at or f"comes to rest at {_point(model, end.trace.states[-1])}"
+        chosen = ", ".join(pattern_text(model, end.pattern))
+        against = f"with {chosen} " if chosen else ""
+        text = f"{against}{at} after {end.trace.times[-1]:.4g} s: `safer` does not hold there"
+        return text + " of every estimate" * end.pattern.any
+
+
+def _point(model: PointModel, x: Floats) -> str:
+    return ", ".join(f"{n} = {_zero(v):.5g}" for n, v in zip(model.names, x, strict=True))
+
+
+def _zero(value: float) -> float:
+    """A number that is 0 but for rounding, as 0."""
+    return 0.0 if abs(value) < 1e-9 else value

@@ -1,0 +1,417 @@
+"""What may be changed of a problem that is not proved: one table.
+
+Purpose: `VARIATIONS`: in what words a change is told, the problems that it makes, at which claims
+it may help, and what it costs beside others. One `Problem` is made of another, as it would be had
+something else been written; there is none where that is no problem, or where the module cannot be
+read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
+`remedies`: what the table has for a module; `merged`: the same problem on fewer cells.
+Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
+(`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate import derived_systems
+from soter.language.model.durations import show_ns
+from soter.language.model.least_ages import least_age_ns
+from soter.verify.claims.cells import cells_of, smaller_cells
+from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.diagnosis.model_runs import TRUE, PointModel
+from soter.verify.grid.claims import GridProof
+from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import Group, Interval
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.language.model.system import Module, System
+    from soter.verify.claims.case import Case
+    from soter.verify.claims.results import LeavingRun
+    from soter.verify.problem.problem import Axis, Problem
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+    Ends = dict[int, tuple[float, float]]
+    Change = tuple[Problem | None, str]
+
+
+LONGER = (0.1, 1.0)
+"""Of an axis, so much longer it is made where K is lost at its end; the second where K is empty."""
+BEYOND = 0.01
+"""Of an axis, so far beyond its end `safe` is asked."""
+
+
+@dataclass(frozen=True)
+class NotProved:
+    """What is not proved of a module. `done`: the cases of the problem as it is declared."""
+
+    problem: Problem
+    """With the changes that helped so far."""
+    failing: Sequence[str]
+    done: Sequence[Case]
+    leaving: LeavingRun | None
+
+    @property
+    def loses_core(self) -> bool:
+        """Whether SC keeps nothing at all: everything else rests on that."""
+        return self.failing[0] == "P2a"
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A row of the table."""
+
+    said: str
+    """What to write; `{}`: what the change says of itself."""
+    changes: Callable[[NotProved], Iterator[Change]]
+    without_core: bool
+    """It may help where SC keeps nothing."""
+    with_core: bool
+    """It may help where SC keeps a set, and another claim fails."""
+    cost: int = 0
+    """Of equal cost those with few cells are tried first."""
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A change of a module: what to write, and the problem that it makes."""
+
+    said: str
+    problem: Problem
+    cost: int
+
+
+def remedies(found: NotProved) -> Iterator[Remedy]:
+    """What the table has for claims that fail."""
+    for row in VARIATIONS:
+        if row.without_core if found.loses_core else row.with_core:
+            for problem, said in row.changes(found):
+                if problem is not None:
+                    yield Remedy(row.said.format(said), problem, row.cost)
+
+
+# ---------------------------------------------------------------- the changes
+
+
+def _longer(found: NotProved) -> Iterator[Change]:
+    """Axes that reach further, at ends where K is lost and `safe` still holds."""
+    for part in LONGER if found.loses_core else LONGER[:1]:
+        longer = longer_axes(found.problem, _ends(found, part))
+        if longer.groups != found.problem.groups and cells_of(longer) <= CELLS_MAX["P2a"]:
+            yield longer, lines_of(longer)
+
+
+def _ends(found: NotProved, part: float) -> Ends:
+    """Such ends, `part` of the axis further out: where a run leaves the grid only that one."""
+    ends: Ends = {}
+
+    def lengthen(state: int, edges: Sequence[float], side: int) -> None:
+        more = (edges[-1] - edges[0]) * part
+        low, high = ends.get(state, (edges[0], edges[-1]))
+        ends[state] = (low, high + more) if side else (low - more, high)
+
+    left = found.leaving
+    by = None if left is None else (left.names.index(left.axis), left.side > 0)
+    for grid, case in _declared(found.done):
+        for k, side in _sides(PointModel(case), grid):
+            axis = grid.group.axes[k]
+            if by is None or by == (axis.state, side > 0):
+                lengthen(axis.state, axis.edges, side)
+    return ends
+
+
+def _declared(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
+    """The grids of all cases, on the cells of the problem."""
+    for case in (last.first or last for last in done):
+        for proof in case.proofs:
+            if isinstance(proof, GridProof):
+                yield proof, case
+
+
+def _sides(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
+    """Axis and side (0: low) of ends where K is lost, and beyond which `safe` holds."""
+    sides = []
+    lost = grid.found.allowed & ~(grid.found.core > 0)
+    for k, axis in enumerate(grid.group.axes):
+        if axis.open or axis.unbounded or axis.wraps:
+            continue
+        far = (axis.edges[-1] - axis.edges[0]) * BEYOND
+        for side, end in ((0, axis.edges[0] - far), (1, axis.edges[-1] + far)):
+            at = np.argwhere(np.take(lost, -side, axis=k))
+            for cell in at[[0, len(at) // 2, -1]] if len(at) else ():
+                x, place = model.start, np.insert(cell, k, 0)
+                for a, edges, i in zip(grid.group.axes, grid.engine.edges, place, strict=True):
+                    x[a.state] = (edges[i] + edges[i + 1]) / 2
+                x[axis.state] = end
+                if model.safe(x) == TRUE:
+                    sides.append((k, side))
+                    break
+    return sides
+
+
+def _without_ends(found: NotProved) -> Iterator[Change]:
+    """The axis by whose end a run leaves `open`; that it is read is seen when it is tried."""
+    left = found.leaving
+    if left is not None and not left.safe:
+        opened = without_ends(found.problem, left.names.index(left.axis))
+        yield opened, "" if opened is None else lines_of(opened)
+
+
+def _left_out(found: NotProved) -> Iterator[Change]:
+    yield predicates_left_out(found.problem), ""
+
+
+def _younger(found: NotProved) -> Iterator[Change]:
+    younger = younger_reads(found.problem)
+    if younger is not None:
+        yield younger[0], " and ".join(younger[1])
+
+
+def _other_start(found: NotProved) -> Iterator[Change]:
+    """The nearest states from which SC is in time."""
+    if "start" not in found.failing:
+        return
+    initial, said = list(found.problem.initial), []
+    for grid, case in _declared(found.done):
+        for state, value in _nearest(case, grid):
+            initial[state] = Interval(value, value)
+            name = case.problem.quantities.states[state].name.rpartition(".")[2]
+            said.append(f"`state {name}: float = {value:.6g};` in the plant")
+    if said:
+        yield replace(found.problem, initial=tuple(initial)), " and ".join(dict.fromkeys(said))
+
+
+def _nearest(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
+    """What to begin with in which states: as few as can be, and as near in widths of the grid."""
+    times, engine = case.problem.times, grid.engine
+    in_time = engine.safe_for(case.problem.in_horizon(times.start), grid.found.core > 0)
+    cells = np.argwhere(in_time)
+    if not len(cells):
+        return
+    ends = [case.problem.initial[s] for s in engine.axes]
+    x = np.array([i.low / 2 + i.high / 2 for i in ends])
+    low = np.stack([e[cells[:, k]] for k, e in enumerate(engine.edges)], axis=1)
+    high = np.stack([e[cells[:, k] + 1] for k, e in enumerate(engine.edges)], axis=1)
+    # a border belongs to both of its sides
+    inside = np.clip(x, 0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high)
+    moved = np.where((x >= low) & (x <= high), x, inside)
+    far = np.abs(moved - x) / np.array([e[-1] - e[0] for e in engine.edges])
+    best = np.lexsort((far.max(axis=1), (far > 0.0).sum(axis=1)))[0]
+    for k in np.flatnonzero(far[best] > 0.0):
+        yield engine.axes[k], float(f"{moved[best, k]:.6g}")
+
+
+def _more_cells(found: NotProved) -> Iterator[Change]:
+    grids = [g for g in found.problem.groups if g.representation == "grid"]
+    smaller = replace(smaller_cells(found.problem, grids), declared_groups=())
+    if grids and cells_of(smaller) <= CELLS_MAX["P2a"]:
+        yield smaller, lines_of(smaller)
+
+
+def _half_against(found: NotProved) -> Iterator[Change]:
+    """Disturbances and errors half as wide about their middles: whether it is they, or SC."""
+    p = found.problem
+
+    def half(ranges: tuple[Interval, ...]) -> tuple[Interval, ...]:
+        return tuple(
+            Interval(0.75 * i.low + 0.25 * i.high, 0.25 * i.low + 0.75 * i.high) for i in ranges
+        )
+
+    changed = replace(p, disturbances=half(p.disturbances), errors=half(p.errors))
+    if not p.influences and (changed.disturbances, changed.errors) != (p.disturbances, p.errors):
+        yield changed, ""
+
+
+def _exchanged(found: NotProved) -> Iterator[Change]:
+    """AC in the place of SC, where a run of SC leaves `safe`."""
+    if found.leaving is not None and found.leaving.safe:
+        symbol = found.problem.module.symbol
+        yield exchanged(found.problem), f"ac {symbol.sc.name}; sc {symbol.ac.name};"
+
+
+CELLS, HALF, OTHERS = 1, 2, 3
+"""Costs, after 0: other cells, what asks more of the world, what changes who flies."""
+VARIATIONS = (
+    Variation("a longer axis: `{}`", _longer, without_core=True, with_core=True, cost=CELLS),
+    Variation("no ends where runs leave: `{}`", _without_ends, without_core=True, with_core=False),
+    Variation(
+        "neither `ttf` nor `safer`: left out, both are computed",
+        _left_out,
+        without_core=False,
+        with_core=True,
+    ),
+    Variation("{}", _younger, without_core=True, with_core=True),
+    Variation("{}", _other_start, without_core=False, with_core=True),
+    Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True, cost=CELLS),
+    Variation(
+        "disturbances and errors half as wide",
+        _half_against,
+        without_core=True,
+        with_core=True,
+        cost=HALF,
+    ),
+    Variation(
+        "`{}`, if that is what was meant",
+        _exchanged,
+        without_core=True,
+        with_core=False,
+        cost=OTHERS,
+    ),
+)
+
+
+# ---------------------------------------------------------------- problems made of others
+
+
+def merged(problem: Problem, most: int) -> Problem:
+    """As many cells a step are merged along every axis as leave `most` of them in each group."""
+    groups = tuple(_merged_group(g, most) for g in problem.groups)
+    return replace(problem, groups=groups, declared_groups=())
+
+
+def predicates_left_out(problem: Problem) -> Problem | None:
+    """Neither `ttf` nor `safer`."""
+    if problem.computed:
+        return None
+    symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
+    return _read_again(problem, problem.system, replace(problem.module, symbol=symbol))
+
+
+def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
+    """`max_age` of what SC and the DM read of plants, as small as it can be, and what to write."""
+    told, changed = [], []
+    paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
+    read = {p.topic for p in paths}
+    for index, topic in enumerate(problem.system.topics):
+        least = least_age_ns(problem.system, index)
+        if topic.name not in read or least is None or topic.max_age_ns is None:
+            continue
+        if topic.max_age_ns > least:
+            changed.append(replace(topic, max_age_ns=least))
+            told.append(f"`max_age {show_ns(least).replace(' ', '')}` of `{topic.name}`")
+    if not told:
+        return None
+    system = derived_systems.with_changed_topics(problem.system, changed)
+    again = _read_again(problem, system, problem.module)
+    return None if again is None else (again, tuple(told))
+
+
+def without_ends(problem: Problem, state: int) -> Problem | None:
+    """The axis of a state `open`; that nothing reads the state is seen when it is tried."""
+    if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
+        return None
+    group = problem.groups[0]
+    if any(a.open or a.unbounded or a.wraps for a in group.axes) or group.representation != "grid":
+        return None
+    axes = tuple(_unbounded(a) if a.state == state else a for a in group.axes)
+    states = list(problem.states)
+    edges = next(a.edges for a in axes if a.state == state)
+    states[state] = Interval(edges[0], edges[-1])
+    groups = (replace(group, axes=axes),)
+    return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
+
+
+def extended(edges: Floats, low: float, high: float) -> Floats:
+    """The same cells, and more of the size of the outermost beyond."""
+    width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
+    below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]
+    above = np.arange(edges[-1] + width[1], high + width[1] / 2, width[1])
+    return np.concatenate([below, edges, above])
+
+
+def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
+    """Axes with more cells of the same size; `ends`: by state, from where to where."""
+    states = list(problem.states)
+
+    def changed(axis: Axis) -> Axis:
+        if axis.state not in ends:
+            return axis
+        edges = extended(np.array(axis.edges), *ends[axis.state])
+        states[axis.state] = Interval(float(edges[0]), float(edges[-1]))
+        return replace(axis, edges=tuple(edges.tolist()))
+
+    groups = tuple(replace(g, axes=tuple(changed(a) for a in g.axes)) for g in problem.groups)
+    return replace(problem, groups=groups, declared_groups=(), states=tuple(states))
+
+
+def exchanged(problem: Problem) -> Problem | None:
+    """AC in the place of SC."""
+    m, components = problem.module, problem.system.components
+    if problem.below:
+        return None
+    symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
+    roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
+    system = derived_systems.with_components(problem.system, roles)
+    return _read_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
+
+
+def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
+    """The problem of a module that was changed in its own verification system.
+
+    Grids that were changed before stay so.
+    """
+    whole = problem.view or problem.modes or problem.influences or problem.law
+    if whole or problem.module.symbol.verify.abstracts:
+        return None
+    if module.shield is not None:  # what it permitted was of the other sets
+        module = replace(module, shield=replace(module.shield, held=None, permits=None, moved=()))
+    try:
+        again = extract(derived_systems.with_module(system, module), module)
+    except SoterError:
+        return None
+    if again.computed and any(a.unbounded for g in problem.groups for a in g.axes):
+        return None  # R007
+    return replace(again, groups=problem.groups, states=problem.states)
+
+
+# ---------------------------------------------------------------- grids
+
+
+def _size(group: Group) -> int:
+    return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
+
+
+def _merged_group(group: Group, most: int) -> Group:
+    if group.representation != "grid" or _size(group) <= most:
+        return group
+    step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
+    return replace(group, axes=tuple(_every(a, step) for a in group.axes))
+
+
+def _every(axis: Axis, step: int) -> Axis:
+    edges = axis.edges[::step]
+    last = axis.edges[-1]
+    return replace(axis, edges=edges if edges[-1] == last else (*edges, last))
+
+
+def _unbounded(axis: Axis) -> Axis:
+    width = axis.edges[-1] - axis.edges[0]
+    ends = (axis.edges[0] - width, *axis.edges, axis.edges[-1] + width)
+    return replace(axis, edges=ends, unbounded=True)
+
+
+def lines_of(problem: Problem) -> str:
+    """The `grid` lines of a problem."""
+    return " ".join(
+        f"grid {', '.join(_written(a) for a in g.axes)};"
+        for g in problem.groups
+        if g.representation == "grid"
+    )
+
+
+def _written(axis: Axis) -> str:
+    edges = axis.edges[1:-1] if axis.unbounded else axis.edges
+    edges = edges[:-1] if axis.open else edges
+    low, high = map(axis.end, (edges[0], edges[-1]))
+    said = f"{axis.name} in [{low}, {high}] / {len(edges) - 1}"
+    if axis.open:
+        return f"{said} open to {axis.end(axis.edges[-1])}"
+    return f"{said} open" if axis.unbounded else said
