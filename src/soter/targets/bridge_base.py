@@ -21,7 +21,7 @@ from soter.language.model.types import FloatType, leaves
 from soter.mapping.topic_mapping import SignalSource
 from soter.targets.c99 import command_name
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix import nodes_of, posix_package
+from soter.targets.posix.posix_package import nodes_of, posix_package
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
@@ -343,24 +343,6 @@ def in_folder(folder: str, file: PackageFile) -> PackageFile:
 def shipped(source: Path, name: str) -> PackageFile:
     """C or C++ of the run-time, into `src` of a package."""
     return PackageFile(f"src/{name}", (source / name).read_text("utf-8"))
-
-
-def cmake_programs(sources: dict[str, list[str]]) -> str:
-    """CMake's rules for the programs of the trusted folder."""
-    return "".join(
-        f"""
-add_executable({name} {" ".join(files)})
-target_include_directories({name} PRIVATE {TRUSTED})
-target_link_libraries({name} PRIVATE m pthread)
-"""
-        for name, files in sources.items()
-    )
-
-
-def c_table(kind: str, name: str, rows: list[str]) -> str:
-    """C has no empty tables: where there is nothing, there is one row that nobody counts."""
-    empty = "    {0},\n"
-    return f"static const {kind} {name}[] = {{\n{''.join(rows) or empty}}};\n"
 
 
 def _inside(word: str) -> str:

@@ -13,7 +13,7 @@ from soter.targets.c99 import c99_package
 from soter.targets.cortex_m.cortex_m_package import cortex_m_package
 from soter.targets.dds.dds_package import dds_package
 from soter.targets.mavlink.mavlink_package import mavlink_package
-from soter.targets.posix import posix_package
+from soter.targets.posix.posix_package import posix_package
 from soter.targets.ros.ros_packages import ros1_package, ros2_package
 
 if TYPE_CHECKING:
