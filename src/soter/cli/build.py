@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
 
+PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))
 EXAMPLES = f"""\
   soter build cart.soter --target c -o cart_c && make -C cart_c && cart_c/cart
   soter build cart.soter --system Unprotected -o out
@@ -39,7 +40,7 @@ EXAMPLES = f"""\
 
 in the folder that is written: the program as C, the C of Soter that it needs, inherited.json where
 it deploys what was proved; of c and posix README.md, which says what each file is, of the others a
-package for their build tool (docs/ros.md, docs/dds.md, docs/mavlink.md)
+package for their build tool ({PAGES})
 
 {CERTIFICATE_FOLDER}"""
 
@@ -59,15 +60,22 @@ def parser() -> CommandParser:
         help="of a system that `deploys` another: the certificate of that one; checked again",
     )
     made.add_argument(
-        "--board", metavar="B", help="of cortex-m: a board, or its file (docs/bare-metal.md)"
+        "--board",
+        metavar="B",
+        help=f"of {_names(boarded=True)}: a board, or its file (docs/bare-metal.md)",
     )
     made.add_argument(
         "--map",
         metavar="FILE",
-        help="of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
+        help=f"of {_names(mapped=True)}: which topic is which of its messages (docs/mapping.md)",
     )
     add_settings(made)
     return made
+
+
+def _names(*, mapped: bool = False, boarded: bool = False) -> str:
+    """The targets that want it."""
+    return ", ".join(n for n, t in TARGETS.items() if (t.mapped, t.boarded) == (mapped, boarded))
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:

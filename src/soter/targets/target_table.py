@@ -6,6 +6,7 @@ Non-goals: making them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -28,24 +29,34 @@ if TYPE_CHECKING:
     from soter.targets.package import Package, PackageFile
 
     Maker = Callable[..., Package]
-    """(system, core, folder), and the mapping where the target is in MAPPED, board and run where it
-    is in BOARDED."""
 
-TARGETS: dict[str, Maker] = {
-    "c": c99_package,
-    "posix": posix_package,
-    "ros1": ros1_package,
-    "ros2": ros2_package,
-    "dds": dds_package,
-    "mavlink": mavlink_package,
-    "cortex-m": cortex_m_package,
+
+@dataclass(frozen=True)
+class Target:
+    """A target: who makes its package, and what has to be given to it beside system and Core."""
+
+    make: Maker
+    """Of (system, core, folder), and the mapping or board and run where it wants them."""
+    page: str = ""
+    """Of the documents: where its package is told, which has no README.md then."""
+    mapped: bool = False
+    """It speaks with a middleware: a mapping says which topic is which of its messages."""
+    boarded: bool = False
+    """It is an image: a board says where everything lies."""
+    drops_bindings: bool = False
+    """It leaves out what externs are bound to outside C, without a word of its own on it."""
+
+
+TARGETS = {
+    "c": Target(c99_package, drops_bindings=True),
+    "posix": Target(posix_package),
+    "ros1": Target(ros1_package, "docs/ros.md", mapped=True),
+    "ros2": Target(ros2_package, "docs/ros.md", mapped=True),
+    "dds": Target(dds_package, "docs/dds.md", mapped=True),
+    "mavlink": Target(mavlink_package, "docs/mavlink.md", mapped=True),
+    "cortex-m": Target(cortex_m_package, boarded=True),
 }
-"""The default first."""
-MAPPED = frozenset(("ros1", "ros2", "dds", "mavlink"))
-"""What speaks with a middleware: a mapping says which topic is which of its messages."""
-BOARDED = frozenset(("cortex-m",))
-"""What is an image: a board says where everything lies."""
-COMING: tuple[str, ...] = ()
+"""By name, the default first: whatever else asks about targets reads it here."""
 
 
 def build_package(
@@ -67,7 +78,7 @@ def build_package(
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     given = onto or (() if mapping is None else (mapping,))
-    package = TARGETS[target](system, core, folder, *given)
+    package = TARGETS[target].make(system, core, folder, *given)
     package.target = target
     package.files += more
     return package.write()
@@ -76,20 +87,20 @@ def build_package(
 def require_options(target: str, *, mapping: bool, board: bool) -> None:
     """SoterError U001 for a target that does not exist, or a mapping or board amiss or too many."""
     if target not in TARGETS:
-        what = "is still to come" if target in COMING else "does not exist"
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
-        raise _unusable(f"the target `{target}` {what}", known, *(f"to come: {t}" for t in COMING))
-    if board != (target in BOARDED):
+        raise _unusable(f"the target `{target}` does not exist", known)
+    wants = TARGETS[target]
+    if board != wants.boarded:
         verb = "is for no board" if board else "needs a board: where everything lies"
         help_ = "leave --board out" if board else "--board NAME or FILE (docs/bare-metal.md)"
         raise _unusable(f"the target `{target}` {verb}", help_)
-    if target in MAPPED and not mapping:
+    if wants.mapped and not mapping:
         what = f"the target `{target}` needs a mapping: which topic is which of its messages"
         raise _unusable(what, "--map FILE (docs/mapping.md)")
-    if target not in MAPPED and mapping:
+    if mapping and not wants.mapped:
         what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
         raise _unusable(what, "leave --map out")
 
 
-def _unusable(what: str, help_: str, *notes: str) -> SoterError:
-    return SoterError((Diagnostic("U001", what, notes=notes, helps=(help_,)),))
+def _unusable(what: str, help_: str) -> SoterError:
+    return SoterError((Diagnostic("U001", what, helps=(help_,)),))
