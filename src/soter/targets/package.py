@@ -37,7 +37,7 @@ class PackageFile:
     yours: bool = False
 
 
-def filled_file(path: str, template: str, *, yours: bool = False, **context: object) -> PackageFile:
+def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
     """A file from a template below this folder, which is told how its C is compiled as well."""
     text = filled(
         f"targets/{template}.j2",
@@ -46,7 +46,7 @@ def filled_file(path: str, template: str, *, yours: bool = False, **context: obj
         meaning=" ".join(MEANING),
         warnings=" ".join(w for w in WARNINGS if w != "-Werror"),
     )
-    return PackageFile(path, text, yours)
+    return PackageFile(path, text)
 
 
 @dataclass

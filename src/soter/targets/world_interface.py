@@ -10,7 +10,7 @@ Non-goals: the driver and the actuators themselves (`runtime/posix/`), laws
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
@@ -184,12 +184,11 @@ class WorldTables:
         if not self.granted:
             return []
         own = (self._file(n, n) for n in APP)
-        return [*own, self._file("actuate.c", "actuate.c", yours=True)]
+        return [*own, replace(self._file("actuate.c", "actuate.c"), yours=True)]
 
-    def _file(self, path: str, template: str, *, yours: bool = False) -> PackageFile:
-        prefix = self.unit.prefix
-        of = {"world": self, "system": self.system, "prefix": prefix}
-        return filled_file(path, f"posix/{template}", yours=yours, **of)
+    def _file(self, path: str, template: str) -> PackageFile:
+        of = {"world": self, "system": self.system, "prefix": self.unit.prefix}
+        return filled_file(path, f"posix/{template}", **of)
 
     def actuator_sources(self) -> list[str]:
         """What the program of the actuators is made of."""

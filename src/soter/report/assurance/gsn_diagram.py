@@ -157,19 +157,12 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         _move(root, short)
         width += 2 * short
     rows = _rows(root)
-    y = float(MARGIN)
-    for row in rows:
-        for s in row:
-            s.y = y
-            if s.node.kind == "solution":
-                above = [a for r in rows for a in r if any(b is s for b in a.below)]
-                s.x = sum(a.x for a in above) / len(above)
-        _apart([s for s in row if s.node.kind == "solution"])
-        y += max(s.height for s in row) + GAP
-    parts = [line for row in rows for s in row for below in s.below for line in _arrow(s, below)]
-    parts += [line for row in rows for s in row for line in _shape(case, s)]
+    y = _stack(rows)
+    spots = [s for row in rows for s in row]
+    parts = [line for s in spots for below in s.below for line in _arrow(s, below)]
+    parts += [line for s in spots for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
-    drawn = {part for row in rows for s in row for part in _parts_of(case, s.node)}
+    drawn = {part for s in spots for part in _parts_of(case, s.node)}
     lines = _legend([*drawn, *(kind for kind, _ in beside)])
     parts += [
         f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
@@ -184,6 +177,24 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         + "".join(parts)
         + "</svg>"
     )
+
+
+def _stack(rows: list[list[_Spot]]) -> float:
+    """Rows below one another, circles below what they support; where the last one ends."""
+    above: dict[int, list[_Spot]] = {}
+    for a in (a for row in rows for a in row):
+        for b in dict.fromkeys(map(id, a.below)):
+            above.setdefault(b, []).append(a)
+    y = float(MARGIN)
+    for row in rows:
+        circles = [s for s in row if s.node.kind == "solution"]
+        for s in row:
+            s.y = y
+        for s in circles:
+            s.x = sum(a.x for a in above[id(s)]) / len(above[id(s)])
+        _apart(circles)
+        y += max(s.height for s in row) + GAP
+    return y
 
 
 def _move(spot: _Spot, by: float) -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.core.core import CoreSystem
-    from soter.language.model.system import System
+    from soter.language.model.system import Component, System
     from soter.targets.cortex_m.board import Board
     from soter.targets.cortex_m.loop_tables import LoopTick
 
@@ -95,11 +95,11 @@ def cortex_m_package(
         *([PackageFile(RECORDING, replay.recording)] if replay.recording else ()),
         *c99.extern_files(program.linked),
     ]
-    bound = dict.fromkeys(x.binding.split(":")[1] for x in apart if x.binding is not None)
-    extern = c99.extern_files([s for s in bound if s != c99.STUBS])
-    package.files = [*trusted, *program.stub_files(), *extern]
-    sources = [f.path for f in (*trusted, *program.stub_files()) if f.path.endswith(".c")]
-    untrusted = [f.path for f in extern if f.path.endswith(".c") and f.path not in sources]
+    stubs = program.stub_files()
+    extern = c99.extern_files([s for s in dict.fromkeys(map(_source, apart)) if s != c99.STUBS])
+    package.files = [*trusted, *stubs, *extern]
+    sources = _c_files([*trusted, *stubs])
+    untrusted = [path for path in _c_files(extern) if path not in sources]
     untrusted += [c99.STUBS] if program.stubs else []
     context = {
         "name": name,
@@ -124,6 +124,16 @@ def cortex_m_package(
     package.image = f"{name}.elf"
     package.commands = [f"make -C {folder} {'run' if board.qemu else f'{name}_loop.elf'}"]
     return package
+
+
+def _source(x: Component) -> str:
+    """The C of an extern node."""
+    assert x.binding is not None
+    return x.binding.split(":")[1]
+
+
+def _c_files(files: list[PackageFile]) -> list[str]:
+    return [f.path for f in files if f.path.endswith(".c")]
 
 
 def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:

@@ -34,7 +34,7 @@ from soter.targets.mavlink.bridge_source import BridgeSource
 from soter.targets.package import Package, PackageFile, filled_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
@@ -122,15 +122,14 @@ def set_point_problems(mapped: TopicMap) -> list[str]:
     if not isinstance(mask, int):
         return [f"{named} `type_mask` is a constant of the mapping: say it in `set`"]
     filled = {*mapped.names, *mapped.constants}
-    problems = []
-    for bit, fields in bits.items():
-        ignored = bool(mask & bit)
-        for name in fields:
-            if ignored and name in filled:
-                problems.append(f"{named} `type_mask` {mask} ignores `{name}`, which is filled")
-            if not ignored and name not in filled:
-                problems.append(f"{named} `type_mask` {mask} commands `{name}`, which nobody fills")
-    return problems
+    said = [(name, bool(mask & bit)) for bit, fields in bits.items() for name in fields]
+    return [
+        f"{named} `type_mask` {mask} ignores `{name}`, which is filled"
+        if ignored
+        else f"{named} `type_mask` {mask} commands `{name}`, which nobody fills"
+        for name, ignored in said
+        if ignored == (name in filled)
+    ]
 
 
 SOURCES = (
@@ -190,17 +189,7 @@ def _refuse(source: BridgeSource) -> None:
     """SoterError D015 for what no autopilot should be sent, or can be asked."""
     problems: list[str] = []
     for m in (*source.inward.values(), *source.outward.values()):
-        named = f"`{m.topic.name}`"
-        if m.channel is not None:
-            problems.append(
-                f"{named}: MAVLink has no channels: its links are `url` of `mavlink`, and whose "
-                "messages it takes says `publisher`"
-            )
-        if not isinstance(m.message, MavlinkMessage):
-            shown = m.message.ros1 if m.message else "no type"
-            problems.append(f"{named} is `{shown}`, no message of MAVLink")
-        if m.frame_id is not None:
-            problems.append(f"{named}: MAVLink has no `frame_id`: say the field in `set`")
+        problems += _of_other_middleware(m)
     for m in source.inward.values():
         problems += _wrong_source(m)
     out: dict[str, str] = {}
@@ -228,6 +217,20 @@ def _refuse(source: BridgeSource) -> None:
     ]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+
+
+def _of_other_middleware(m: TopicMap) -> Iterator[str]:
+    """What a mapping says of a topic that MAVLink does not know."""
+    named = f"`{m.topic.name}`"
+    if m.channel is not None:
+        yield (
+            f"{named}: MAVLink has no channels: its links are `url` of `mavlink`, and whose "
+            "messages it takes says `publisher`"
+        )
+    if not isinstance(m.message, MavlinkMessage):
+        yield f"{named} is `{m.message.ros1 if m.message else 'no type'}`, no message of MAVLink"
+    if m.frame_id is not None:
+        yield f"{named}: MAVLink has no `frame_id`: say the field in `set`"
 
 
 def _wrong_source(m: TopicMap) -> list[str]:

@@ -77,10 +77,10 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; SoterError X008 for an extern node that cannot be a process of its own."""
     refuse_apart(system)
     nodes = nodes_of(system)
-    outside = frozenset(x.index for x in nodes if is_in_python(x.binding))
-    program = c99.ProgramInC(system, core, frozenset(x.index for x in nodes), outside)
+    elsewhere = frozenset(x.index for x in nodes if is_in_python(x.binding))
+    program = c99.ProgramInC(system, core, frozenset(x.index for x in nodes), elsewhere)
     unit, command = program.unit, program.command
-    workers = [_worker(program, x, outside=x.index in outside) for x in nodes]
+    workers = [_worker(program, x) for x in nodes]
     world = WorldTables(system, unit)
     context = _context(program, workers, world)
     copied = c99.extern_files(program.linked)
@@ -88,39 +88,36 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     package.files = [
         *program.files(filled_file("", "posix/soter_app.h", **context).text),
         filled_file(APP_SOURCE, f"posix/{APP_SOURCE}", **context),
-        *(_own(n) for n in dict.fromkeys((*c99.run_time(system), *LEASES)) if n not in ELSEWHERE),
-        *(_own(n, POSIX) for n in (*CHANNEL, *OUTSIDE, *DRIVER)),
+        *_run_time(system),
         *(lease_files(system, unit.prefix) if world.granted else ()),
     ]
     trusted = [f.path for f in (*package.files, *copied) if f.path.endswith(".c")]
     trusted += [c99.STUBS] if program.plants else []
     package.files += [*world.channel_files(), *channel_document_files(system), *copied]
     package.files += program.stub_files()
-    if any(w.program for w in workers):
-        package.files.append(_own(WORKER, POSIX))
-    if world.topics or world.granted:
-        package.files += [_own(n, POSIX) for n in STATUS_TEXT]
-    beside = _worker_files(package, unit, [w for w in workers if w.program])
-    if actuators := world.actuator_files():
-        package.files += [*actuators, *(_own(n, POSIX) for n in ACTUATOR)]
-        beside[f"{command}_actuator"] = world.actuator_sources()
+    beside = _programs_beside(package, program, workers, world)
     package.programs = {
         command: ["-pthread", "-I.", *sorted(trusted)],
         **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
     }
-    folders = {name: PurePath(of[2]).parent for name, of in beside.items()}
-    made = {"trusted": sorted(trusted), "beside": beside, "folders": folders}
-    package.files += [
-        filled_file(n, f"posix/{n}", **context, **made) for n in ("Makefile", "README.md")
-    ]
+    context |= {"trusted": sorted(trusted), "beside": beside}
+    package.files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
     package.notes = [*program.notes, *world.notes, *(t.text for t in takeovers(system))]
-    package.notes += [
-        f"{w.component.name} is Python: `soter run --real-time`, or --worker {w.component.name}=..."
-        for w in workers
-        if not w.program
-    ]
+    package.notes += [_note(w.component.name) for w in workers if not w.program]
     package.commands = [f"make -C {folder}", f"{folder}/{command}"]
     return package
+
+
+def _run_time(system: System) -> list[PackageFile]:
+    """The C that ships, of the kernel and of the driver."""
+    kernel = dict.fromkeys((*c99.run_time(system), *LEASES))
+    driver = (_own(n, POSIX) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
+    return [*(_own(n) for n in kernel if n not in ELSEWHERE), *driver]
+
+
+def _note(name: str) -> str:
+    """Of an extern node whose program is no part of the package."""
+    return f"{name} is Python: `soter run --real-time`, or --worker {name}=..."
 
 
 def nodes_of(system: System) -> list[Component]:
@@ -155,19 +152,35 @@ def _own(name: str, folder: Path = RUNTIME) -> PackageFile:
 # ---------------------------------------------------------------- workers
 
 
-def _worker(program: c99.ProgramInC, x: Component, *, outside: bool) -> Worker:
+def _worker(program: c99.ProgramInC, x: Component) -> Worker:
     unit, exchange = program.unit, exchange_of(program.system, x)
     name, topics = unit.names[x.index], x.scope.topics
     assert x.node is not None
     fields = (field_name(field) for field, _ in request_fields(program.system, x))
     members = (unit.topics[topics[s.topic]][1] for s in x.node.subscribes)
     reads = tuple(zip(fields, members, strict=True))
-    if outside:
+    if is_in_python(x.binding):
         return Worker(x, exchange, name, reads, "", "", "")
     assert x.binding is not None
     _, source, symbol = x.binding.split(":")
     short = name.removeprefix(f"{unit.prefix}_")
     return Worker(x, exchange, name, reads, f"{program.command}_{short}", source, symbol)
+
+
+def _programs_beside(
+    package: Package, program: c99.ProgramInC, workers: list[Worker], world: WorldTables
+) -> dict[str, list[str]]:
+    """Adds the programs of workers and actuators; the sources of each."""
+    built = [w for w in workers if w.program]
+    if built:
+        package.files.append(_own(WORKER, POSIX))
+    if world.topics or world.granted:
+        package.files += [_own(n, POSIX) for n in STATUS_TEXT]
+    beside = _worker_files(package, program.unit, built)
+    if actuators := world.actuator_files():
+        package.files += [*actuators, *(_own(n, POSIX) for n in ACTUATOR)]
+        beside[f"{program.command}_actuator"] = world.actuator_sources()
+    return beside
 
 
 def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str, list[str]]:

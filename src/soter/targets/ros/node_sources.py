@@ -179,7 +179,8 @@ class NodeSources:
             raise unmappable(
                 f"`{mapped.topic.name}` has `{named}`, which ROS {version} does not know"
             )
-        inward, rank = self.bridged.is_inward(index), mapped.promise and mapped.promise.rank
+        inward = self.bridged.is_inward(index)
+        rank = None if mapped.promise is None else mapped.promise.rank
         capitals = self._capitals(index)
         number = "" if rank is None else str(rank + 1)
         return {

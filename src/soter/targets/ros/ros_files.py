@@ -10,7 +10,7 @@ catkin package says and expects (`rostest_files.py`).
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.targets.package import filled_file
@@ -74,7 +74,7 @@ def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
     files = [
         p.file("package.xml", "package.xml"),
         p.file("CMakeLists.txt", f"{folder}/CMakeLists.txt", tested=tested),
-        p.file("config/parameters.yaml", f"{folder}/parameters.yaml", yours=True),
+        replace(p.file("config/parameters.yaml", f"{folder}/parameters.yaml"), yours=True),
         p.file(f"launch/{p.name}_simulation{end}", f"{folder}/simulation{template}"),
     ]
     if p.bridged.programs:
