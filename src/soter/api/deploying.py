@@ -248,8 +248,11 @@ def build(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
-    dropped = _not_carried(bindings) if TARGETS[target].drops_bindings else []
-    package.notes += [*told, *computed, *dropped]
+    package.notes += [
+        *told,
+        *computed,
+        *(_not_carried(bindings) if TARGETS[target].drops_bindings else ()),
+    ]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 

@@ -180,27 +180,21 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel(stack, row, chart, series, chosen)
+        span = levels_range(series)
+        ticks = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
+        stack.add_axis(row, **ticks, **({"range": list(span)} if span else {}))
         notes.append(_panel_name(stack, row, title))
-        shapes += [_level(stack, row, value) for value in levels_of(series)]
-        notes += _scaled(stack, row, chart.time_s, series, end_s)
+        levels = levels_of(series)
+        shapes += [_level(stack, row, value) for value in levels]
+        if span:
+            curves = Curves(chart.time_s, series, end_s, span)
+            notes += level_names(stack.name(row), levels, curves)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
         tuple(data),
         layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
     )
-
-
-def _scaled(
-    stack: _Stack, row: int, time_s: NDArray[np.float64], series: list[Series], end_s: float
-) -> list[Json]:
-    """Add the axis of a panel; the names of its levels, where it is drawn from end to end."""
-    span = levels_range(series)
-    ticks = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
-    stack.add_axis(row, **ticks, **({"range": list(span)} if span else {}))
-    if not span:
-        return []
-    return level_names(stack.name(row), levels_of(series), Curves(time_s, series, end_s, span))
 
 
 def _frame(stack: _Stack) -> Json:
