@@ -8,6 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pytest
+
 from generators.file_listing import files_below
 from unit.test_house_figures import circles
 
@@ -166,6 +168,16 @@ def test_no_two_c_files_have_one_name() -> None:
 
 def test_c_files_do_not_need_each_other_in_circles() -> None:
     assert circles(needs(sources())) == []
+
+
+@pytest.mark.parametrize("folder", ["posix", "mavlink", "dds", "cortex_m"])
+def test_of_two_functions_of_a_driver_or_bridge_one_checks_at_least(folder: str) -> None:
+    texts = (
+        p.read_text(encoding="utf-8") for p in files_below(SOTER / "runtime" / folder, "*.[ch]")
+    )
+    found = [body for text in texts for _, _, body in bodies(bare(text))]
+    assert len(found) > 50
+    assert 2 * sum(body.count("SOTER_CHECK(") for body in found) >= len(found)
 
 
 NO_INVARIANT = {

@@ -32,7 +32,7 @@ from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.cortex_m.board import read_board
 from soter.targets.cortex_m.cortex_m_package import Replay, replayed_until
 from soter.targets.package import PackageFile
-from soter.targets.target_table import build_package, require_options
+from soter.targets.target_table import TARGETS, build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
@@ -249,7 +249,11 @@ def build(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
-    package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
+    package.notes += [
+        *told,
+        *computed,
+        *(_not_carried(bindings) if TARGETS[target].drops_bindings else ()),
+    ]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 

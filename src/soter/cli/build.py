@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from soter.targets.cortex_m.image import Image
     from soter.targets.package import Package
 
+PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))
 EXAMPLES = f"""\
   soter build cart.soter --target c -o cart_c && make -C cart_c && cart_c/cart
   soter build cart.soter --system Unprotected -o out
@@ -41,13 +42,18 @@ EXAMPLES = f"""\
 
 in the folder that is written: the program as C, the C of Soter that it needs, inherited.json where
 it deploys what was proved; of c and posix README.md, which says what each file is, of the others a
-package for their build tool (docs/ros.md, docs/dds.md, docs/mavlink.md)
+package for their build tool ({PAGES})
 
 {CERTIFICATE_FOLDER}"""
 
 
 DEFAULT = next(iter(TARGETS))
 NAMES = " or ".join(f"{t} (the default)" if t == DEFAULT else t for t in TARGETS)
+
+
+def _names(*, mapped: bool = False, boarded: bool = False) -> str:
+    """The targets that want it."""
+    return ", ".join(n for n, t in TARGETS.items() if (t.mapped, t.boarded) == (mapped, boarded))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,12 +70,14 @@ class Options:
         "of a system that `deploys` another: the certificate of that one; checked again",
     )
     board: str | None = option(
-        "--board B", None, "of cortex-m: a board, or its file (docs/bare-metal.md)"
+        "--board B",
+        None,
+        f"of {_names(boarded=True)}: a board, or its file (docs/bare-metal.md)",
     )
     map: str | None = option(
         "--map FILE",
         None,
-        "of ros1, ros2, dds, mavlink: which topic is which of its messages (docs/mapping.md)",
+        f"of {_names(mapped=True)}: which topic is which of its messages (docs/mapping.md)",
     )
     params: Pairs = option(*SET)
 

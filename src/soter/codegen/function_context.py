@@ -58,7 +58,7 @@ class Frame:
         self.groups = groups
         """Component index -> C name of its group of locals or states."""
         self.apart: frozenset[int] = frozenset()
-        """Extern nodes that a driver answers though they are bound to C (`targets/posix.py`)."""
+        """Extern nodes that a driver answers though they are bound to C (`targets/posix/`)."""
         self.works_in_place = False
         """Large locals of nodes are not copied where no fault changes them back (campaigns)."""
         self.branches: list[StepBranch] | None = None

@@ -102,10 +102,11 @@ def lay_out(
 def _sequence(count: int, links: Sequence[Link], first: frozenset[int]) -> list[int]:
     """Position of each box in a sequence in which few arrows go back; those of `first` begin it."""
     left = dict.fromkeys(i for i in range(count) if i not in first)
-    head, tail = [i for i in range(count) if i in first], list[int]()
+    head, tail = sorted(first), list[int]()
     while left:
-        sinks = [i for i in left if not any(k.source == i and k.target in left for k in links)]
-        sources = [i for i in left if not any(k.target == i and k.source in left for k in links)]
+        within = [k for k in links if k.source in left and k.target in left]
+        sinks = sorted(left.keys() - {k.source for k in within})
+        sources = sorted(left.keys() - {k.target for k in within})
         if sinks:
             tail[:0] = sinks
             removed = sinks
@@ -130,30 +131,35 @@ def _layers(
     count: int, links: Sequence[Link], order: Sequence[int], first: frozenset[int]
 ) -> list[int]:
     """The layer of each box: longest path, then as near to its neighbours as they allow."""
-    down = {
-        (k.source, k.target) if order[k.source] < order[k.target] else (k.target, k.source)
-        for k in links
-    }
-    above = [[a for a, b in sorted(down) if b == i] for i in range(count)]
-    below = [[b for a, b in sorted(down) if a == i] for i in range(count)]
+    above, below = _neighbours(count, links, order)
+    downward = sorted(range(count), key=lambda i: order[i])
     layer = [0] * count
-    for i in sorted(range(count), key=lambda i: order[i]):
+    for i in downward:
         layer[i] = max((layer[a] + 1 for a in above[i]), default=0)
+    movable = [i for i in reversed(downward) if i not in first and len(below[i]) != len(above[i])]
     for _ in range(count):
         before = list(layer)
-        for i in sorted(range(count), key=lambda i: -order[i]):
-            if i in first or len(below[i]) == len(above[i]) == 0:
-                continue
+        for i in movable:
             low = max((layer[a] + 1 for a in above[i]), default=0)
             high = min((layer[b] - 1 for b in below[i]), default=low)
-            if len(below[i]) > len(above[i]):
-                layer[i] = high
-            elif len(below[i]) < len(above[i]):
-                layer[i] = low
+            layer[i] = high if len(below[i]) > len(above[i]) else low
         if layer == before:
             break
     least = min(layer, default=0)
     return [n - least for n in layer]
+
+
+def _neighbours(
+    count: int, links: Sequence[Link], order: Sequence[int]
+) -> tuple[list[list[int]], list[list[int]]]:
+    """Of each box those before and those behind it in the sequence that an arrow joins it with."""
+    above: list[list[int]] = [[] for _ in range(count)]
+    below: list[list[int]] = [[] for _ in range(count)]
+    ends = {(k.source, k.target) for k in links}
+    for a, b in sorted({(a, b) if order[a] < order[b] else (b, a) for a, b in ends}):
+        above[b].append(a)
+        below[a].append(b)
+    return above, below
 
 
 def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) -> None:

@@ -71,11 +71,8 @@ def _rows(name: str, label: str, t: Type, path: tuple[int, ...]) -> Iterator[Val
     elif isinstance(t, EnumType):
         yield ValueRow(name, label, (path,), (name,), words=t.members)
     elif isinstance(t, RecordType):
-        numbers = [f for _, f in t.fields if isinstance(f, (FloatType, IntType))]
-        if path and 1 < len(numbers) == len(t.fields) <= ROWS_TOGETHER_MAX and _one_unit(numbers):
-            paths = tuple((*path, i) for i in range(len(numbers)))
-            names = tuple(f"{name}.{n}" for n, _ in t.fields)
-            yield ValueRow(name, label, paths, names, numbers[0].unit)
+        if path and (together := _together(name, label, t, path)) is not None:
+            yield together
             return
         for i, (n, f) in enumerate(t.fields):
             yield from _rows(f"{name}.{n}", f"{label}.{n}" if label else n, f, (*path, i))
@@ -84,8 +81,16 @@ def _rows(name: str, label: str, t: Type, path: tuple[int, ...]) -> Iterator[Val
             yield from _rows(f"{name}[{i}]", f"{label}[{i}]", t.element, (*path, i))
 
 
-def _one_unit(numbers: list[FloatType | IntType]) -> bool:
-    return len({t.unit for t in numbers}) == 1
+def _together(name: str, label: str, t: RecordType, path: tuple[int, ...]) -> ValueRow | None:
+    """One row of a record of a few numbers of one unit; None of any other."""
+    numbers = [f for _, f in t.fields if isinstance(f, (FloatType, IntType))]
+    if not 1 < len(numbers) == len(t.fields) <= ROWS_TOGETHER_MAX:
+        return None
+    if len({number.unit for number in numbers}) > 1:
+        return None
+    paths = tuple((*path, i) for i in range(len(numbers)))
+    names = tuple(f"{name}.{n}" for n, _ in t.fields)
+    return ValueRow(name, label, paths, names, numbers[0].unit)
 
 
 @dataclass(frozen=True)
@@ -283,17 +288,19 @@ def _writers(system: System) -> dict[int, frozenset[str]]:
     above = {m.over for m in system.modules if m.over is not None}
     gated = {i: f"m:{m.name}" for m in system.modules if m.index not in above for i in m.outputs}
     for c in system.components:
-        written = []
-        if c.plant is not None:
-            written = [c.scope.topics[t] for t, _ in c.plant.drives]
-        elif c.node is not None:
-            written = [c.scope.topics[t] for t in c.node.publishes]
-        for i in written:
+        for i in _written(c):
             if i in writers_by_topic and not (c.module is not None and i in gated):
                 writers_by_topic[i].add(_key(c))
     for i, key in gated.items():
         writers_by_topic[i].add(key)
     return {i: frozenset(keys) for i, keys in writers_by_topic.items()}
+
+
+def _written(c: Component) -> list[int]:
+    """The topics that a plant drives, or a node publishes."""
+    if c.plant is not None:
+        return [c.scope.topics[t] for t, _ in c.plant.drives]
+    return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
 
 
 def _readers(system: System) -> dict[int, frozenset[str]]:

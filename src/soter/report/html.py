@@ -62,7 +62,7 @@ def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLik
     """Write a page with nothing but a program on which something is replayed; as `write_html`."""
     main = f'<header class="top"><h1>{escape(title)}</h1><p class="subtitle">{escape(note)}</p>'
     main += f"</header>{program_section(picture)}"
-    script = f"<script>\n{_asset('packed.js')}</script>\n{_replayed(main)}"
+    script = f"<script>\n{asset_text('packed.js')}</script>\n{_replayed(main)}"
     return write_text(_document(title, main, script), path)
 
 
@@ -82,7 +82,7 @@ def inline_document(page: ReportPage) -> str:
     first = text.index("<script>")
     after = text[first:].replace("<script>", '<script type="text/plain" class="later">')
     compressed = base64.b64encode(library).decode("ascii")
-    last = f"<script>\n{_asset('inline.js')}</script>\n</body>"
+    last = f"<script>\n{asset_text('inline.js')}</script>\n</body>"
     return (
         f'{text[:first]}<script type="text/plain" id="library">{compressed}</script>\n'
         + after.replace("</body>", last)
@@ -98,8 +98,8 @@ def document(title: str, main: str, asset: str = "") -> str:
     """Return a page that needs no library; `asset.css` and `asset.js` serve it where named."""
     if not asset:
         return _document(title, main, "")
-    script = f"<script>\n{_asset(f'{asset}.js')}</script>\n"
-    return _document(title, main, script, _asset(f"{asset}.css"))
+    script = f"<script>\n{asset_text(f'{asset}.js')}</script>\n"
+    return _document(title, main, script, asset_text(f"{asset}.css"))
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
@@ -125,7 +125,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 <script type="application/json" id="figures">{drawings}</script>
 {f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
 <script>
-{_asset("packed.js")}{_asset("report.js")}</script>
+{asset_text("packed.js")}{asset_text("report.js")}</script>
 {_replayed(main)}"""
     return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
 
@@ -142,8 +142,8 @@ def _replayed(main: str) -> str:
     """The script of the player, where the page has one."""
     if 'class="player"' not in main:
         return ""
-    led = _asset("led.js") if 'class="led"' in main else ""
-    return f"<script>\n{_asset('player.js')}{_asset('replay.js')}{led}</script>\n"
+    led = asset_text("led.js") if 'class="led"' in main else ""
+    return f"<script>\n{asset_text('player.js')}{asset_text('replay.js')}{led}</script>\n"
 
 
 def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:
@@ -157,7 +157,7 @@ def _document(title: str, main: str, scripts: str, style: str = "", policy: str 
 <meta name="generator" content="soter">
 <title>{escape(title)}</title>
 <style>
-{_asset("report.css")}{style}</style>
+{asset_text("report.css")}{style}</style>
 </head>
 <body>
 <main>
@@ -179,6 +179,6 @@ def _drawing_library() -> str:
     return str(get_plotlyjs())
 
 
-def _asset(name: str) -> str:
+def asset_text(name: str) -> str:
     """Read a file of the `assets` folder."""
     return (resources.files("soter.report") / "assets" / name).read_text(encoding="utf-8")

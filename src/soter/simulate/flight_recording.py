@@ -22,7 +22,7 @@ from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
 from soter.report.printable_text import visible
-from soter.targets.posix import FIRST_LINE, head_of
+from soter.targets.posix.posix_package import FIRST_LINE, head_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -33,7 +33,7 @@ from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
-from soter.targets.posix import nodes_of, posix_package
+from soter.targets.posix.posix_package import nodes_of, posix_package
 from soter.workers.child_process import end_with, let_go_on
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from soter.language.model.types import FloatType, leaves
 from soter.mapping.topic_mapping import SignalSource
 from soter.targets.c99 import command_name
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix import nodes_of, posix_package
+from soter.targets.posix.posix_package import nodes_of, posix_package
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:
@@ -138,35 +138,18 @@ def bridged_topics(
     """
     outside = {e.topic for e in system.externals}
     outside = outside or {t.index for t in system.topics if t.queue_of is None and not t.held}
-    problems = []
+    problems: list[str] = []
     for m in mapping.topics:
-        named = f"`{m.topic.name}`"
         if m.topic.index not in outside:
+            named = f"`{m.topic.name}`"
             problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
         if name is not None and system.externals:
             problems += _of_the_other_way(m)
-        if name is None:
-            pass
-        elif m.channel is None:
-            problems.append(f"{named} has no `channel`: which topic of {middleware} is it?")
-        elif not name.fullmatch(m.channel):
-            problems.append(f"{named}: `{m.channel}` is no name of a topic of {middleware}")
-        if m.where:
-            problems.append(
-                f"`where` of {named} chooses rows of a log: a bridge takes all messages"
-            )
-        if m.message is None:
-            problems.append(f"{named} has no `type`: which messages are its?")
-        elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":
-            problems.append(f"{named}: its `stamp` is in a list, which may be empty in a message")
-    given = {m.topic.index for m in mapping.topics}
-    for e in system.externals:
-        topic = system.topics[e.topic]
-        if topic.driver == "input" and e.topic not in given:
-            problems.append(
-                f"`{topic.name}` comes from the world, and the mapping does not say how"
-            )
-    problems += [p for m in mapping.topics if m.topic.driver != "input" for p in _filled_twice(m)]
+        if name is not None:
+            problems += _wrong_channel(m, middleware, name)
+        problems += _wrong_messages(m)
+    problems += _unmapped(system, mapping)
+    problems += [p for m in mapping.topics for p in _filled_twice(m)]
     problems += [*_shared(mapping), *broken_promises(system, mapping.topics)]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
@@ -180,6 +163,31 @@ def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMa
         why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
         raise SoterError(tuple(Diagnostic("D015", f"`{name}` {why}") for name in named))
     return {m.topic.index: m for m in mapped}
+
+
+def _unmapped(system: System, mapping: LogMap) -> Iterator[str]:
+    """What comes from the world in no way that the mapping says."""
+    given = {m.topic.index for m in mapping.topics}
+    for topic in (system.topics[e.topic] for e in system.externals):
+        if topic.driver == "input" and topic.index not in given:
+            yield f"`{topic.name}` comes from the world, and the mapping does not say how"
+
+
+def _wrong_channel(m: TopicMap, middleware: str, name: re.Pattern[str]) -> Iterator[str]:
+    if m.channel is None:
+        yield f"`{m.topic.name}` has no `channel`: which topic of {middleware} is it?"
+    elif not name.fullmatch(m.channel):
+        yield f"`{m.topic.name}`: `{m.channel}` is no name of a topic of {middleware}"
+
+
+def _wrong_messages(m: TopicMap) -> Iterator[str]:
+    named = f"`{m.topic.name}`"
+    if m.where:
+        yield f"`where` of {named} chooses rows of a log: a bridge takes all messages"
+    if m.message is None:
+        yield f"{named} has no `type`: which messages are its?"
+    elif m.stamp is not None and m.message.field(m.stamp.path).through == "sequence":
+        yield f"{named}: its `stamp` is in a list, which may be empty in a message"
 
 
 def _of_the_other_way(m: TopicMap) -> Iterator[str]:
@@ -197,6 +205,8 @@ def _of_the_other_way(m: TopicMap) -> Iterator[str]:
 def _filled_twice(mapped: TopicMap) -> Iterator[str]:
     """Fields of a message that goes out into which two leaves go: one of them would be lost."""
     leaf_by_field: dict[str, str] = {}
+    if mapped.topic.driver == "input":
+        return
     for path, leaf in mapped.leaves.items():
         if isinstance(leaf, SignalSource):
             name = mapped.name_of(path)
@@ -343,24 +353,6 @@ def in_folder(folder: str, file: PackageFile) -> PackageFile:
 def shipped(source: Path, name: str) -> PackageFile:
     """C or C++ of the run-time, into `src` of a package."""
     return PackageFile(f"src/{name}", (source / name).read_text("utf-8"))
-
-
-def cmake_programs(sources: dict[str, list[str]]) -> str:
-    """CMake's rules for the programs of the trusted folder."""
-    return "".join(
-        f"""
-add_executable({name} {" ".join(files)})
-target_include_directories({name} PRIVATE {TRUSTED})
-target_link_libraries({name} PRIVATE m pthread)
-"""
-        for name, files in sources.items()
-    )
-
-
-def c_table(kind: str, name: str, rows: list[str]) -> str:
-    """C has no empty tables: where there is nothing, there is one row that nobody counts."""
-    empty = "    {0},\n"
-    return f"static const {kind} {name}[] = {{\n{''.join(rows) or empty}}};\n"
 
 
 def _inside(word: str) -> str:

@@ -18,7 +18,6 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.unit import generate
-from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.native.source_files import included
 from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
@@ -32,7 +31,7 @@ from soter.targets.leases_and_lateness import (
 from soter.targets.leases_and_lateness import (
     notes as notes_of_leases,
 )
-from soter.targets.package import Package, PackageFile
+from soter.targets.package import Package, PackageFile, filled_file
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -56,37 +55,76 @@ KERNEL = (
 STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 
 
+class ProgramInC:
+    """A system as C, as every target has it; externs without C are bound to `externs.c` here.
+
+    `apart`: components that do not compute in the state. `left`: those that stay as they are bound.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        core: CoreSystem,
+        apart: frozenset[int] = frozenset(),
+        left: frozenset[int] = frozenset(),
+    ) -> None:
+        self.system = system
+        self.stubs = bind_stubs(system, left)
+        self.unit = generate(system, core, apart=apart)
+        self.plants = [x for x in system.components if x.extern and x.plant is not None]
+        self.linked = [s for s in self.unit.c_sources if s != STUBS]
+        self.command = command_name(self.unit.prefix)
+        self.notes = notes(core, [*self.stubs.values(), *self.plants])
+        moved = (self.unit.names[x.index] for x in system.components if x.plant is not None)
+        self.world = tuple(f"{name}_step" for name in moved)
+
+    def files(self, header: str) -> list[PackageFile]:
+        """The program, and who answers its extern plants; `header`: of the driver."""
+        prefix = self.unit.prefix
+        return [
+            PackageFile(f"{prefix}.h", self.unit.header),
+            PackageFile(f"{prefix}.c", self.unit.source),
+            PackageFile(f"{APP}.h", header),
+            PackageFile(f"{APP}.c", app_source(self.unit, self.plants)),
+        ]
+
+    def stub_files(self) -> list[PackageFile]:
+        """`externs.c`, where anybody has to fill it in."""
+        if not (self.stubs or self.plants):
+            return []
+        return [PackageFile(STUBS, stubs_text(self.unit, self.stubs, self.plants), yours=True)]
+
+
 def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; externs without C are bound to `externs.c` here."""
+    program = ProgramInC(system, core)
+    unit, main = program.unit, _main_name(program.unit)
     package = Package(folder)
-    stubs = bind_stubs(system)
-    unit = generate(system, core)
-    linked = [s for s in unit.c_sources if s != STUBS]
-    plants = [x for x in system.components if x.extern and x.plant is not None]
     package.files = [
         *firmware_files(system, unit),
-        PackageFile(f"{unit.prefix}.h", unit.header),
-        PackageFile(f"{unit.prefix}.c", unit.source),
-        PackageFile(f"{APP}.h", app_header(system, unit)),
-        PackageFile(f"{APP}.c", app_source(system, unit, plants)),
-        PackageFile(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
+        *program.files(app_header(system, unit)),
+        PackageFile(main, (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
         *(PackageFile(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in run_time(system)),
+        *lease_files(system, unit.prefix),
+        *program.stub_files(),
+        *extern_files(program.linked),
     ]
-    package.files += lease_files(system, unit.prefix)
-    if stubs or plants:
-        package.files.append(PackageFile(STUBS, stubs_text(unit, stubs, plants), yours=True))
-    package.files += extern_files(linked)
-    sources = [f.path for f in package.files if f.path.endswith(".c")]
-    package.files += [
-        PackageFile("Makefile", _makefile(command_name(unit.prefix), sources, _main_name(unit))),
-        PackageFile("README.md", _readme(system, unit, stubs, plants)),
-    ]
-    package.notes = [*notes(core, stubs, plants), *notes_of_leases(system)]
+    context = {
+        "name": unit.prefix,
+        "command": program.command,
+        "main": main,
+        "sources": sorted(f.path for f in package.files if f.path.endswith(".c")),
+        "program": program,
+        "system": system,
+        "file": PurePath(system.program.path).name,
+        "firmware": firmware_name(system, unit),
+        "leased": leased(system),
+    }
+    package.files += [filled_file(n, f"c/{n}", **context) for n in ("Makefile", "README.md")]
+    package.notes = [*program.notes, *notes_of_leases(system)]
     package.entries = f"{firmware_name(system, unit)}_"
-    package.world = tuple(
-        f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
-    )
-    package.commands = [f"make -C {folder}", f"{folder}/{command_name(unit.prefix)}"]
+    package.world = program.world
+    package.commands = [f"make -C {folder}", f"{folder}/{program.command}"]
     if system.externals:  # nobody would publish for the command: it is for somebody's loop
         package.commands = [f"make -C {folder} lib"]
     return package
@@ -173,9 +211,8 @@ def app_header(system: System, unit: Unit) -> str:
     )
 
 
-def app_source(system: System, unit: Unit, plants: list[Component]) -> str:
+def app_source(unit: Unit, plants: list[Component]) -> str:
     """The answers of extern plants; extern nodes are linked and never due."""
-    del system
     state = c.Name("state")
     body: list[c.CStmt] = []
     for x in plants:
@@ -289,112 +326,15 @@ def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.Funct
     )
 
 
-# ---------------------------------------------------------------- Makefile and README
+# ---------------------------------------------------------------- what is left to do
 
 
-def _makefile(name: str, sources: list[str], main: str) -> str:
-    meaning = " ".join(MEANING)
-    warnings = " ".join(w for w in WARNINGS if w != "-Werror")
-    listed = " \\\n  ".join(sorted(sources))
-    return f"""\
-# Written by soter: `make` builds ./{name}, `make run` runs it, `make lib` builds lib{name}.a for a
-# main of your own (docs/deploy.md).
-CFLAGS ?= -O2
-# these belong to the meaning, so they come last: one rounding an operation, on every compiler
-MEANING := {meaning}
-WARNINGS := {warnings}
-SOURCES := \\
-  {listed}
-
-OBJECTS := $(patsubst %.c,%.o,$(filter-out {main},$(SOURCES)))
-
-{name}: $(SOURCES) $(wildcard *.h extern*/*.h)
-\t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) -I. -o $@ $(SOURCES) -lm
-
-Makefile: ; # never made from a Makefile.c
-lib{name}.a: $(OBJECTS)
-\t$(AR) rcs $@ $(OBJECTS)
-%.o: %.c $(wildcard *.h extern*/*.h)
-\t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) -I. -c -o $@ $<
-.PHONY: run clean lib
-lib: lib{name}.a
-run: {name}
-\t./{name}
-clean:
-\trm -f {name} lib{name}.a $(OBJECTS)
-"""
-
-
-def _readme(
-    system: System, unit: Unit, stubs: dict[str, Component], plants: list[Component]
-) -> str:
-    name = unit.prefix
-    externs = [f"`{x.name}`: `{symbol}`" for symbol, x in stubs.items()]
-    externs += [f"`{x.name}`: `{unit.names[x.index]}_move`" for x in plants]
-    filled = ""
-    if externs:
-        listed = "\n".join(f"- {line}" for line in externs)
-        filled = f"""
-## Externs
-
-`{STUBS}` has a function for each, which fails until you fill it in:
-
-{listed}
-"""
-    leases = ""
-    if leased(system):
-        leases = f"""\
-| `{name}_lease.h`, `{name}_lease.c`, `soter_lease.*` | the actuators: what they obey, the law |
-| `{name}_grant.c`, `soter_grant.*` | the trusted side: who gives leases, and when nobody does |
-"""
-    return f"""\
-# {name}, system {system.name}
-
-Written by soter from `{PurePath(system.program.path).name}` (program {system.program.sha256[:12]}).
-{_how_to_use(system, unit)}
-
-| file | what |
-|---|---|
-| `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
-| `soter.h`, `soter_kernel.c`, `soter_virtual.c` | the kernel and the virtual-time driver |
-| `{firmware_name(system, unit)}_firmware.h` | the program in your own loop: publish, step, read |
-| `soter_firmware.h`, `soter_firmware.c` | what these functions have in common |
-| `messages.json` | what the topics look like in memory; its hash is compared at the start |
-| `soter_check.h` | what must be so; your program defines `soter_check_failed` (docs/deploy.md) |
-| `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
-| `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
-{leases}{filled}"""
-
-
-def _how_to_use(system: System, unit: Unit) -> str:
-    """What to do with a package: a command, or a library where the world is outside."""
-    until = "" if system.until_ns else " --until SECONDS"
-    command = f"""
-    make
-    ./{command_name(unit.prefix)}{until}
-
-runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
-`soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
-where this machine does not compute as the program means (`soter_self_test` says it; your own `main`
-may call it too, with the program: both files are looked at)."""
-    if not system.externals:
-        return command
-    name = firmware_name(system, unit)
-    return f"""
-    make lib
-
-builds `lib{command_name(unit.prefix)}.a` for a loop of your own: `{name}_start`, then in every turn
-`{name}_publish_...`, `{name}_step`, `{name}_read_...` of `{name}_firmware.h` (docs/deploy.md of
-soter). The command below has nobody outside who publishes: it shows that the program runs, no more.
-{command}"""
-
-
-def notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:
+def notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
     """What is still to be filled in or bound, a sentence each."""
     notes = []
-    waiting = [x.name for x in (*stubs.values(), *plants)]
     if waiting:
-        notes.append(f"fill in {STUBS}: {', '.join(waiting)} fail until then")
+        names = ", ".join(x.name for x in waiting)
+        notes.append(f"fill in {STUBS}: {names} fail until then")
     dead = [f.source_name for f in core.functions if f.result is None and not f.source]
     if dead:
         notes.append(

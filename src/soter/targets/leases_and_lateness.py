@@ -120,28 +120,28 @@ def lease_names(system: System, prefix: str) -> dict[int, str]:
 
 def on_the_way(system: System, module: Module) -> Iterator[Component]:
     """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
-    sc = system.components[module.sc]
-    assert sc.node is not None
-    wanted = {*module.inputs, *(sc.scope.topics[s.topic] for s in sc.node.subscribes)}
-    node_by_index: dict[int, Component] = {}
-    while True:
+    wanted = {*module.inputs, *_read_by(system.components[module.sc])}
+    left = [x for x in system.components if x.role == "node" and x.node is not None]
+    found: list[Component] = []
+    more = left
+    while more:
         queued = [system.topics[i].queue_of for i in wanted]
         wanted |= {i for i in queued if i is not None}
-        more = [
-            x
-            for x in system.components
-            if x.role == "node"
-            and x.index not in node_by_index
-            and x.node is not None
-            and wanted & {x.scope.topics[t] for t in x.node.publishes}
-        ]
-        if not more:
-            break
-        for x in more:
-            assert x.node is not None
-            node_by_index[x.index] = x
-            wanted |= {x.scope.topics[s.topic] for s in x.node.subscribes}
-    yield from (node_by_index[i] for i in sorted(node_by_index))
+        more = [x for x in left if not wanted.isdisjoint(_published_by(x))]
+        left = [x for x in left if wanted.isdisjoint(_published_by(x))]
+        wanted.update(i for x in more for i in _read_by(x))
+        found += more
+    yield from sorted(found, key=lambda x: x.index)
+
+
+def _read_by(x: Component) -> list[int]:
+    assert x.node is not None
+    return [x.scope.topics[s.topic] for s in x.node.subscribes]
+
+
+def _published_by(x: Component) -> list[int]:
+    assert x.node is not None
+    return [x.scope.topics[t] for t in x.node.publishes]
 
 
 # ---------------------------------------------------------------- C

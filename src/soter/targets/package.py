@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import ReadError, read_bytes
+from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.report.atomic_write import atomic_write, own_place
+from soter.report.templates import filled
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,6 +35,18 @@ class PackageFile:
     path: str
     text: str
     yours: bool = False
+
+
+def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
+    """A file from a template below this folder, which is told how its C is compiled as well."""
+    text = filled(
+        f"targets/{template}.j2",
+        **context,
+        standard=STANDARD,
+        meaning=" ".join(MEANING),
+        warnings=" ".join(w for w in WARNINGS if w != "-Werror"),
+    )
+    return PackageFile(path, text)
 
 
 @dataclass

@@ -6,6 +6,7 @@ Non-goals: making them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
@@ -21,24 +22,36 @@ if TYPE_CHECKING:
     from soter.targets.cortex_m.cortex_m_package import Replay
     from soter.targets.package import Package, PackageFile
 
-TARGETS = {
-    "c": "soter.targets.c99:c99_package",
-    "posix": "soter.targets.posix:posix_package",
-    "ros1": "soter.targets.ros.ros_packages:ros1_package",
-    "ros2": "soter.targets.ros.ros_packages:ros2_package",
-    "dds": "soter.targets.dds.dds_package:dds_package",
-    "mavlink": "soter.targets.mavlink.mavlink_package:mavlink_package",
-    "cortex-m": "soter.targets.cortex_m.cortex_m_package:cortex_m_package",
-}
-"""The default first: the function that makes it, which is imported when somebody builds for it.
 
-It takes (system, core, folder), and the mapping where the target is in MAPPED, board and run where
-it is in BOARDED."""
-MAPPED = frozenset(("ros1", "ros2", "dds", "mavlink"))
-"""What speaks with a middleware: a mapping says which topic is which of its messages."""
-BOARDED = frozenset(("cortex-m",))
-"""What is an image: a board says where everything lies."""
-COMING: tuple[str, ...] = ()
+@dataclass(frozen=True)
+class Target:
+    """A target: who makes its package, and what has to be given to it beside system and Core."""
+
+    make: str
+    """`MODULE:FUNCTION`, imported when somebody builds for it: from (system, core, folder), and the
+    mapping or board and run where it wants them."""
+    page: str = ""
+    """Of the documents: where its package is told, which has no README.md then."""
+    mapped: bool = False
+    """It speaks with a middleware: a mapping says which topic is which of its messages."""
+    boarded: bool = False
+    """It is an image: a board says where everything lies."""
+    drops_bindings: bool = False
+    """It leaves out what externs are bound to outside C, without a word of its own on it."""
+
+
+TARGETS = {
+    "c": Target("soter.targets.c99:c99_package", drops_bindings=True),
+    "posix": Target("soter.targets.posix.posix_package:posix_package"),
+    "ros1": Target("soter.targets.ros.ros_packages:ros1_package", "docs/ros.md", mapped=True),
+    "ros2": Target("soter.targets.ros.ros_packages:ros2_package", "docs/ros.md", mapped=True),
+    "dds": Target("soter.targets.dds.dds_package:dds_package", "docs/dds.md", mapped=True),
+    "mavlink": Target(
+        "soter.targets.mavlink.mavlink_package:mavlink_package", "docs/mavlink.md", mapped=True
+    ),
+    "cortex-m": Target("soter.targets.cortex_m.cortex_m_package:cortex_m_package", boarded=True),
+}
+"""By name, the default first: whatever else asks about targets reads it here."""
 
 
 def build_package(
@@ -60,7 +73,7 @@ def build_package(
     """
     require_options(target, mapping=mapping is not None, board=onto is not None)
     given = onto or (() if mapping is None else (mapping,))
-    module, _, name = TARGETS[target].partition(":")
+    module, _, name = TARGETS[target].make.partition(":")
     package: Package = getattr(by_name(module), name)(system, core, folder, *given)
     package.target = target
     package.files += more
@@ -70,20 +83,20 @@ def build_package(
 def require_options(target: str, *, mapping: bool, board: bool) -> None:
     """SoterError U001 for a target that does not exist, or a mapping or board amiss or too many."""
     if target not in TARGETS:
-        what = "is still to come" if target in COMING else "does not exist"
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
-        raise _unusable(f"the target `{target}` {what}", known, *(f"to come: {t}" for t in COMING))
-    if board != (target in BOARDED):
+        raise _unusable(f"the target `{target}` does not exist", known)
+    wants = TARGETS[target]
+    if board != wants.boarded:
         verb = "is for no board" if board else "needs a board: where everything lies"
         help_ = "leave --board out" if board else "--board NAME or FILE (docs/bare-metal.md)"
         raise _unusable(f"the target `{target}` {verb}", help_)
-    if target in MAPPED and not mapping:
+    if wants.mapped and not mapping:
         what = f"the target `{target}` needs a mapping: which topic is which of its messages"
         raise _unusable(what, "--map FILE (docs/mapping.md)")
-    if target not in MAPPED and mapping:
+    if mapping and not wants.mapped:
         what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
         raise _unusable(what, "leave --map out")
 
 
-def _unusable(what: str, help_: str, *notes: str) -> SoterError:
-    return SoterError((Diagnostic("U001", what, notes=notes, helps=(help_,)),))
+def _unusable(what: str, help_: str) -> SoterError:
+    return SoterError((Diagnostic("U001", what, helps=(help_,)),))

@@ -62,10 +62,13 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Any:
     if shutil.which("cc") is None:
         pytest.skip("no C compiler here")
     folder: Path = tmp_path_factory.mktemp("clock")
-    source = RUNTIME / "mavlink" / "soter_mavlink_clock.c"
+    sources = [
+        RUNTIME / "mavlink" / "soter_mavlink_clock.c",
+        RUNTIME / "posix" / "soter_posix_check.c",
+    ]
     words = ["cc", "-std=c99", "-shared", "-fPIC", "-O1", "-fsanitize=undefined"]
-    words += ["-fsanitize-undefined-trap-on-error", "-Wall", "-Wextra", "-Werror"]
-    processes.run([*words, "-o", str(folder / "clock.so"), str(source)], check=True)
+    words += ["-fsanitize-undefined-trap-on-error", "-Wall", "-Wextra", "-Werror", f"-I{RUNTIME}"]
+    processes.run([*words, "-o", str(folder / "clock.so"), *map(str, sources)], check=True)
     ffi = cffi.FFI()
     ffi.cdef(DECLARED)
     lib = ffi.dlopen(str(folder / "clock.so"))

@@ -158,10 +158,11 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         width += 2 * short
     rows = _rows(root)
     y = _stack(rows)
-    parts = [line for row in rows for s in row for below in s.below for line in _arrow(s, below)]
-    parts += [line for row in rows for s in row for line in _shape(case, s)]
+    spots = [s for row in rows for s in row]
+    parts = [line for s in spots for below in s.below for line in _arrow(s, below)]
+    parts += [line for s in spots for line in _shape(case, s)]
     parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
-    drawn = {part for row in rows for s in row for part in _parts_of(case, s.node)}
+    drawn = {part for s in spots for part in _parts_of(case, s.node)}
     lines = _legend([*drawn, *(kind for kind, _ in beside)])
     parts += [
         f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
@@ -179,16 +180,19 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
 
 
 def _stack(rows: list[list[_Spot]]) -> float:
-    """Rows one below the other, solutions below the middle of their goals. Where they end."""
+    """Rows below one another, circles below what they support; where the last one ends."""
+    above: dict[int, list[_Spot]] = {}
+    for a in (a for row in rows for a in row):
+        for b in dict.fromkeys(map(id, a.below)):
+            above.setdefault(b, []).append(a)
     y = float(MARGIN)
     for row in rows:
-        solutions = [s for s in row if s.node.kind == "solution"]
-        for s in solutions:
-            above = [a.x for r in rows for a in r if any(b is s for b in a.below)]
-            s.x = sum(above) / len(above)
+        circles = [s for s in row if s.node.kind == "solution"]
         for s in row:
             s.y = y
-        _apart(solutions)
+        for s in circles:
+            s.x = sum(a.x for a in above[id(s)]) / len(above[id(s)])
+        _apart(circles)
         y += max(s.height for s in row) + GAP
     return y
 

@@ -205,17 +205,18 @@ def live_json(live: Live, drawn: Mapping[str, tuple[int, int]] | None = None) ->
         "grid": packed(numbers(grid, 4)),
         "values": [_row(v, drawn, np.round(grid, 4)) for v in live.values],
         "steps": [_steps(s) for s in live.steps],
-        "control": [
-            {
-                "module": c.module,
-                "ac": c.ac,
-                "sc": c.sc,
-                "modes": [[round(t, 4), int(ac)] for t, ac in c.modes[:CHANGES_MAX]],
-                "key": c.saw_key,
-                "saw": [[round(t, 4), text] for t, text in c.saw[:CHANGES_MAX]],
-            }
-            for c in live.control
-        ],
+        "control": [_control(c) for c in live.control],
+    }
+
+
+def _control(c: Control) -> dict[str, object]:
+    return {
+        "module": c.module,
+        "ac": c.ac,
+        "sc": c.sc,
+        "modes": [[round(t, 4), int(ac)] for t, ac in c.modes[:CHANGES_MAX]],
+        "key": c.saw_key,
+        "saw": [[round(t, 4), text] for t, text in c.saw[:CHANGES_MAX]],
     }
 
 

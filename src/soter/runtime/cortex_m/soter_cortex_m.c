@@ -6,6 +6,7 @@
 #include "soter_cortex_m.h"
 
 #include "soter_board.h"
+#include "soter_check.h"
 
 typedef void handler(void);
 
@@ -49,6 +50,7 @@ uint32_t soter_stack_used(void) {
   while (word < &soter_stack_top && *word == UNUSED_STACK) {
     word++;
   }
+  SOTER_CHECK((uintptr_t)word <= (uintptr_t)&soter_stack_top);
   return (uint32_t)((uintptr_t)&soter_stack_top - (uintptr_t)word);
 }
 
@@ -80,12 +82,14 @@ void soter_say_number(const char* before, uint64_t number, const char* after) {
     *digit = (char)('0' + (char)(number % 10U));
     number /= 10U;
   } while (number > 0U);
+  SOTER_CHECK(digit >= room);
   soter_board_say(before);
   soter_board_say(digit);
   soter_board_say(after);
 }
 
 static void say_bits(const char* before, uint64_t bits) {
+  SOTER_CHECK(before != NULL);
   static const char digits[] = "0123456789abcdef";
   char room[17];
   for (uint32_t i = 0; i < 16U; i++) {
@@ -97,6 +101,7 @@ static void say_bits(const char* before, uint64_t bits) {
 }
 
 bool soter_tested(const soter_program* p) {
+  SOTER_CHECK(p != NULL);
   soter_operation o;
   if (!soter_arithmetic_is_right(&o)) {
     soter_board_say("not run: doubles are not IEEE 754 here: ");

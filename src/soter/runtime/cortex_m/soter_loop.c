@@ -13,6 +13,7 @@
 
 #include "soter_app.h"
 #include "soter_board.h"
+#include "soter_check.h"
 #include "soter_cortex_m.h"
 #include "soter_loop_app.h"
 #include "soter_sha256.h"
@@ -86,6 +87,7 @@ static int64_t clock_ns(void) {
 
 static void apply(uint32_t i, int64_t now) {
   const soter_loop_lease* const m = &soter_app_leases[i];
+  SOTER_CHECK(i < soter_app_lease_count && m->lease->size <= sizeof law_or_command);
   const bool leased = soter_lease_read(&modules[i].lease, now, law_or_command);
   soter_board_actuate(m->module, law_or_command, m->lease->size, leased);
 }
@@ -167,6 +169,7 @@ static bool reads_old(const soter_loop_lease* m, int64_t ct) {
   bool old = false;
   for (uint32_t i = 0; i < m->age_count; i++) {
     const soter_read_age* const a = &m->ages[i];
+    SOTER_CHECK(a->component < APP_PROGRAM->components && a->topic < APP_PROGRAM->topics);
     const int64_t stamp = stamps[a->topic];
     old = old || (c[a->component].pending != 0U && (stamp == SOTER_NEVER || ct - stamp > a->most));
   }
@@ -183,6 +186,7 @@ static void note_old_reads(int64_t ct) {
 
 static void granted(uint32_t i, int64_t start, int64_t out) {
   const soter_loop_lease* const m = &soter_app_leases[i];
+  SOTER_CHECK(m->grant->nodes <= APP_NODES);
   held* const h = &modules[i];
   const soter_component* const c = soter_components_of(&state);
   for (uint32_t k = 0; k < m->grant->nodes; k++) {
@@ -194,6 +198,7 @@ static void granted(uint32_t i, int64_t start, int64_t out) {
 
 /* Until when actuators that hold the law may begin to obey; SOTER_NEVER: not in this state. */
 static int64_t begin_by(uint32_t module) {
+  SOTER_CHECK(module < APP_PROGRAM->modules);
   const soter_module* const m = soter_modules_of(APP_PROGRAM, &state) + module;
   const uint32_t dm = APP_PROGRAM->module[module].dm;
   return m->safer != 0U && m->stale == 0U ? soter_components_of(&state)[dm].next : SOTER_NEVER;
@@ -201,6 +206,7 @@ static int64_t begin_by(uint32_t module) {
 
 static void give_lease(uint32_t i, int64_t now) {
   const soter_loop_lease* const m = &soter_app_leases[i];
+  SOTER_CHECK(m->lease->size <= APP_COMMAND_WORDS * sizeof(uint64_t));
   held* const h = &modules[i];
   uint64_t command[APP_COMMAND_WORDS];
   int64_t stamp = 0;
@@ -220,6 +226,7 @@ static void give_lease(uint32_t i, int64_t now) {
 }
 
 static void start_leases(void) {
+  SOTER_CHECK(soter_app_lease_count == APP_LEASES);
   for (uint32_t i = 0; i < soter_app_lease_count; i++) {
     held* const h = &modules[i];
     soter_grant_init(&h->grant, soter_app_leases[i].grant, h->done);
@@ -231,10 +238,12 @@ static void start_leases(void) {
 /* ------------------------------------------------------------------ externs */
 
 static void note_fault(int64_t asked_ns) {
+  SOTER_CHECK(asked_ns >= 0);
   fault_ns = fault_ns < 0 ? asked_ns : fault_ns;
 }
 
 static void note_takeover(void) {
+  SOTER_CHECK(fault_ns <= soter_header_of(&state)->ct);
   const soter_module* const m = soter_modules_of(APP_PROGRAM, &state);
   bool sc = true;
   for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
@@ -247,6 +256,7 @@ static void note_takeover(void) {
 
 /* Takes the answer of the extern that was asked, if it is there or its budget is over. */
 static void collect(int64_t limit_ns) {
+  SOTER_CHECK(soter_app_extern_count == APP_EXTERNS);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     request* const r = &requests[k];
     const soter_unprivileged_state now = soter_unprivileged_now();
@@ -272,6 +282,7 @@ static void ask(int64_t ct) {
     if (c[x->component].pending == 0U) {
       continue;
     }
+    SOTER_CHECK(!requests[k].outstanding);
     c[x->component].pending = 0; /* its step is still to come */
     requests[k].outstanding = true;
     requests[k].asked_ns = ct;
@@ -283,6 +294,7 @@ static void ask(int64_t ct) {
 }
 
 static bool is_unprivileged(uint32_t component) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     if (soter_app_externs[k].component == component) {
       return true;
@@ -302,6 +314,7 @@ static void sense(int64_t ct) {
   }
   for (uint32_t i = 0; i < APP_PROGRAM->topics; i++) {
     int64_t measured = 0;
+    SOTER_CHECK(APP_PROGRAM->topic[i].size <= sizeof value);
     if (APP_PROGRAM->topic[i].publish != NULL && soter_board_sense(i, value, ct, &measured)) {
       (void)soter_publish(APP_PROGRAM, &state, i, value, measured < ct ? measured : ct);
     }
@@ -309,6 +322,7 @@ static void sense(int64_t ct) {
 }
 
 static void trusted_steps(void) {
+  SOTER_CHECK(APP_PROGRAM->components <= APP_COMPONENTS);
   const soter_component* const c = soter_components_of(&state);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
     if (c[i].pending != 0U && !is_unprivileged(i)) {
@@ -377,6 +391,7 @@ static void finish(void) {
 /* What is due at next_ns; gives what PendSV returns to. */
 __attribute__((used)) static uint32_t instant(uint32_t from) {
   const int64_t ct = next_ns;
+  SOTER_CHECK(unfinished > 0U);
   collect(ct);
   end_instant();
 #if defined(SOTER_TRACED) || defined(SOTER_COUNTED)
@@ -400,6 +415,7 @@ __attribute__((used)) static uint32_t instant(uint32_t from) {
 #endif
   ask(ct);
   next_ns = soter_next_instant(APP_PROGRAM, &state);
+  SOTER_CHECK(next_ns > ct);
   unfinished = 0U;
   return soter_unprivileged_return(from);
 }
@@ -409,6 +425,7 @@ __attribute__((naked)) void PendSV_Handler(void) {
 }
 
 int main(void) {
+  SOTER_CHECK(APP_PROGRAM->state_size == sizeof state);
   if (!soter_tested(APP_PROGRAM)) {
     return SOTER_EXIT_ARITHMETIC;
   }

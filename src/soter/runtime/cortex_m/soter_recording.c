@@ -2,12 +2,14 @@
 #include "soter_recording.h"
 
 #include "soter_app.h"
+#include "soter_check.h"
 #include "soter_loop_app.h"
 #include "soter_semihosting.h"
 
 #define NOTHING (-1)
 
 void soter_recording_open(soter_recording* r, const char* file) {
+  SOTER_CHECK(r != NULL && file != NULL);
   r->file = file[0] != '\0' ? soter_semihosting_open(file) : -1;
   r->at = 0U;
   r->filled = 0U;
@@ -16,6 +18,7 @@ void soter_recording_open(soter_recording* r, const char* file) {
 
 /* The next character of the file; NOTHING at its end. */
 static int character(soter_recording* r) {
+  SOTER_CHECK(r->at <= r->filled && r->filled <= sizeof r->room);
   if (r->at == r->filled && r->file >= 0) {
     r->filled = soter_semihosting_read(r->file, r->room, sizeof r->room);
     r->at = 0U;
@@ -44,6 +47,7 @@ static uint32_t digit(int letter) {
 
 /* The bytes of a value; whether they were all there. */
 static bool value(soter_recording* r, uint8_t* to, size_t size) {
+  SOTER_CHECK(size <= APP_TOPIC_WORDS * sizeof(uint64_t));
   for (size_t i = 0; i < size; i++) {
     const int high = character(r);
     const int low = character(r);
@@ -54,6 +58,7 @@ static bool value(soter_recording* r, uint8_t* to, size_t size) {
 
 void soter_recording_publish(soter_recording* r, const soter_program* p, void* state,
                              int64_t next) {
+  SOTER_CHECK(p != NULL && state != NULL);
   static uint64_t given[APP_TOPIC_WORDS];
   for (;;) {
     if (!r->waits) {

@@ -9,6 +9,7 @@
  */
 #include "soter_app.h"
 #include "soter_board.h"
+#include "soter_check.h"
 #include "soter_cortex_m.h"
 #include "soter_loop.h"
 #include "soter_loop_app.h"
@@ -28,6 +29,7 @@ typedef struct {
 } costs;
 
 static uint64_t number(const char** text) {
+  SOTER_CHECK(text != NULL && *text != NULL);
   uint64_t n = 0;
   while (**text >= '0' && **text <= '9') {
     n = 10U * n + (uint64_t)(**text - '0');
@@ -69,12 +71,14 @@ static uint64_t instructions(uint64_t count, const settings* s) {
 }
 
 static void note_cost(costs* c, uint64_t took) {
+  SOTER_CHECK(c->most <= c->ticks);
   c->number++;
   c->ticks += took;
   c->most = took > c->most ? took : c->most;
 }
 
 static void say_cost(const char* before, const costs* c, const settings* s) {
+  SOTER_CHECK(c->number > 0U || c->ticks == 0U);
   const uint64_t mean = c->number == 0U ? 0U : c->ticks / c->number;
   soter_say_number(before, instructions(c->most, s), " at most, ");
   soter_say_number("", instructions(mean, s), " on average, ");
@@ -85,6 +89,7 @@ static void say_cost(const char* before, const costs* c, const settings* s) {
 
 /* An extern node; NULL: an extern plant. */
 static const soter_loop_extern* node_of(uint32_t component) {
+  SOTER_CHECK(component < APP_PROGRAM->components);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     if (soter_app_externs[k].component == component) {
       return &soter_app_externs[k];
@@ -95,6 +100,7 @@ static const soter_loop_extern* node_of(uint32_t component) {
 
 /* What it answers, computed in place; NULL: a fault. */
 static const void* answer_of(const soter_loop_extern* x, const APP_STATE* state) {
+  SOTER_CHECK(x->gather != NULL && x->step != NULL);
   static uint64_t exchanged[2][APP_EXCHANGE_WORDS];
   (void)memset(exchanged, 0, sizeof exchanged);
   x->gather(state, exchanged[0]);
@@ -102,6 +108,7 @@ static const void* answer_of(const soter_loop_extern* x, const APP_STATE* state)
 }
 
 static void answer(APP_STATE* state, uint32_t due) {
+  SOTER_CHECK(due < APP_PROGRAM->components);
   const soter_loop_extern* const x = node_of(due);
   if (x != NULL) {
     soter_answer(APP_PROGRAM, state, due, SOTER_OK, answer_of(x, state));
@@ -113,6 +120,7 @@ static void answer(APP_STATE* state, uint32_t due) {
 /* ------------------------------------------------------------------ the run */
 
 static void run(APP_STATE* state, const settings* s, soter_sha256* hash, costs* c) {
+  SOTER_CHECK(state != NULL && s->recording != NULL);
   const soter_program* const p = APP_PROGRAM;
   soter_recording_open(&recording, s->recording);
   for (int64_t next = soter_next_instant(p, state); next <= (int64_t)s->until_ns;
@@ -130,6 +138,7 @@ static void run(APP_STATE* state, const settings* s, soter_sha256* hash, costs* 
 
 /* The step of a component that is due; of an extern node what is trusted: the gate. */
 static uint64_t step_cost(APP_STATE* state, uint32_t i) {
+  SOTER_CHECK(i < APP_PROGRAM->components);
   const soter_component_info* const info = &APP_PROGRAM->component[i];
   const bool latched = soter_components_of(state)[i].latched != 0U;
   const soter_loop_extern* const x = latched ? NULL : node_of(i);
@@ -146,6 +155,7 @@ static uint64_t step_cost(APP_STATE* state, uint32_t i) {
 
 /* The run once more, step by step. */
 static void count_steps(APP_STATE* state, const settings* s, costs* c) {
+  SOTER_CHECK(APP_PROGRAM->components <= APP_COMPONENTS);
   const soter_program* const p = APP_PROGRAM;
   uint32_t due = 0;
   soter_recording_open(&recording, s->recording);
@@ -168,6 +178,7 @@ static void count_steps(APP_STATE* state, const settings* s, costs* c) {
 }
 
 static void say_module(const soter_program* p, const soter_module* m, uint32_t index) {
+  SOTER_CHECK(index < p->modules);
   soter_board_say("module ");
   soter_board_say(p->module[index].name);
   soter_say_number(": ", m->to_ac, " to AC, ");
@@ -191,6 +202,7 @@ int main(void) {
   static APP_STATE state;
   static costs steps[APP_COMPONENTS];
   const soter_program* const p = APP_PROGRAM;
+  SOTER_CHECK(p->state_size == sizeof state);
   const settings s = read_settings();
   costs c = {0, 0, 0};
   SYST_RVR = SYST_MOST;

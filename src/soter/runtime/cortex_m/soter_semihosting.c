@@ -1,6 +1,8 @@
 /* soter_semihosting.c: see soter_semihosting.h. Numbers: Arm's "Semihosting for AArch32". */
 #include "soter_semihosting.h"
 
+#include "soter_check.h"
+
 #include <string.h>
 
 #define SYS_OPEN 0x01U
@@ -22,6 +24,7 @@ void soter_semihosting_say(const char* text) {
 }
 
 const char* soter_semihosting_words(char* room, size_t size) {
+  SOTER_CHECK(room != NULL && size > 0U);
   const struct {
     char* room;
     uint32_t size;
@@ -36,6 +39,7 @@ const char* soter_semihosting_words(char* room, size_t size) {
 }
 
 int32_t soter_semihosting_open(const char* name) {
+  SOTER_CHECK(name != NULL);
   const struct {
     const char* name;
     uint32_t mode, length;
@@ -44,6 +48,7 @@ int32_t soter_semihosting_open(const char* name) {
 }
 
 uint32_t soter_semihosting_read(int32_t file, char* room, uint32_t size) {
+  SOTER_CHECK(file >= 0 && room != NULL);
   const struct {
     int32_t file;
     char* room;

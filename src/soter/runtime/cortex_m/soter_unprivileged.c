@@ -6,6 +6,8 @@
  */
 #include "soter_unprivileged.h"
 
+#include "soter_check.h"
+
 #include <stddef.h>
 
 #define SCB_CCR (*(volatile uint32_t*)0xE000ED14U)
@@ -31,6 +33,7 @@
 #define THREAD_BASIC 0xFFFFFFFDU
 #define THUMB_STATE (1U << 24)
 #define FRAME_WORDS 8U
+#define FROM_THREAD 8U /* of an EXC_RETURN */
 
 extern uint32_t soter_ac[], soter_ac_end[], soter_flash[], soter_flash_end[];
 
@@ -43,12 +46,14 @@ soter_unprivileged_state soter_unprivileged_now(void) {
 }
 
 int soter_unprivileged_result(void) {
+  SOTER_CHECK(now == SOTER_UNPRIVILEGED_DONE);
   return result;
 }
 
 #if !defined(__ARM_ARCH_6M__)
 /* The exponent of the smallest region that holds so many bytes. */
 static uint32_t region_size(uint32_t bytes) {
+  SOTER_CHECK(bytes > 0U);
   uint32_t log = 5;
   while (log < 32U && (UINT64_C(1) << log) < bytes) {
     log++;
@@ -68,6 +73,7 @@ static void protect_memory(void) {
   }
   const uint32_t flash = (uint32_t)((uintptr_t)soter_flash_end - (uintptr_t)soter_flash);
   const uint32_t own = (uint32_t)((uintptr_t)soter_ac_end - (uintptr_t)soter_ac);
+  SOTER_CHECK((own & (own - 1U)) == 0U && ((uintptr_t)soter_ac & (own - 1U)) == 0U);
   MPU_RBAR = (uint32_t)(uintptr_t)soter_flash | VALID | 0U;
   MPU_RASR = READ_ONLY | NORMAL_MEMORY | region_size(flash) | ENABLE;
   MPU_RBAR = (uint32_t)(uintptr_t)soter_ac | VALID | 1U;
@@ -100,12 +106,14 @@ static void compute(soter_unprivileged_step* step, const void* in, void* out) {
 }
 
 static void set_process_stack(const uint32_t* top) {
+  SOTER_CHECK(((uintptr_t)top & 7U) == 0U);
   __asm volatile("msr psp, %0" : : "r"(top) : "memory");
 }
 
 /* What the thread does from the next return on. */
 static void replace(uintptr_t code, uintptr_t r0, uintptr_t r1, uintptr_t r2) {
   uint32_t* const frame = (uint32_t*)((uintptr_t)soter_ac_end - 4U * FRAME_WORDS);
+  SOTER_CHECK((uintptr_t)frame > (uintptr_t)soter_ac);
   for (uint32_t i = 0; i < FRAME_WORDS; i++) {
     frame[i] = 0U;
   }
@@ -119,6 +127,8 @@ static void replace(uintptr_t code, uintptr_t r0, uintptr_t r1, uintptr_t r2) {
 }
 
 void soter_unprivileged_begin(soter_unprivileged_step* step, const void* in, void* out) {
+  SOTER_CHECK(step != NULL && in != NULL && out != NULL);
+  SOTER_CHECK(now != SOTER_UNPRIVILEGED_RUNS);
   now = SOTER_UNPRIVILEGED_RUNS;
   replace((uintptr_t)compute, (uintptr_t)step, (uintptr_t)in, (uintptr_t)out);
 }
@@ -135,6 +145,7 @@ uint32_t soter_unprivileged_return(uint32_t from) {
 }
 
 void soter_unprivileged_become(void) {
+  SOTER_CHECK((uintptr_t)soter_ac < (uintptr_t)soter_ac_end);
   set_process_stack(soter_ac_end);
   __asm volatile("msr control, %0\n isb" : : "r"(3U) : "memory"); /* no way back */
   for (;;) {
@@ -159,6 +170,7 @@ __attribute__((naked)) void SVC_Handler(void) {
 }
 
 uint32_t soter_unprivileged_stopped(uint32_t from) {
+  SOTER_CHECK((from & FROM_THREAD) != 0U);
 #if !defined(__ARM_ARCH_6M__)
   SCB_CFSR = SCB_CFSR;
 #endif

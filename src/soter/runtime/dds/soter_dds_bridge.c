@@ -57,6 +57,7 @@ static void on_signal(int number) {
 /* What Cyclone DDS says: a payload that it cannot read is counted with its topic. */
 static void on_log(void* given, const dds_log_data_t* log) {
   soter_dds_bridge* const bridge = given;
+  SOTER_CHECK(bridge != NULL && log != NULL);
   char text[SOTER_BRIDGE_LINE / 2];
   (void)snprintf(text, sizeof text, "%.*s",
                  (int)(log->size < sizeof text ? log->size : sizeof text), log->message);
@@ -76,6 +77,7 @@ static void on_log(void* given, const dds_log_data_t* log) {
 
 /* False where there is no such word. */
 static bool option(soter_dds_bridge* bridge, options* o, const char* name, const char* value) {
+  SOTER_CHECK(name != NULL && value != NULL);
   double seconds = 0.0;
   if (strcmp(name, "--channels") == 0 && value[0] != '\0') {
     o->channels = value;
@@ -129,6 +131,7 @@ static int read_arguments(soter_dds_bridge* bridge, options* o, int count, char*
 /* ------------------------------------------------------------------ running */
 
 static bool make_topics(soter_dds_bridge* bridge) {
+  SOTER_CHECK(bridge->topic == NULL);
   const soter_dds_system* const s = bridge->system;
   bridge->topic = calloc(s->ins + s->outs + 1, sizeof *bridge->topic);
   if (bridge->topic == NULL) {
@@ -148,6 +151,7 @@ static bool make_topics(soter_dds_bridge* bridge) {
 }
 
 static bool open_all(soter_dds_bridge* bridge, const char* folder) {
+  SOTER_CHECK(folder != NULL && bridge->topic != NULL);
   bridge->participant = dds_create_participant(bridge->domain, NULL, NULL);
   if (bridge->participant < 0) {
     soter_dds_say(bridge, "", "DDS makes no participant: no network, or a wrong $CYCLONEDDS_URI");
@@ -173,6 +177,7 @@ static bool open_all(soter_dds_bridge* bridge, const char* folder) {
 }
 
 static void run(soter_dds_bridge* bridge, const options* o) {
+  SOTER_CHECK(bridge->topics == bridge->system->ins + bridge->system->outs);
   int64_t looked = 0;
   size_t begun = 0;
   for (; begun < bridge->topics; begun++) {
@@ -206,6 +211,7 @@ static void run(soter_dds_bridge* bridge, const options* o) {
 }
 
 int soter_dds_main(const soter_dds_system* system, int count, char** words) {
+  SOTER_CHECK(system != NULL && system->trusted != NULL);
   soter_dds_bridge bridge = {.system = system, .types_checked = true};
   options o = {.channels = NULL, .status = false, .json = false};
   const int wrong = read_arguments(&bridge, &o, count, words);

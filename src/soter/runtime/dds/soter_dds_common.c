@@ -32,10 +32,12 @@ int64_t soter_dds_wall_ns(void) {
 }
 
 void soter_dds_say(const soter_dds_bridge* bridge, const char* about, const char* what) {
+  SOTER_CHECK(bridge->system != NULL);
   soter_bridge_say(bridge->system->program, about, what);
 }
 
 void soter_dds_count(soter_dds_topic* topic, int what, const char* why) {
+  SOTER_CHECK(what >= 0 && what < SOTER_DDS_COUNTS);
   (void)pthread_mutex_lock(&topic->held);
   const uint64_t many = ++topic->count[what];
   if (why != NULL) {

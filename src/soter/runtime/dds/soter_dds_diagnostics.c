@@ -89,6 +89,7 @@ static const char* open_writer(soter_dds_bridge* bridge, soter_dds_diagnostics* 
 }
 
 const char* soter_dds_open_diagnostics(soter_dds_bridge* bridge, const char* folder) {
+  SOTER_CHECK(bridge->diagnostics == NULL);
   const soter_dds_trusted* const t = bridge->system->trusted;
   soter_dds_diagnostics* const d = calloc(1, sizeof *d);
   bridge->diagnostics = d;
@@ -123,6 +124,7 @@ void soter_dds_close_diagnostics(soter_dds_bridge* bridge) {
 /* A line without values. A text may be from elsewhere: what is no plain letter is a question mark,
  * since readers take it for UTF-8. */
 static void begin(soter_dds_diagnostics* d, size_t k, int level, const char* of) {
+  SOTER_CHECK(k < d->count);
   line* const l = &d->lines[k];
   status_message* const to = &d->shown[k];
   (void)snprintf(l->of, sizeof l->of, "%s", of);
@@ -144,6 +146,7 @@ static void begin(soter_dds_diagnostics* d, size_t k, int level, const char* of)
 /* The value of a new key, with room for a number. */
 static value_message* next(soter_dds_diagnostics* d, size_t k, const char* before,
                            const char* key) {
+  SOTER_CHECK(k < d->count);
   line* const l = &d->lines[k];
   const uint32_t n = d->shown[k].values_._length++;
   SOTER_CHECK(n < VALUES_MAX);
@@ -174,6 +177,7 @@ static void hear(soter_dds_diagnostics* d, const soter_dds_trusted* t) {
 /* Whether there is something new of it. */
 static bool of_module(soter_dds_diagnostics* d, const soter_dds_trusted* t, uint32_t k,
                       int64_t now) {
+  SOTER_CHECK(k < t->module_count);
   const soter_module_place place = {t->module_count, k, t->lease_of[k]};
   const soter_module_facts f = soter_module_facts_of(place, now, d->status_words, d->status_ns,
                                                      d->actuators_words, d->actuators_ns);
@@ -211,6 +215,7 @@ static bool of_module(soter_dds_diagnostics* d, const soter_dds_trusted* t, uint
 
 /* What the trusted part counts of a topic that meets the world. */
 static void of_world(soter_dds_diagnostics* d, const soter_dds_trusted* t, uint32_t topic) {
+  SOTER_CHECK(topic < t->topic_count);
   const size_t k = t->module_count + topic;
   const uint64_t* const words = d->status_words + SOTER_STATUS_HEAD +
                                 SOTER_STATUS_MODULE * t->module_count +
@@ -237,12 +242,14 @@ static uint64_t wrongs(const soter_dds_topic* t) {
   for (int what = 0; what < SOTER_DDS_COUNTS; what++) {
     all += t->count[what];
   }
+  SOTER_CHECK(all >= t->count[SOTER_DDS_TAKEN]);
   return all - t->count[SOTER_DDS_TAKEN] - t->count[SOTER_DDS_BOUND] -
          t->count[SOTER_DDS_PUBLISHED];
 }
 
 /* Its level; `why` in words. */
 static int level_of(const soter_dds_topic* t, line* l, int64_t now, const char** why) {
+  SOTER_CHECK((t->in != NULL) != (t->out != NULL));
   const uint64_t taken = t->count[SOTER_DDS_TAKEN];
   const bool moves = grew(taken, now, &l->good, &l->good_at);
   if (grew(wrongs(t), now, &l->bad, &l->bad_at)) {
@@ -258,6 +265,7 @@ static int level_of(const soter_dds_topic* t, line* l, int64_t now, const char**
 }
 
 static void of_topic(soter_dds_diagnostics* d, size_t k, soter_dds_topic* t, int64_t now) {
+  SOTER_CHECK(k < d->count && strncmp(t->topic, "rt", 2) == 0);
   line* const l = &d->lines[k];
   (void)snprintf(l->name, sizeof l->name, "soter: %s", t->topic + strlen("rt"));
   (void)pthread_mutex_lock(&t->held);
@@ -275,6 +283,7 @@ static void of_topic(soter_dds_diagnostics* d, size_t k, soter_dds_topic* t, int
 }
 
 static void publish(soter_dds_diagnostics* d) {
+  SOTER_CHECK(d->writer > 0);
   const int64_t wall = soter_dds_wall_ns();
   array_message m;
   (void)memset(&m, 0, sizeof m);
@@ -288,6 +297,7 @@ static void publish(soter_dds_diagnostics* d) {
 
 void soter_dds_diagnose(soter_dds_bridge* bridge, int64_t wait_ns) {
   soter_dds_diagnostics* const d = bridge->diagnostics;
+  SOTER_CHECK(d != NULL);
   const soter_dds_trusted* const t = bridge->system->trusted;
   soter_outside_wait(&d->status, wait_ns);
   hear(d, t);

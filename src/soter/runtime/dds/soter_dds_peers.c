@@ -17,6 +17,7 @@
 #define AT_ONCE 32
 
 const char* soter_dds_open_peers(soter_dds_bridge* bridge) {
+  SOTER_CHECK(bridge->participant > 0);
   const dds_entity_t in = bridge->participant;
   bridge->participants = dds_create_reader(in, DDS_BUILTIN_TOPIC_DCPSPARTICIPANT, NULL, NULL);
   bridge->writers = dds_create_reader(in, DDS_BUILTIN_TOPIC_DCPSPUBLICATION, NULL, NULL);
@@ -29,6 +30,7 @@ const char* soter_dds_open_peers(soter_dds_bridge* bridge) {
 /* ------------------------------------------------------------------ who writes */
 
 static void name_of(const dds_qos_t* qos, char* name) {
+  SOTER_CHECK(name != NULL);
   char* given = NULL;
   name[0] = '\0';
   if (qos != NULL && dds_qget_entity_name(qos, &given) && given != NULL) {
@@ -39,6 +41,7 @@ static void name_of(const dds_qos_t* qos, char* name) {
 
 static void name_of_participant(const soter_dds_bridge* bridge, dds_instance_handle_t handle,
                                 char* name) {
+  SOTER_CHECK(bridge->participants > 0 && name != NULL);
   void* sample[1] = {NULL};
   dds_sample_info_t info[1];
   name[0] = '\0';
@@ -55,6 +58,7 @@ static void name_of_participant(const soter_dds_bridge* bridge, dds_instance_han
 /* Whether DDS still matches a writer; its name, or that of its participant, and its GUID. */
 static bool writer_of(const soter_dds_topic* topic, dds_instance_handle_t writer, char* name,
                       char* shown) {
+  SOTER_CHECK(topic->in != NULL && name != shown);
   dds_builtintopic_endpoint_t* const found = dds_get_matched_publication_data(topic->end, writer);
   char guid[2 * sizeof found->key.v + 1];
   name[0] = shown[0] = '\0';
@@ -74,6 +78,7 @@ static bool writer_of(const soter_dds_topic* topic, dds_instance_handle_t writer
 }
 
 static void bind_to(soter_dds_topic* topic, dds_instance_handle_t writer, const char* shown) {
+  SOTER_CHECK(topic->in != NULL && shown != NULL);
   topic->bound = writer;
   (void)pthread_mutex_lock(&topic->held);
   topic->count[SOTER_DDS_BOUND]++;
@@ -82,6 +87,7 @@ static void bind_to(soter_dds_topic* topic, dds_instance_handle_t writer, const 
 }
 
 bool soter_dds_may_write(soter_dds_topic* topic, dds_instance_handle_t writer) {
+  SOTER_CHECK(topic->in != NULL);
   char name[SOTER_DDS_NAME], shown[SOTER_DDS_NAME], why[SOTER_DDS_WHY];
   if (writer == topic->bound) {
     return true;
@@ -145,6 +151,7 @@ static void not_matched(soter_dds_topic* topic, uint32_t id, const char* peer) {
 }
 
 static void look_at_qos(soter_dds_topic* topic) {
+  SOTER_CHECK((topic->in != NULL) != (topic->out != NULL));
   if (topic->in != NULL) {
     dds_requested_incompatible_qos_status_t status;
     if (dds_get_requested_incompatible_qos_status(topic->end, &status) == DDS_RETCODE_OK &&
@@ -161,6 +168,7 @@ static void look_at_qos(soter_dds_topic* topic) {
 }
 
 static void meet(soter_dds_topic* topic, const dds_builtintopic_endpoint_t* peer, bool writes) {
+  SOTER_CHECK(topic->topic != NULL && topic->type != NULL);
   char why[SOTER_DDS_WHY];
   if (strcmp(peer->topic_name, topic->topic) != 0) {
     return;
@@ -184,6 +192,7 @@ static void look_at_endpoints(soter_dds_bridge* bridge, dds_entity_t reader, boo
   }
   dds_return_t many = 0;
   while ((many = dds_take(reader, sample, info, AT_ONCE, AT_ONCE)) > 0) {
+    SOTER_CHECK(many <= AT_ONCE);
     for (int32_t i = 0; i < many; i++) {
       const dds_builtintopic_endpoint_t* const peer = sample[i];
       if (!info[i].valid_data || info[i].instance_state != DDS_IST_ALIVE ||
@@ -199,6 +208,7 @@ static void look_at_endpoints(soter_dds_bridge* bridge, dds_entity_t reader, boo
 }
 
 void soter_dds_look(soter_dds_bridge* bridge) {
+  SOTER_CHECK(bridge->topic != NULL);
   look_at_endpoints(bridge, bridge->writers, true);
   look_at_endpoints(bridge, bridge->readers, false);
   for (size_t k = 0; k < bridge->topics; k++) {

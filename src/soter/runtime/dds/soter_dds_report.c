@@ -54,11 +54,13 @@ static bool of_way(int what, bool inward) {
 }
 
 const char* soter_dds_word(int what, bool inward) {
+  SOTER_CHECK(what >= 0 && what < SOTER_DDS_COUNTS);
   return of_way(what, inward) ? words[what] : NULL;
 }
 
 /* A text from elsewhere: what is no plain letter is a question mark. */
 static void quoted(const char* text) {
+  SOTER_CHECK(text != NULL);
   (void)putchar('"');
   for (; *text != '\0'; text++) {
     const bool plain = *text >= ' ' && *text <= '~' && *text != '"' && *text != '\\';
@@ -68,6 +70,7 @@ static void quoted(const char* text) {
 }
 
 static void as_text(const soter_dds_topic* t) {
+  SOTER_CHECK((t->in != NULL) != (t->out != NULL));
   (void)printf("%s %s", t->in != NULL ? "in " : "out", t->topic);
   for (int k = 0; k < SOTER_DDS_COUNTS; k++) {
     if (of_way(k, t->in != NULL) &&
@@ -91,6 +94,7 @@ static void as_text(const soter_dds_topic* t) {
 }
 
 static void as_json(const soter_dds_topic* t) {
+  SOTER_CHECK((t->in != NULL) != (t->out != NULL));
   (void)printf("{\"topic\":");
   quoted(t->topic);
   (void)printf(",\"way\":\"%s\",\"type\":", t->in != NULL ? "in" : "out");

@@ -25,6 +25,7 @@
 /* A writer says no type information: a reader of ROS 2 compares names of members, where one release
  * differs from the next, and none of them needs it. */
 dds_topic_descriptor_t* soter_dds_plain(const dds_topic_descriptor_t* type) {
+  SOTER_CHECK(type != NULL);
   const dds_topic_descriptor_t plain = {.m_size = type->m_size,
                                         .m_align = type->m_align,
                                         .m_flagset = type->m_flagset & ~DDS_TOPIC_XTYPES_METADATA,
@@ -55,6 +56,7 @@ dds_qos_t* soter_dds_qos_of(const soter_dds_qos* asked) {
 }
 
 static const char* open_reader(soter_dds_topic* topic, dds_entity_t of, dds_qos_t* qos) {
+  SOTER_CHECK(topic->in != NULL && topic->end == 0);
   /* names of members differ between releases of ROS 2; all else of a type has to be the same */
   dds_qset_type_consistency(qos, DDS_TYPE_CONSISTENCY_ALLOW_TYPE_COERCION, false, false, true,
                             false, false);
@@ -71,6 +73,7 @@ static const char* open_reader(soter_dds_topic* topic, dds_entity_t of, dds_qos_
 }
 
 static const char* open_writer(soter_dds_topic* topic, dds_entity_t of, dds_qos_t* qos) {
+  SOTER_CHECK(topic->out != NULL && topic->end == 0);
   topic->end = dds_create_writer(topic->bridge->participant, of, qos, NULL);
   if (topic->end < 0) {
     return "DDS makes no writer";
@@ -85,6 +88,7 @@ static const char* open_writer(soter_dds_topic* topic, dds_entity_t of, dds_qos_
 }
 
 const char* soter_dds_open_topic(soter_dds_topic* topic, const char* folder) {
+  SOTER_CHECK((topic->in != NULL) != (topic->out != NULL));
   const bool inward = topic->in != NULL;
   const dds_topic_descriptor_t* type = inward ? topic->in->type : topic->out->type;
   const char* wrong = inward ? soter_outside_open(&topic->channel, folder, topic->in->name,
@@ -124,6 +128,7 @@ void soter_dds_close_topic(soter_dds_topic* topic) {
 /* False where a sample is not as long as its value would be written: of another type, which has the
  * same name, or with something behind it. */
 static bool fits(const struct ddsi_serdata* sample, const void* message) {
+  SOTER_CHECK(sample != NULL && message != NULL);
   struct ddsi_serdata* const again = ddsi_serdata_from_sample(sample->type, SDK_DATA, message);
   if (again == NULL) {
     return false;
@@ -134,6 +139,7 @@ static bool fits(const struct ddsi_serdata* sample, const void* message) {
 }
 
 static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
+  SOTER_CHECK(topic->in != NULL && measured != NULL);
   const int64_t error = topic->bridge->clock_error_ns;
   const int64_t now = soter_dds_monotonic_ns(); /* first: see the wall clock below */
   *measured = now - topic->in->delay_ns;
@@ -164,6 +170,7 @@ static bool measured_at(soter_dds_topic* topic, int64_t* measured) {
 
 static void judge(soter_dds_topic* topic, const struct ddsi_serdata* sample,
                   dds_instance_handle_t writer) {
+  SOTER_CHECK(topic->message != NULL && topic->value != NULL);
   const soter_dds_inward* const in = topic->in;
   int64_t measured = 0;
   if (!soter_dds_may_write(topic, writer)) {
@@ -191,6 +198,7 @@ static void judge(soter_dds_topic* topic, const struct ddsi_serdata* sample,
 
 void* soter_dds_serve_inward(void* given) {
   soter_dds_topic* const topic = given;
+  SOTER_CHECK(topic != NULL && topic->in != NULL);
   struct ddsi_serdata* samples[AT_ONCE];
   dds_sample_info_t infos[AT_ONCE];
   while (!soter_dds_ending()) {
@@ -198,6 +206,7 @@ void* soter_dds_serve_inward(void* given) {
     int32_t many = 0;
     while (told > 0 && !soter_dds_ending() &&
            (many = dds_takecdr(topic->end, samples, AT_ONCE, infos, DDS_ANY_STATE)) > 0) {
+      SOTER_CHECK(many <= AT_ONCE);
       for (int32_t i = 0; i < many; i++) {
         if (infos[i].valid_data) {
           judge(topic, samples[i], infos[i].publication_handle);
@@ -212,6 +221,7 @@ void* soter_dds_serve_inward(void* given) {
 /* ------------------------------------------------------------------ out */
 
 static void tell(soter_dds_topic* topic, int64_t now, int64_t written) {
+  SOTER_CHECK(topic->message != NULL && topic->last_value != NULL);
   const int64_t wall = soter_dds_wall_ns(); /* first: who is held up here makes a value older */
   (void)memset(topic->message, 0, topic->out->type->m_size); /* its texts are constants */
   topic->out->convert(topic->last_value, wall - (soter_dds_monotonic_ns() - written),
@@ -234,12 +244,14 @@ static void set_silent(soter_dds_topic* topic, bool silent) {
 /* A channel may hold what somebody wrote long ago, or before this machine was started; and whoever
  * writes it may have been stopped between the time and the value. */
 static bool is_of_now(const soter_dds_topic* topic, int64_t written) {
+  SOTER_CHECK(topic->out != NULL && topic->begun > 0);
   const int64_t age = soter_dds_monotonic_ns() - written;
   return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
 }
 
 /* A value of now; `topic->before`: whether there was one at all. */
 static bool read_channel(soter_dds_topic* topic, int64_t* written) {
+  SOTER_CHECK(topic->value != NULL && written != NULL);
   const bool found = soter_outside_read(&topic->channel, written, topic->value, NULL);
   topic->before = topic->before || found;
   return found && is_of_now(topic, *written);
@@ -251,6 +263,7 @@ static bool was_gone(const soter_dds_topic* topic, int64_t now) {
 }
 
 static void turn(soter_dds_topic* topic, int64_t now) {
+  SOTER_CHECK(topic->value != topic->last_value);
   const soter_dds_outward* const out = topic->out;
   int64_t written = 0;
   if (read_channel(topic, &written)) {
@@ -274,6 +287,7 @@ static void turn(soter_dds_topic* topic, int64_t now) {
 
 void* soter_dds_serve_outward(void* given) {
   soter_dds_topic* const topic = given;
+  SOTER_CHECK(topic != NULL && topic->out != NULL);
   while (!soter_dds_ending()) {
     soter_outside_wait(&topic->channel, WAIT_NS);
     turn(topic, soter_dds_monotonic_ns());

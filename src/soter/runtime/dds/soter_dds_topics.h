@@ -6,6 +6,7 @@
 #ifndef SOTER_DDS_TOPICS_H
 #define SOTER_DDS_TOPICS_H
 
+#include "soter_check.h"
 #include "soter_dds_bridge.h"
 
 #include <pthread.h>

@@ -52,6 +52,8 @@ static void on_signal(int number) {
 /* ------------------------------------------------------------------ whose messages */
 
 static void forget_stamps(soter_mavlink_bridge* bridge, uint32_t source) {
+  SOTER_CHECK(bridge->topics <= SOTER_MAVLINK_TOPICS);
+  SOTER_CHECK(source < bridge->system->source_count);
   for (size_t k = 0; k < bridge->topics; k++) {
     if (bridge->topic[k].in != NULL && bridge->topic[k].in->source == source) {
       bridge->topic[k].last_stamp = -1;
@@ -63,6 +65,8 @@ static void forget_stamps(soter_mavlink_bridge* bridge, uint32_t source) {
 /* Who speaks; NULL: nobody who may. One speaks from one place, until it was silent for long. */
 static soter_mavlink_source* speaker(soter_mavlink_bridge* bridge, const mavlink_message_t* m,
                                      const soter_mavlink_address* from) {
+  SOTER_CHECK(bridge->system->source_count <= SOTER_MAVLINK_SOURCES);
+  SOTER_CHECK(from->link < bridge->links);
   const int64_t now = soter_mavlink_now();
   for (uint32_t k = 0; k < bridge->system->source_count; k++) {
     soter_mavlink_source* const s = &bridge->source[k];
@@ -105,6 +109,7 @@ static soter_mavlink_source* speaker(soter_mavlink_bridge* bridge, const mavlink
 /* ------------------------------------------------------------------ HEARTBEAT, TIMESYNC */
 
 static void beat(soter_mavlink_bridge* bridge) {
+  SOTER_CHECK(bridge->topics <= SOTER_MAVLINK_TOPICS);
   mavlink_message_t m;
   mavlink_heartbeat_t heartbeat = {.custom_mode = 0,
                                    .type = 18,     /* MAV_TYPE_ONBOARD_CONTROLLER */
@@ -122,6 +127,7 @@ static void beat(soter_mavlink_bridge* bridge) {
 
 /* To whomever it concerns: an answer is known by its ts1, which is a time of this computer. */
 static void synchronise(soter_mavlink_bridge* bridge, int64_t tc1, int64_t ts1) {
+  SOTER_CHECK(tc1 >= 0);
   mavlink_message_t m;
   mavlink_timesync_t timesync;
   (void)memset(&timesync, 0, sizeof timesync);
@@ -133,6 +139,7 @@ static void synchronise(soter_mavlink_bridge* bridge, int64_t tc1, int64_t ts1) 
 }
 
 static void on_timesync(soter_mavlink_bridge* bridge, const mavlink_message_t* m) {
+  SOTER_CHECK(m->msgid == MAVLINK_MSG_ID_TIMESYNC);
   mavlink_timesync_t t;
   mavlink_msg_timesync_decode(m, &t);
   const int64_t now = soter_mavlink_now();
@@ -156,6 +163,7 @@ static void on_message(void* to, const mavlink_message_t* m, const soter_mavlink
     return;
   }
   const uint32_t index = (uint32_t)(source - bridge->source);
+  SOTER_CHECK(index < bridge->system->source_count);
   if (index == 0 && m->msgid == MAVLINK_MSG_ID_TIMESYNC) {
     on_timesync(bridge, m);
   }
@@ -178,6 +186,7 @@ static void on_message(void* to, const mavlink_message_t* m, const soter_mavlink
 
 /* False where there is no such word. */
 static bool option(soter_mavlink_bridge* bridge, options* o, const char* name, const char* value) {
+  SOTER_CHECK(o->links <= SOTER_MAVLINK_LINKS);
   double seconds = 0.0;
   if (strcmp(name, "--channels") == 0 && value[0] != '\0') {
     o->channels = value;
@@ -197,6 +206,7 @@ static bool option(soter_mavlink_bridge* bridge, options* o, const char* name, c
 
 /* -1: it can begin; else the exit code. */
 static int read_arguments(soter_mavlink_bridge* bridge, options* o, int count, char** words) {
+  SOTER_CHECK(bridge->system->links <= SOTER_MAVLINK_LINKS);
   for (int i = 1; i < count; i += 2) {
     if (strcmp(words[i], "--help") == 0 || strcmp(words[i], "-h") == 0) {
       (void)printf(
@@ -225,6 +235,7 @@ static int read_arguments(soter_mavlink_bridge* bridge, options* o, int count, c
 /* ------------------------------------------------------------------ running */
 
 static bool make_topics(soter_mavlink_bridge* bridge) {
+  SOTER_CHECK(bridge->topics == 0U);
   const soter_mavlink_system* const s = bridge->system;
   if (s->ins + s->outs > SOTER_MAVLINK_TOPICS || s->source_count > SOTER_MAVLINK_SOURCES) {
     return false;
@@ -242,6 +253,7 @@ static bool make_topics(soter_mavlink_bridge* bridge) {
 }
 
 static bool open_all(soter_mavlink_bridge* bridge, const options* o) {
+  SOTER_CHECK(bridge->links > 0U && bridge->links <= SOTER_MAVLINK_LINKS);
   bool opened = true;
   for (size_t k = 0; k < bridge->links; k++) {
     bridge->link[k].file = -1;
@@ -266,6 +278,7 @@ static bool open_all(soter_mavlink_bridge* bridge, const options* o) {
 }
 
 static void hear(soter_mavlink_bridge* bridge) {
+  SOTER_CHECK(bridge->links <= SOTER_MAVLINK_LINKS);
   struct pollfd files[SOTER_MAVLINK_LINKS];
   for (size_t k = 0; k < bridge->links; k++) {
     files[k] = (struct pollfd){.fd = bridge->link[k].file, .events = POLLIN, .revents = 0};
@@ -292,6 +305,7 @@ static void hear(soter_mavlink_bridge* bridge) {
 }
 
 static void turns(soter_mavlink_bridge* bridge, const options* o) {
+  SOTER_CHECK(bridge->topics == bridge->system->ins + bridge->system->outs);
   int64_t beaten = 0;
   int64_t synchronised = 0;
   while (soter_mavlink_ending() == 0) {
@@ -317,6 +331,7 @@ static void turns(soter_mavlink_bridge* bridge, const options* o) {
 
 static void run(soter_mavlink_bridge* bridge, const options* o) {
   const size_t ins = bridge->system->ins;
+  SOTER_CHECK(ins <= bridge->topics);
   size_t begun = ins;
   for (; begun < bridge->topics; begun++) {
     if (pthread_create(&bridge->topic[begun].thread, NULL, soter_mavlink_serve,
@@ -337,6 +352,7 @@ static void run(soter_mavlink_bridge* bridge, const options* o) {
 }
 
 int soter_mavlink_main(const soter_mavlink_system* system, int count, char** words) {
+  SOTER_CHECK(system != NULL && system->source_count > 0U);
   static soter_mavlink_bridge bridge; /* too large for a stack; nothing of it outlives this call */
   options o = {.channels = NULL, .links = 0, .status = false, .json = false};
   struct sigaction action;

@@ -1,6 +1,8 @@
 /* soter_mavlink_clock.c: see soter_mavlink_clock.h. */
 #include "soter_mavlink_clock.h"
 
+#include "soter_check.h"
+
 #include <stddef.h>
 #include <string.h>
 
@@ -13,11 +15,13 @@ static int64_t drift(int64_t over_ns) {
 }
 
 static size_t kept(const soter_mavlink_clock* clock) {
+  SOTER_CHECK(clock != NULL);
   return clock->exchanges < SOTER_MAVLINK_EXCHANGES ? (size_t)clock->exchanges
                                                     : SOTER_MAVLINK_EXCHANGES;
 }
 
 void soter_mavlink_clock_ask(soter_mavlink_clock* clock, int64_t now) {
+  SOTER_CHECK(clock != NULL);
   clock->pending[clock->requests++ % SOTER_MAVLINK_PENDING] = now;
 }
 
@@ -34,6 +38,7 @@ static bool was_asked(soter_mavlink_clock* clock, int64_t ts1) {
 
 bool soter_mavlink_clock_hear(soter_mavlink_clock* clock, int64_t now, int64_t ts1,
                               int64_t remote) {
+  SOTER_CHECK(clock != NULL);
   if (!was_asked(clock, ts1) || remote <= 0 || remote > FAR || ts1 > now) {
     clock->unasked++;
     return false;
@@ -57,6 +62,7 @@ bool soter_mavlink_clock_hear(soter_mavlink_clock* clock, int64_t now, int64_t t
 }
 
 bool soter_mavlink_clock_runs(const soter_mavlink_clock* clock, int64_t now) {
+  SOTER_CHECK(clock != NULL);
   if (clock->exchanges == 0) {
     return false;
   }
@@ -66,6 +72,7 @@ bool soter_mavlink_clock_runs(const soter_mavlink_clock* clock, int64_t now) {
 
 void soter_mavlink_clock_turn(const soter_mavlink_clock* clock, int64_t now, int64_t stamp,
                               int64_t* earliest, int64_t* latest) {
+  SOTER_CHECK(earliest != NULL && latest != NULL && earliest != latest);
   const int64_t near = stamp > FAR ? FAR : stamp;
   *earliest = -FAR;
   *latest = FAR;

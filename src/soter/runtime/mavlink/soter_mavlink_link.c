@@ -5,6 +5,8 @@
 
 #include "soter_mavlink_link.h"
 
+#include "soter_check.h"
+
 #include <arpa/inet.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -32,6 +34,7 @@ static const struct {
               {1000000, B1000000}, {2000000, B2000000}, {3000000, B3000000}};
 
 static const char* open_serial(soter_mavlink_link* link, const char* device, long baud) {
+  SOTER_CHECK(link->file < 0);
   struct termios t;
   speed_t speed = B0;
   for (size_t k = 0; k < sizeof speeds / sizeof speeds[0]; k++) {
@@ -62,6 +65,7 @@ static const char* open_serial(soter_mavlink_link* link, const char* device, lon
 
 static const char* address_of(const char* host, long port, struct sockaddr_storage* to,
                               socklen_t* size) {
+  SOTER_CHECK(host != NULL && to != NULL && size != NULL);
   struct sockaddr_in* const four = (struct sockaddr_in*)to;
   struct sockaddr_in6* const six = (struct sockaddr_in6*)to;
   (void)memset(to, 0, sizeof *to);
@@ -84,6 +88,7 @@ static const char* address_of(const char* host, long port, struct sockaddr_stora
 }
 
 static const char* open_udp(soter_mavlink_link* link, const char* host, long port, bool out) {
+  SOTER_CHECK(link->file < 0);
   struct sockaddr_storage address;
   socklen_t size = 0;
   const char* const wrong = address_of(host, port, &address, &size);
@@ -104,6 +109,7 @@ static const char* open_udp(soter_mavlink_link* link, const char* host, long por
 
 /* "HOST:NUMBER" taken apart where it stands; false: it is none. */
 static bool parts(char* text, char** host, long* number) {
+  SOTER_CHECK(text != NULL && host != NULL && number != NULL);
   char* end = NULL;
   char* const colon = strrchr(text, ':');
   if (colon == NULL) {
@@ -120,6 +126,7 @@ static bool parts(char* text, char** host, long* number) {
 }
 
 const char* soter_mavlink_link_open(soter_mavlink_link* link, const char* url) {
+  SOTER_CHECK(link != NULL && url != NULL);
   char text[128];
   char* host = NULL;
   long number = 0;
@@ -144,6 +151,7 @@ const char* soter_mavlink_link_open(soter_mavlink_link* link, const char* url) {
 }
 
 void soter_mavlink_link_close(soter_mavlink_link* link) {
+  SOTER_CHECK(link != NULL);
   if (link->file >= 0) {
     (void)close(link->file);
   }
@@ -154,6 +162,8 @@ void soter_mavlink_link_close(soter_mavlink_link* link) {
 
 static void take(soter_mavlink_link* link, const uint8_t* bytes, size_t many,
                  const soter_mavlink_address* from, soter_mavlink_taker* taker, void* to) {
+  SOTER_CHECK(many <= DATAGRAM);
+  SOTER_CHECK(taker != NULL);
   link->bytes += many;
   for (size_t k = 0; k < many; k++) {
     mavlink_message_t m;
@@ -179,6 +189,7 @@ static void take(soter_mavlink_link* link, const uint8_t* bytes, size_t many,
 
 static bool read_serial(soter_mavlink_link* link, const soter_mavlink_address* from,
                         soter_mavlink_taker* taker, void* to) {
+  SOTER_CHECK(link->serial && link->file >= 0);
   uint8_t bytes[DATAGRAM];
   const ssize_t many = read(link->file, bytes, sizeof bytes);
   link->drained = many < (ssize_t)sizeof bytes;
@@ -190,6 +201,7 @@ static bool read_serial(soter_mavlink_link* link, const soter_mavlink_address* f
 
 bool soter_mavlink_link_read(soter_mavlink_link* link, uint32_t index, soter_mavlink_taker* taker,
                              void* to) {
+  SOTER_CHECK(link->file >= 0 && taker != NULL);
   uint8_t bytes[DATAGRAM];
   soter_mavlink_address from;
   (void)memset(&from, 0, sizeof from);
@@ -218,6 +230,7 @@ bool soter_mavlink_link_read(soter_mavlink_link* link, uint32_t index, soter_mav
 /* ------------------------------------------------------------------ sending */
 
 static bool send_serial(int file, const uint8_t* bytes, size_t many) {
+  SOTER_CHECK(file >= 0);
   size_t done = 0;
   while (done < many) {
     const ssize_t told = write(file, bytes + done, many - done);
@@ -239,6 +252,7 @@ void soter_mavlink_link_send(soter_mavlink_link* link, const soter_mavlink_addre
                              const mavlink_message_t* m) {
   uint8_t bytes[MAVLINK_MAX_PACKET_LEN];
   const size_t many = mavlink_msg_to_send_buffer(bytes, m);
+  SOTER_CHECK(link->file >= 0 && many <= sizeof bytes);
   bool sent = false;
   if (link->serial) {
     sent = send_serial(link->file, bytes, many);
@@ -252,6 +266,7 @@ void soter_mavlink_link_send(soter_mavlink_link* link, const soter_mavlink_addre
 }
 
 bool soter_mavlink_same_address(const soter_mavlink_address* a, const soter_mavlink_address* b) {
+  SOTER_CHECK(a->size <= sizeof a->address && b->size <= sizeof b->address);
   if (a->link != b->link || a->size != b->size) {
     return false;
   }

@@ -28,6 +28,7 @@ static const char* const keys[SOTER_MAVLINK_COUNTS] = {
 
 /* How far apart the earliest and the latest time of a stamp are, ns. */
 static int64_t clock_error(const soter_mavlink_bridge* bridge, int64_t now) {
+  SOTER_CHECK(bridge->clock.exchanges > 0U);
   int64_t earliest = 0;
   int64_t latest = 0;
   const size_t last = (size_t)((bridge->clock.exchanges - 1) % SOTER_MAVLINK_EXCHANGES);
@@ -53,6 +54,7 @@ static void between(size_t k, bool json) {
 }
 
 static void topic(const soter_mavlink_topic* t, bool json) {
+  SOTER_CHECK((t->in != NULL) != (t->out != NULL));
   const bool in = t->in != NULL;
   (void)printf(json ? "{\"topic\":\"%s\",\"message\":\"%s\",\"way\":\"%s\"" : "%s %s %s:",
                in ? t->in->name : t->out->name, in ? t->in->message : t->out->message,
@@ -110,6 +112,7 @@ static void autopilot(const soter_mavlink_bridge* bridge, bool json) {
 }
 
 static void topics(const soter_mavlink_bridge* bridge, bool json) {
+  SOTER_CHECK(bridge->topics <= SOTER_MAVLINK_TOPICS);
   for (size_t k = 0; k < bridge->topics; k++) {
     between(k, json);
     topic(&bridge->topic[k], json);
@@ -117,6 +120,7 @@ static void topics(const soter_mavlink_bridge* bridge, bool json) {
 }
 
 static void sources(const soter_mavlink_bridge* bridge, bool json) {
+  SOTER_CHECK(bridge->system->source_count <= SOTER_MAVLINK_SOURCES);
   for (size_t k = 0; k < bridge->system->source_count; k++) {
     between(k, json);
     source(&bridge->source[k], json);
@@ -124,6 +128,7 @@ static void sources(const soter_mavlink_bridge* bridge, bool json) {
 }
 
 void soter_mavlink_report(soter_mavlink_bridge* bridge, bool json) {
+  SOTER_CHECK(bridge->links <= SOTER_MAVLINK_LINKS);
   (void)printf(json ? "{" : "");
   autopilot(bridge, json);
   (void)printf(json ? ",\"strangers\":%llu,\"topics\":[" : "strangers %llu\n",

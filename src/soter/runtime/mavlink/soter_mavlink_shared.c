@@ -27,11 +27,13 @@ int64_t soter_mavlink_now(void) {
 }
 
 void soter_mavlink_say(soter_mavlink_bridge* bridge, const char* about, const char* what) {
+  SOTER_CHECK(bridge->system != NULL);
   soter_bridge_say(bridge->system->program, about, what);
 }
 
 void soter_mavlink_say_of(soter_mavlink_bridge* bridge, uint64_t many, const char* about,
                           const char* why) {
+  SOTER_CHECK(many > 0U);
   (void)snprintf(bridge->why, sizeof bridge->why, "%s: %s", about, why);
   if ((many & (many - 1)) == 0) {
     soter_mavlink_say(bridge, about, why);
@@ -39,6 +41,7 @@ void soter_mavlink_say_of(soter_mavlink_bridge* bridge, uint64_t many, const cha
 }
 
 void soter_mavlink_count(soter_mavlink_topic* topic, int what, const char* why) {
+  SOTER_CHECK(what >= 0 && what < SOTER_MAVLINK_COUNTS);
   const uint64_t many = ++topic->count[what];
   if (why != NULL) {
     soter_mavlink_say_of(topic->bridge, many,
@@ -48,6 +51,7 @@ void soter_mavlink_count(soter_mavlink_topic* topic, int what, const char* why) 
 
 bool soter_mavlink_send(soter_mavlink_bridge* bridge, const mavlink_message_t* m) {
   const soter_mavlink_source* const autopilot = &bridge->source[0];
+  SOTER_CHECK(!autopilot->bound || autopilot->address.link < bridge->links);
   if (autopilot->bound) {
     soter_mavlink_link_send(&bridge->link[autopilot->address.link], &autopilot->address, m);
     return true;

@@ -15,6 +15,7 @@
 #define HELD_UP_NS INT64_C(20000000) /* two turns of the loop that reads */
 
 const char* soter_mavlink_topic_open(soter_mavlink_topic* topic, const char* folder) {
+  SOTER_CHECK((topic->in != NULL) != (topic->out != NULL));
   const bool inward = topic->in != NULL;
   const size_t size = inward ? topic->in->size : topic->out->size;
   topic->last_stamp = -1;
@@ -30,12 +31,14 @@ const char* soter_mavlink_topic_open(soter_mavlink_topic* topic, const char* fol
  * that was stopped reads what waited for it. */
 static int64_t came_at(const soter_mavlink_topic* topic, int64_t now) {
   const uint32_t link = topic->bridge->source[topic->in->source].address.link;
+  SOTER_CHECK(link < topic->bridge->links);
   const int64_t empty = topic->bridge->link[link].empty_ns;
   return now - empty > HELD_UP_NS ? empty : now;
 }
 
 /* Without a common clock: when it came, less what messages take at most. */
 static bool by_arrival(soter_mavlink_topic* topic, int64_t now, int64_t* measured) {
+  SOTER_CHECK(topic->in != NULL && measured != NULL);
   const int64_t delay = topic->bridge->delay_ns;
   if (delay < 0 && topic->in->stamped) {
     soter_mavlink_count(topic, SOTER_MAVLINK_UNSYNCED,
@@ -48,6 +51,7 @@ static bool by_arrival(soter_mavlink_topic* topic, int64_t now, int64_t* measure
 }
 
 static bool measured_at(soter_mavlink_topic* topic, const mavlink_message_t* m, int64_t* measured) {
+  SOTER_CHECK(topic->in != NULL && measured != NULL);
   const soter_mavlink_clock* const clock = &topic->bridge->clock;
   const int64_t now = soter_mavlink_now();
   int64_t latest = 0;
@@ -82,6 +86,7 @@ static bool measured_at(soter_mavlink_topic* topic, const mavlink_message_t* m, 
 
 void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m) {
   const soter_mavlink_inward* const in = topic->in;
+  SOTER_CHECK(in != NULL && in->id == m->msgid);
   int64_t measured = 0;
   if (!in->fits(m)) {
     soter_mavlink_count(topic, SOTER_MAVLINK_OTHER_FRAME,
@@ -108,6 +113,7 @@ void soter_mavlink_judge(soter_mavlink_topic* topic, const mavlink_message_t* m)
 /* ------------------------------------------------------------------ out */
 
 static void tell(soter_mavlink_topic* topic, int64_t now, int64_t written, bool law) {
+  SOTER_CHECK(topic->out != NULL);
   soter_mavlink_bridge* const bridge = topic->bridge;
   const soter_mavlink_envelope envelope = {bridge->system->own, bridge->system->sources[0],
                                            &bridge->sending, written};
@@ -127,12 +133,14 @@ static void tell(soter_mavlink_topic* topic, int64_t now, int64_t written, bool 
 /* A channel may hold what somebody wrote long ago, or before this machine was started; and whoever
  * writes it may have been stopped between the time and the value. */
 static bool is_of_now(const soter_mavlink_topic* topic, int64_t written) {
+  SOTER_CHECK(topic->out != NULL && topic->begun > 0);
   const int64_t age = soter_mavlink_now() - written;
   return written >= topic->begun && age >= 0 && age <= topic->out->silent_ns;
 }
 
 /* A value of now; `topic->before`: whether there was one at all. */
 static bool read_channel(soter_mavlink_topic* topic, int64_t* written) {
+  SOTER_CHECK(topic->out != NULL && written != NULL);
   const bool found = soter_outside_read(&topic->channel, written, topic->out->value, NULL);
   topic->before = topic->before || found;
   return found && is_of_now(topic, *written);
@@ -151,6 +159,7 @@ static void fall_silent(soter_mavlink_topic* topic) {
 
 static void turn(soter_mavlink_topic* topic, int64_t now) {
   const soter_mavlink_outward* const out = topic->out;
+  SOTER_CHECK(out->value != out->last);
   const int64_t resend = topic->bridge->system->resend_ns;
   int64_t written = 0;
   if (read_channel(topic, &written)) {
@@ -175,6 +184,7 @@ static void turn(soter_mavlink_topic* topic, int64_t now) {
 
 void* soter_mavlink_serve(void* given) {
   soter_mavlink_topic* const topic = given;
+  SOTER_CHECK(topic != NULL && topic->out != NULL);
   while (soter_mavlink_ending() == 0) {
     soter_outside_wait(&topic->channel, WAIT_NS);
     turn(topic, soter_mavlink_now());

@@ -6,6 +6,7 @@
 #ifndef SOTER_MAVLINK_TOPICS_H
 #define SOTER_MAVLINK_TOPICS_H
 
+#include "soter_check.h"
 #include "soter_mavlink_bridge.h"
 #include "soter_mavlink_clock.h"
 #include "soter_mavlink_link.h"

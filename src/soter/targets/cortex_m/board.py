@@ -99,30 +99,9 @@ def board_of(name: str, text: str) -> Board:
     defined = DEFINE.findall(text)
     words = {key: word for key, word, number in defined if not number}
     numbers = {key: int(number, 0) for key, _, number in defined if number}
-    problems = [
-        f"`#define BOARD_{n} ...` is not there, or no number such as 131072 or 0x20000"
-        for n in NUMBERS
-        if n not in numbers
-    ]
-    problems += [
-        f"`BOARD_{n}` is {numbers[n]:,}: no word of 32 bits"
-        for n in NUMBERS
-        if numbers.get(n, 0) >= END
-    ]
     keys = [key for key, _, _ in defined]
-    problems += [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
-    if words.get("CORE") not in CORES:
-        known = ", ".join(f'"{core}"' for core in CORES)
-        problems.append(f"`BOARD_CORE` has to be one of {known}")
-    if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
-        problems.append("`BOARD_QEMU` is no word in quotes")
-    if MACHINE.fullmatch(words.get("QEMU", "")) is None:
-        problems.append("`BOARD_QEMU` is no name of a machine of QEMU")
-    problems += [
-        f"`soter_board_{f}` is not defined"
-        for f in FUNCTIONS
-        if re.search(rf"\bsoter_board_{f}\([^;{{]*\)\s*\{{", text) is None
-    ]
+    twice = [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
+    problems = [*_wrong_numbers(numbers), *twice, *_wrong_words(words, text)]
     if problems:
         raise _unusable(name, *problems[:1], notes=problems[1:])
     board = Board(
@@ -142,6 +121,29 @@ def board_of(name: str, text: str) -> Board:
     if problems:
         raise _unusable(name, problems[0], notes=problems[1:])
     return board
+
+
+def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
+    for n in NUMBERS:
+        if n not in numbers:
+            yield f"`#define BOARD_{n} ...` is not there, or no number such as 131072 or 0x20000"
+    for n in NUMBERS:
+        if numbers.get(n, 0) >= END:
+            yield f"`BOARD_{n}` is {numbers[n]:,}: no word of 32 bits"
+
+
+def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
+    """What is wrong with the names of core and machine, and with the functions."""
+    if words.get("CORE") not in CORES:
+        known = ", ".join(f'"{core}"' for core in CORES)
+        yield f"`BOARD_CORE` has to be one of {known}"
+    if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
+        yield "`BOARD_QEMU` is no word in quotes"
+    if MACHINE.fullmatch(words.get("QEMU", "")) is None:
+        yield "`BOARD_QEMU` is no name of a machine of QEMU"
+    for f in FUNCTIONS:
+        if re.search(rf"\bsoter_board_{f}\([^;{{]*\)\s*\{{", text) is None:
+            yield f"`soter_board_{f}` is not defined"
 
 
 def _problems_of_the_map(board: Board) -> Iterable[str]:

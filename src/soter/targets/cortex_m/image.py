@@ -150,23 +150,13 @@ def build_image(package: Package, board: Board) -> Image:
     if not board.qemu or shutil.which(QEMU) is None:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
         return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
-    ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
-    if ran.code is None or "it has not ended within" in ran.text:
-        raise _refused(f"the run in QEMU does not end within {LIMIT_S} s")
-    said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
-    refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
-    if refused is not None:
-        raise _refused(f"the image refuses to run: {visible(refused[1])}")
-    if re.search("another trace than on the host", ran.text):
-        raise _refused("the image computes another trace than this machine")
+    ran, said = _run(package)
     stack, trace, test = (x.search(said) for x in (STACK, TRACE, SELF_TEST))
     counts = [
         StepCount(name, *(int(x) for x in numbers)) for name, *numbers in COUNTS.findall(said)
     ]
     if not counts or trace is None or test is None:
-        raise _refused(
-            f"the image does not run in QEMU: {visible((said or ran.text).strip()[-300:])}"
-        )
+        raise _refused(f"the image does not run in QEMU: {visible((said or ran).strip()[-300:])}")
     instant, *steps = counts
     return Image(
         **sized,  # type: ignore[arg-type]
@@ -176,8 +166,22 @@ def build_image(package: Package, board: Board) -> Image:
         self_test=int(test[1]),
         steps=tuple(steps),
         trace_sha256=trace[1],
-        same_as_host=True if "the same trace as on the host" in ran.text else None,
+        same_as_host=True if "the same trace as on the host" in ran else None,
     )
+
+
+def _run(package: Package) -> tuple[str, str]:
+    """What `make run` says, and what the image does; SoterError X016 where it refuses to run."""
+    ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
+    if ran.code is None or "it has not ended within" in ran.text:
+        raise _refused(f"the run in QEMU does not end within {LIMIT_S} s")
+    said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
+    refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
+    if refused is not None:
+        raise _refused(f"the image refuses to run: {visible(refused[1])}")
+    if re.search("another trace than on the host", ran.text):
+        raise _refused("the image computes another trace than this machine")
+    return ran.text, said
 
 
 def _sizes(image: Path, board: Board) -> tuple[int, int]:

@@ -2,8 +2,8 @@
 
 `ros_packages` puts them together: the trusted part and the actuators are those of target `posix`
 and know nothing of ROS; `node_sources` is the C++ that is generated: the bridge between topics of
-ROS and their channels, and the node that steps the same program under /clock; `catkin_files` and
-`ament_files` are what the build systems and launch files want, `rostest_files` the test of a catkin
-package, `module_status` its message for machines. What the
-nodes have in common is C++ that ships: `runtime/bridge/`, `runtime/ros1/`, `runtime/ros2/`.
+ROS and their channels, and the node that steps the same program under /clock, with the message for
+machines; `ros_files` is what the build systems and launch files want, `rostest_files` the test of a
+catkin package. The texts are templates: here, and in `catkin/` and `ament/`. What the nodes have in
+common is C++ that ships: `runtime/bridge/`, `runtime/ros1/`, `runtime/ros2/`.
 """

@@ -23,11 +23,9 @@ from soter.targets.bridge_base import (
 )
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile
-from soter.targets.ros.ament_files import ament_files
-from soter.targets.ros.catkin_files import SIMULATED, catkin_files
-from soter.targets.ros.node_sources import ROS1, ROS2, Flavour, NodeSources, message_files
-from soter.targets.ros.ros_package_info import RosPackage, package_name
-from soter.targets.ros.rostest_files import untested
+from soter.targets.ros.node_sources import NodeSources, message_files
+from soter.targets.ros.ros_files import RosPackage, package_name, ros_files
+from soter.targets.ros.rostest_files import rostest_files, untested
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -36,15 +34,17 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.mapping.topic_mapping import LogMap
 
+SIMULATED = "simulated"
+"""The folder of the program under /clock."""
 TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 """What a topic of ROS 1 may be called: NodeHandles take no `~`."""
 OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
 SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
 OF_ROS = {
-    ROS1: ("ros1", SIMULATION),
-    ROS2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
+    1: ("ros1", SIMULATION),
+    2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
 }
-"""The folder of what ships of each, and what of it the simulation needs."""
+"""By the version: the folder of what ships, and what of it the simulation needs."""
 OF_BOTH = (
     "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
 )  # fmt: skip
@@ -56,12 +56,13 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
     `mapping`: which topic is which message; of a system that meets the world all that comes in has
     to be there. Of one with its plants inside there is only the node under /clock.
     """
-    package, ros = _package(system, core, folder, mapping, ROS1)
-    package.files += catkin_files(ros)
+    package, ros = _package(system, core, folder, mapping, 1)
+    why = untested(ros)
+    package.files += ros_files(ros, tested=not why)
     if system.externals:
-        package.files += message_files(ros.name)
-    if system.externals and untested(ros):
-        package.notes.append(f"there is no `test/`: {untested(ros)}")
+        package.files += [*rostest_files(ros), *message_files(ros.name)]
+    if system.externals and why:
+        package.notes.append(f"there is no `test/`: {why}")
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
         f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
@@ -72,8 +73,8 @@ def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
     """The package; as `ros1_package`."""
-    package, ros = _package(system, core, folder, mapping, ROS2)
-    package.files += ament_files(ros)
+    package, ros = _package(system, core, folder, mapping, 2)
+    package.files += ros_files(ros, tested=True)
     package.notes.append("the nodes were checked against interfaces of ROS 2, and run on none")
     launch = ros.name if system.externals else f"{ros.name}_simulation"
     package.commands = [
@@ -84,15 +85,15 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 
 
 def _package(
-    system: System, core: CoreSystem, folder: Path, mapping: LogMap, flavour: Flavour
+    system: System, core: CoreSystem, folder: Path, mapping: LogMap, version: int
 ) -> tuple[Package, RosPackage]:
     """All but what a build system wants, and what that is about."""
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     bridged = BridgedSystem(system, core, folder)
     simulated = c99_package(system, core, folder)
     name = package_name(bridged.unit.prefix)
-    nodes = NodeSources(bridged, name, mapped, flavour)
-    own, of_simulation = OF_ROS[flavour]
+    nodes = NodeSources(bridged, name, mapped, version)
+    own, of_simulation = OF_ROS[version]
     package = Package(folder)
     package.files = bridged.files()
     package.files += [in_folder(SIMULATED, f) for f in simulated.files if _is_code(f)]
@@ -115,7 +116,7 @@ def _package(
     sources = [
         f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
     ]
-    return package, RosPackage(name, bridged, sources, [*mapped])
+    return package, RosPackage(version, name, bridged, sources, [*mapped])
 
 
 def _is_code(file: PackageFile) -> bool:

@@ -1,0 +1,1 @@
+"""Target `posix`: a program in real time; the texts around it are templates in this folder."""
