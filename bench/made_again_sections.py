@@ -148,6 +148,7 @@ SMALL = {
     "K against what survives an adversary": Small("--chains 1 none", apart=MINUTES),
     "soter verify: robots made wrong": Small(apart=MINUTES),
     "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),
+    "soter test against the brute-force enumerator": Small("--programs 12"),
     "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(
@@ -493,9 +494,11 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,
     ("testing.md", "`bench/tubes/dives.py` flies"): ELSEWHERE,
     ("testing.md", "| | examples"): DEFINED,
+    ("testing.md", "| command | what it runs"): DEFINED,
     ("timing.md", "```thread"): f"{HELD}unit/cli/test_cli_timing.py",
     ("tool-qualification.md", "| part | tried by"): f"{HELD}correct/test_docs_site.py",
     ("what-runs.md", "| file | of it is executed"): f"{HELD}correct/test_hostile_files.py",
+    ("verification.md", "| what is written"): DEFINED,
     ("verification.md", "| kind"): DEFINED,
     ("verification.md", '```{ "system"'): DEFINED,
 }

@@ -280,6 +280,10 @@ BENCHMARKS = (
     ),
     Benchmark("soter test: whole robots", "bench/testing/whole_robots.py"),
     Benchmark(
+        "soter test against the brute-force enumerator",
+        "bench/testing/soundness.py --programs 600",
+    ),
+    Benchmark(
         "soter test: bugs seeded in the examples",
         "bench/testing/mutants.py",
         last=r"^mutants|\.\.\. (found|trace)",

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 PIPE = subprocess.PIPE
 DEVNULL = subprocess.DEVNULL
+STDOUT = subprocess.STDOUT
+TimeoutExpired = subprocess.TimeoutExpired
 Done = subprocess.CompletedProcess[Any]
 Process = subprocess.Popen[Any]
 TIMEOUT_S = 600.0

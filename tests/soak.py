@@ -17,7 +17,6 @@ import os
 import random
 import re
 import secrets
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -46,11 +45,11 @@ def soaked(file: str, end: float) -> bool | None:
         return None
     environment = {**os.environ, SEED: str(seed)}
     command = [*PYTEST, "-m", "random", file]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    pipes = {"stdout": processes.PIPE, "stderr": processes.STDOUT, "text": True}
     with processes.started(command, cwd=ROOT, env=environment, **pipes) as process:
         try:
             said, _ = process.communicate(timeout=left)
-        except subprocess.TimeoutExpired:
+        except processes.TimeoutExpired:
             return None
     if process.returncode == NOTHING_TO_RUN:
         return None

@@ -330,7 +330,6 @@ def test_the_trusted_cart_is_small_beside_the_test_of_the_arithmetic(
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-@pytest.mark.random
 def test_random_programs_have_the_trace_of_the_host(
     chunk: int, board: Board, tmp_path: Path
 ) -> None:

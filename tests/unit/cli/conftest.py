@@ -49,6 +49,12 @@ class Result:
         """Codes of the document's diagnostics."""
         return [d["code"] for d in self.document["diagnostics"]]
 
+    @property
+    def errors(self) -> list[str]:
+        """Those of errors: what the program has to be told of stands beside them."""
+        told = self.document["diagnostics"]
+        return [d["code"] for d in told if d["severity"] == "error"]
+
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -268,7 +268,7 @@ def test_without_the_re_checkers_numbers_there_is_no_case(
 ) -> None:
     monkeypatch.setattr("soter.api.rechecking.find_spec", lambda _: None)
     done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
-    assert (done.exit, done.codes) == (1, ["D007"])
+    assert (done.exit, done.errors) == (1, ["D007"])
     assert not (cart / "out").exists()
 
 
@@ -402,12 +402,12 @@ def test_flights_of_a_system_without_a_property_support_nothing(soter: Soter, he
 def test_what_is_no_evidence_is_told_in_words(soter: Soter, cart: Path) -> None:
     (cart / "tests.json").write_text("[]")
     run = ("assure", "c.soter", "-o", "out", "--json")
-    assert soter(*run, "--test-report", "tests.json").codes == ["D005"]
-    assert soter(*run, "--test-report", "none.json").codes == ["D006"]
-    assert soter(*run, "--campaign", "none").codes == ["D006"]
-    assert soter(*run, "--cert", "none").codes == ["D009"]
+    assert soter(*run, "--test-report", "tests.json").errors == ["D005"]
+    assert soter(*run, "--test-report", "none.json").errors == ["D006"]
+    assert soter(*run, "--campaign", "none").errors == ["D006"]
+    assert soter(*run, "--cert", "none").errors == ["D009"]
     (cart / "file").write_text("in the way")
-    assert soter("assure", "c.soter", "-o", "file", "--json").codes == ["D006"]
+    assert soter("assure", "c.soter", "-o", "file", "--json").errors == ["D006"]
 
 
 def test_the_hazards_of_the_example_are_traced_and_what_is_open_is_listed(
@@ -450,9 +450,9 @@ def test_a_wrong_file_of_hazards_is_told_before_any_check(soter: Soter, cart: Pa
     run = ("assure", "c.soter", "--cert", "proof", "-o", "out", "--json", "--hazards")
     (cart / "h.csv").write_text("kind,id,text,traces_to\nhazard,H1,x,SafeCart.saf\n")
     done = soter(*run, "h.csv")
-    assert (done.exit, done.codes) == (1, ["D021"])
-    assert done.document["diagnostics"][0]["line"] == 2
-    assert soter(*run, "none.csv").codes == ["D006"]
+    assert (done.exit, done.errors) == (1, ["D021"])
+    assert done.document["diagnostics"][-1]["line"] == 2
+    assert soter(*run, "none.csv").errors == ["D006"]
     assert not (cart / "out").exists()
 
 
@@ -462,8 +462,8 @@ def test_an_assumption_that_the_certificate_does_not_rest_on_is_refused(
     (cart / "h.csv").write_text("kind,id,owner\nassumption,world d,somebody\n")
     run = ("assure", "c.soter", "-o", "out", "--hazards", "h.csv", "--json")
     done = soter(*run, "--cert", "proof")
-    assert (done.exit, done.codes) == (1, ["D021"])
-    assert done.document["diagnostics"][0]["helps"] == ["did you mean `world c`?"]
+    assert (done.exit, done.errors) == (1, ["D021"])
+    assert done.document["diagnostics"][-1]["helps"] == ["did you mean `world c`?"]
     assert not (cart / "out").exists()
     assert soter(*run).exit == 4, "without a certificate nobody knows the assumptions"
 
