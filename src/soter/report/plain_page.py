@@ -7,7 +7,6 @@ Non-goals: what is told; pages with pictures, which put theirs beside these sect
 from __future__ import annotations
 
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.templates import filled
@@ -35,8 +34,3 @@ def sections_main(title: str, headline: str, verdict: str, sections: Sequence[Pa
         verdict=verdict,
         sections=sections,
     )
-
-
-def data_head(head: str) -> str:
-    """The attribute by which a cell of a stacked table says its head."""
-    return f' data-head="{escape(head.replace("`", ""), quote=True)}"'
