@@ -1,8 +1,8 @@
 """The report's HTML, section by section, in the order people read: result, evidence, grounds.
 
-Purpose: records in, HTML text out; every text from outside is escaped here. The program is shown by
-its diagram with a player: strips of who was in control, a slider with its buttons, and the SVG,
-whose boxes the page's script fills with values and lights up.
+Purpose: records in, HTML text out of the templates beside. The program is shown by its diagram with
+a player: strips of who was in control, a slider with its buttons, and the SVG, whose boxes the
+page's script fills with values and lights up.
 Non-goals: drawing (`timeline`, a `SceneView`, `soter.diagram`), what is shown of a run
 (`live_diagram.py`), style and behaviour (`assets/`).
 """
