@@ -67,7 +67,7 @@ def campaign_main(page: CampaignPage) -> str:
     return filled(
         "report/campaign.html.j2",
         **vars(page),
-        svg=lambda c: "\n".join(_bars(c) if isinstance(c, Bars) else _histogram(c)),
+        svg=lambda chart: _bars(chart) if isinstance(chart, Bars) else _histogram(chart),
     )
 
 

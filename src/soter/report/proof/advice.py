@@ -50,9 +50,7 @@ class AdvicePage:
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
     """The body of the page."""
-    return filled(
-        "report/proof/advice.html.j2", pages=pages, svg=lambda page: "".join(_figure(page))
-    )
+    return filled("report/proof/advice.html.j2", pages=pages, svg=_figure)
 
 
 def _figure(page: AdvicePage) -> Iterator[str]:
