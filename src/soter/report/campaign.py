@@ -64,11 +64,7 @@ class CampaignPage:
 
 def campaign_main(page: CampaignPage) -> str:
     """The body of the page."""
-    return filled(
-        "report/campaign.html.j2",
-        **vars(page),
-        svg=lambda chart: _bars(chart) if isinstance(chart, Bars) else _histogram(chart),
-    )
+    return filled("report/campaign.html.j2", **vars(page), bars=_bars, histogram=_histogram)
 
 
 def _bars(chart: Bars) -> Iterator[str]:
