@@ -263,7 +263,7 @@ def write_sections(
     from soter.report.plain_page import sections_main  # noqa: PLC0415 - only then
 
     try:
-        write_document(title, "\n".join(sections_main(title, headline, verdict, sections)), path)
+        write_document(title, sections_main(title, headline, verdict, sections), path)
     except ReportError as error:
         raise mistake("D006", str(error)) from error
 

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.plain_page import sections_main, sections_told
+from soter.report.templates import filled
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
 
     from soter.report.plain_page import PageSection
 
@@ -64,22 +64,7 @@ class CampaignPage:
 
 def campaign_main(page: CampaignPage) -> str:
     """The body of the page."""
-    parts = list(sections_main(page.title, page.headline, page.verdict, page.sections[:1]))
-    parts += _drawn("What happened", page.charts)
-    parts += _drawn("What was measured", page.histograms)
-    return "\n".join([*parts, *sections_told(page.sections[1:])])
-
-
-def _drawn(title: str, charts: Sequence[Bars | Histogram]) -> Iterator[str]:
-    """Charts under a heading, side by side where there is room."""
-    if not charts:
-        return
-    yield f'<section class="told"><h2>{escape(title)}</h2><div class="figures">'
-    for chart in charts:
-        yield f"<figure><figcaption>{escape(chart.name)}</figcaption>"
-        yield from _bars(chart) if isinstance(chart, Bars) else _histogram(chart)
-        yield f'<p class="note">{escape(chart.caption)}</p></figure>'
-    yield "</div></section>"
+    return filled("report/campaign.html.j2", **vars(page), bars=_bars, histogram=_histogram)
 
 
 def _bars(chart: Bars) -> Iterator[str]:

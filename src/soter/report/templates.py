@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.report.printable_text import visible
 from soter.report.run.result_wording import prose
 
 if TYPE_CHECKING:
@@ -46,5 +47,6 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
     )
     environment.filters["hash64"] = "{:#018x}".format
+    environment.filters["visible"] = visible
     environment.filters["prose"] = lambda text: Markup(prose(text))  # noqa: S704 - it escapes
     return environment

@@ -88,7 +88,7 @@ def advice_page(folder: Path) -> Path:
 def told_page(folder: Path) -> Path:
     rows = ((HASH, "-10.487", "room - line.T * v - E_Q " * 4), (HASH, "0.5", "x"))
     section = PageSection("What was judged", (HASH * 2,), ("`hash`", "at", "comparison"), rows)
-    main = "\n".join(sections_main("a page", "0 of 3 reads lay outside `safe`", "bad", [section]))
+    main = sections_main("a page", "0 of 3 reads lay outside `safe`", "bad", [section])
     return write_document("a page", main, folder / "told.html")
 
 

@@ -77,16 +77,16 @@ def body(case: SafetyCase) -> str:
     )
 
 
-def _facts(case: SafetyCase) -> list[tuple[str, str]]:
-    return [
-        ("program", case.program),
-        ("SHA-256", case.program_sha256),
-        ("system", case.system),
-        ("parameters", ", ".join(f"{n} = {v}" for n, v in case.params.items()) or "none"),
-        *case.provenance.items(),
-        ("notation", "GSN Community Standard, version 3"),
-        ("terms", "ASTM F3269-21; the last table says what they are called in the program"),
-    ]
+def _facts(case: SafetyCase) -> dict[str, str]:
+    return {
+        "program": case.program,
+        "SHA-256": case.program_sha256,
+        "system": case.system,
+        "parameters": ", ".join(f"{n} = {v}" for n, v in case.params.items()) or "none",
+        **case.provenance,
+        "notation": "GSN Community Standard, version 3",
+        "terms": "ASTM F3269-21; the last table says what they are called in the program",
+    }
 
 
 def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], list[str]]]]:

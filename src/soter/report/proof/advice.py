@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.plain_page import table_of
-from soter.report.run.result_wording import prose
+from soter.report.templates import filled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -21,11 +20,6 @@ WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 530, 320, 64, 46, 22, 100
 CURVES_MAX = 5
 APART_PX = 22.0
 """Between labels of neighbouring periods, at least."""
-DOTS = (
-    "Share of the grid's states over the period Δ of the decision module. Filled dots: with `ttf` "
-    "and `safer` computed for that m everything is proved; rings: not. The dashed line: the "
-    "longest period tried that verifies, as in the column *verifies*."
-)
 
 
 @dataclass(frozen=True)
@@ -56,18 +50,7 @@ class AdvicePage:
 
 def advice_main(pages: Sequence[AdvicePage]) -> str:
     """The body of the page."""
-    return "\n".join(part for page in pages for part in _module(page))
-
-
-def _module(page: AdvicePage) -> Iterator[str]:
-    of = f": {page.program}" if page.program else ""
-    yield f'<p class="kicker">What the decision period costs{escape(of)}</p>'
-    yield f'<h1>{escape(page.module)}</h1><p class="verdict">{prose(page.summary)}</p>'
-    yield f'<div class="figures advice"><figure>{"".join(_figure(page))}'
-    yield f"<figcaption>{prose(DOTS).replace('*verifies*', '<em>verifies</em>')}</figcaption>"
-    yield "</figure></div>"
-    yield "".join(f'<p class="note">{prose(text)}</p>' for text in page.says)
-    yield table_of(page.head, page.table)
+    return filled("report/proof/advice.html.j2", pages=pages, svg=_figure)
 
 
 def _figure(page: AdvicePage) -> Iterator[str]:

@@ -12,15 +12,14 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.report.run.packed_json import numbers, packed, script_json
+from soter.report.run.packed_json import numbers, packed
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -31,12 +30,6 @@ DIGITS = 3
 """Of the span of a state over all looks."""
 BY_SC, FAILED = 1, 2
 """What the first number of a box says: SC leads, it is not shown; 0: before SC acts."""
-NOTE = (
-    "From what the decision module read, at the last look drawn: all states that are possible "
-    "before SC acts (grey), and then while it leads to rest (blue). They are of the compiled check "
-    "itself, asked again. Where it failed, the box that decided is dashed, red. Of {looks} looks "
-    "{drawn} are drawn."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +54,6 @@ class LedPicture:
     units: tuple[str, ...]
     looks: tuple[LedLook, ...]
     of: int
-
-
-def led_section(pictures: Sequence[LedPicture]) -> str:
-    """Places for pictures, and their data; empty where there are none."""
-    return "".join(
-        f'<figure class="led"><h3>Where SC would lead: {escape(p.module)}</h3>'
-        f'<p class="note lead">{NOTE.format(looks=p.of, drawn=len(p.looks))}</p>'
-        f'<p class="note told"></p><div class="drawn"></div>'
-        f'<script type="application/json">{script_json(led_json(p))}</script></figure>'
-        for p in pictures
-    )
 
 
 def led_json(picture: LedPicture) -> dict[str, Any]:
