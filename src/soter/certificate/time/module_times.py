@@ -131,7 +131,7 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
         "`rest`": symbol.rest is not None,
         "`failsafe`": bool(symbol.failsafe),
         "`shield`": symbol.shield is not None,
-        "half-spaces": any(g.kind == "polytope" for g in symbol.verify.groups),
+        "half-spaces": any(g.kind != "grid" for g in symbol.verify.groups),
         "views": bool(facts.view or symbol.verify.views),
         "modules above or below": len(facts.tower) > 1,
     }

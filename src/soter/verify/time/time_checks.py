@@ -93,7 +93,7 @@ def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: boo
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
         "of an abstraction": bool(verify.abstracts or verify.views),
         "by tubes (`rest`)": symbol.rest is not None,
-        "with `polytope`": any(g.kind == "polytope" for g in verify.groups),
+        "with `polytope`": any(g.kind != "grid" for g in verify.groups),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
         "of modules that stand one over the other": stacked,

@@ -180,7 +180,7 @@ def _always(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -
     return False
 
 
-ENDS = {1: "2", 4: "2.78"}
+ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
 """Order of a scheme -> how much of a decay, rate times step, it follows at most."""
 
 
