@@ -258,7 +258,7 @@ def drawn(system: System, topic: int, every_ns: int) -> System:
 
 def driven_outside(system: System, topics: Collection[int]) -> System:
     """With these topics published from outside: nobody draws or drives them. Queues follow."""
-    inside = {c.scope.topics[t] for c in system.components for t in _published(c)}
+    inside = {c.scope.topics[t] for c in system.components for t in c.published}
     assert inside.isdisjoint(topics)
     return replace(
         system,
@@ -401,12 +401,6 @@ def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]
     read = mode_reads(p.condition)
     there = {m for m, i in p.scope.modules.items() if i in placed}
     return all(i in at for i in seen) and read.keys() <= there
-
-
-def _published(c: Component) -> Sequence[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return [] if c.node is None else c.node.publishes
 
 
 def _fresh(name: str, taken: Collection[str]) -> str:

@@ -47,7 +47,7 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
     drivers = {
         c.scope.topics[topic]: c
         for c in system.components
-        for topic in _publishes(c)
+        for topic in c.published
         if topic in c.scope.topics
     }
     drawn_every = {d.topic: d.every_ns for d in system.inputs}
@@ -202,12 +202,6 @@ def _drawn_rarely(
         notes=AGES if every_ns else (f"from {show_ns(max_age_ns)} on AC has no control",),
         helps=(drawn, "or leave its `max_age` out"),
     )
-
-
-def _publishes(c: Component) -> list[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return list(c.node.publishes) if c.node is not None else []
 
 
 def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:
