@@ -61,32 +61,30 @@ def cursor_at(text: str, offset: int) -> CursorContext:
     for start, end in tokens.comments:
         if start < offset <= end and not text[start:end].endswith("*/"):
             return CursorContext("", (), (), (), "", offset, quiet=True)
-    texts, ends, starts = list(tokens.texts), tokens.ends, tokens.starts
-    kinds = tokens.kinds
+    texts, kinds = list(tokens.texts), tokens.kinds
     count = next((i for i, kind in enumerate(kinds) if kind == "EOF"), len(kinds))
-    if tokens.truncated or (
-        count and texts[count - 1].startswith('"') and ends[count - 1] == offset
-    ):
+    touched = texts[count - 1] if count and tokens.ends[count - 1] == offset else ""
+    if tokens.truncated or touched.startswith('"'):
         return CursorContext("", (), (), (), "", offset, quiet=True)
     word, at = "", offset
-    if (
-        count
-        and ends[count - 1] == offset
-        and (kinds[count - 1] == NAME or texts[count - 1].isidentifier())
-    ):
+    if touched and (kinds[count - 1] == NAME or touched.isidentifier()):
         count -= 1
-        word, at = texts[count], starts[count]
+        word, at = touched, tokens.starts[count]
     stack: list[tuple[str, list[str]]] = [("file", [])]
     for text_ in texts[:count]:
         _step(stack, text_)
     body, item = stack[-1]
-    head = tuple(stack[0][1])
+    return CursorContext(body, tuple(stack[0][1]), tuple(item), _before_dots(item), word, at)
+
+
+def _before_dots(item: list[str]) -> tuple[str, ...]:
+    """The names before the dots at the end of an item."""
     dotted: list[str] = []
     i = len(item)
     while i >= 2 and item[i - 1] == "." and item[i - 2].isidentifier():
         dotted.insert(0, item[i - 2])
         i -= 2
-    return CursorContext(body, head, tuple(item), tuple(dotted), word, at)
+    return tuple(dotted)
 
 
 def _step(stack: list[tuple[str, list[str]]], text: str) -> None:
@@ -168,7 +166,11 @@ AFTER: dict[str, set[str]] = {
     "age": {"topic", "instance"},
 }
 """By the word in front, the kinds of names that can follow; imports always can."""
-LISTS = {"subscribes", "publishes", "reads"}
+LISTS = {"subscribes", "publishes", "reads", "rest"}
+NAMING = {"let", "var", "const", "param", "fun", "topic", "state", "rta", "plant", "type"}
+NAMING_IN_FILE = {"node", "system", "test", "as"}
+TYPED = {"let", "var", "const", "param", "topic", "input", "state", "disturbance", "type", "extern"}
+"""What leads an item in which a type follows the first `:`."""
 
 
 def completed(
@@ -197,66 +199,53 @@ def _items(
         return
     if not cursor.item:
         yield from (_word(w, cursor.body) for w in keywords.PLACES.get(cursor.body, ()))
-        if cursor.body == "block":
-            kinds = {"variable", "state"}
-            yield from (_named(d, "0") for d in names.values() if d.kind in kinds)
+        kinds = {"variable", "state"} if cursor.body == "block" else set()
+        yield from _of_kinds(names, kinds, "0")
         return
     wanted = _wanted(cursor)
     if wanted == {"new"}:
         return
     if wanted == {"a type"}:
         yield from (_word(w, "type") for w in keywords.TYPES)
-        yield from (_named(d, "1") for d in names.values() if d.kind in {"type", "import"})
+        yield from _of_kinds(names, {"type", "import"}, "1")
         return
     if wanted is not None:
-        asked = {*wanted, "import"}
-        yield from (_named(d, "0") for d in names.values() if d.kind in asked)
+        yield from _of_kinds(names, {*wanted, "import"}, "0")
         return
     yield from (_named(d, _near(d, file)) for d in names.values() if _is_value(d))
     for word in (*keywords.BUILTINS, *keywords.SPECIALS, *keywords.VALUES):
         yield _word(word, "value")
 
 
+def _of_kinds(
+    names: dict[str, Definition], kinds: set[str], rank: str
+) -> Iterator[lsp.CompletionItem]:
+    return (_named(d, rank) for d in names.values() if d.kind in kinds)
+
+
 def _wanted(cursor: CursorContext) -> set[str] | None:
     """The kinds of names that can stand here; None: any value. {"new"}: a name of one's own."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
-    if last in {"let", "var", "const", "param", "fun", "topic", "state", "rta", "plant", "type"}:
-        return {"new"}
-    if cursor.body == "file" and last in {"node", "system", "test", "as"}:
+    if last in NAMING or (cursor.body == "file" and last in NAMING_IN_FILE):
         return {"new"}
     if last == "(" and before in AFTER:
         return AFTER[before]
-    if last == ":" and cursor.body == "system":
-        return {"plant", "module", "system", "node"}
-    if (
-        last == ":"
-        and first
-        in {
-            "let",
-            "var",
-            "const",
-            "param",
-            "fun",
-            "topic",
-            "input",
-            "state",
-            "disturbance",
-            "type",
-            "extern",
-        }
-        and "=" not in cursor.item
-    ):
-        return {"a type"}
-    if last == ":" and first == "fun":
-        return {"a type"}
-    if last == "," and first == "rest":
-        return AFTER["moves"]
+    if last == ":":
+        return _after_colon(cursor)
+    if last == "," and first in LISTS:
+        return {"topic"}
     if last in AFTER and (last, first) != ("by", "rest"):
         return AFTER[last]
-    if last == "," and first in LISTS:
-        return AFTER[first]
     return None
+
+
+def _after_colon(cursor: CursorContext) -> set[str] | None:
+    first = cursor.item[0]
+    if cursor.body == "system":
+        return {"plant", "module", "system", "node"}
+    typed = first == "fun" or (first in TYPED and "=" not in cursor.item)
+    return {"a type"} if typed else None
 
 
 def _names(
@@ -269,30 +258,28 @@ def _names(
             declared = index.declared_in(prelude)
             definition_by_name |= {n: d for n, d in declared.items() if not n.startswith("_")}
     definition_by_name |= index.declared_in(file)
-    for each in (good, index):
-        if each is None:
-            continue
-        home = next((f for f in each.files if f.path == file.path), None)
-        decl = _declaration(cursor, each, home)
-        if decl is not None and isinstance(decl.node, tree.SystemDecl) and home is not None:
-            definition_by_name |= {
-                n: d for n, (d, _) in each.instances.get(id(decl.node), {}).items()
-            }
-        if each is good and decl is not None and home is not None:
-            reached = each.reach.get(id(home.source), [])
-            definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
+    if good is not None:
+        home, decl = _declaration(cursor, good, file)
+        definition_by_name |= _instances(good, decl)
+        reached = [] if home is None or decl is None else good.reach.get(id(home.source), [])
+        definition_by_name |= {d.name: d for _, _, d in reached if d.owner is decl}
+    definition_by_name |= _instances(index, _declaration(cursor, index, file)[1])
     return definition_by_name | index.locals_at(file.source, offset)
 
 
 def _declaration(
-    cursor: CursorContext, index: NameIndex, home: LoadedFile | None
-) -> Definition | None:
-    """The declaration around the cursor, by its name."""
-    if home is None:
-        return None
-    declared = index.declared_in(home)
-    names = [w for w in cursor.head if w in declared]
-    return declared[names[0]] if names else None
+    cursor: CursorContext, index: NameIndex, file: LoadedFile
+) -> tuple[LoadedFile | None, Definition | None]:
+    """The file as an index has it, and the declaration around the cursor, by its name."""
+    home = next((f for f in index.files if f.path == file.path), None)
+    declared = {} if home is None else index.declared_in(home)
+    return home, next((declared[w] for w in cursor.head if w in declared), None)
+
+
+def _instances(index: NameIndex, decl: Definition | None) -> dict[str, Definition]:
+    """Those of a system."""
+    instances = {} if decl is None else index.instances.get(id(decl.node), {})
+    return {name: definition for name, (definition, _) in instances.items()}
 
 
 def _is_value(d: Definition) -> bool:

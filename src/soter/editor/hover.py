@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from soter.editor.names.definitions import Definition, Shape
     from soter.language.front_end import CheckResult
-    from soter.language.model.typed import TypedExpr, TypedProgram
+    from soter.language.model.typed import TopicSymbol, TypedExpr, TypedProgram
     from soter.language.model.types import Type, Value
 
 LINES_MAX = 12
@@ -147,17 +147,21 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
             yield "never stale: no `max_age`"
         if topic.static:
             yield "static: what it says stays true"
-        writers = [n.name for n in program.nodes.values() if topic in n.publishes]
-        writers += [p.name for p in program.plants.values() if topic in [t for t, _ in p.drives]]
-        readers = [
-            n.name for n in program.nodes.values() if topic in [s.topic for s in n.subscribes]
-        ]
-        readers += [p.name for p in program.plants.values() if topic in p.reads]
-        yield f"published by {_listed(writers)}; read by {_listed(readers)}"
+        yield _neighbours(topic, program)
     elif kind in {"node", "plant", "module"}:
         symbol = program.nodes.get(name) or program.plants.get(name) or program.modules.get(name)
         if symbol is not None:
             yield f"period: {number(symbol.period)}"
+
+
+def _neighbours(topic: TopicSymbol, program: TypedProgram) -> str:
+    """Who publishes a topic, and who reads it."""
+    nodes, plants = program.nodes.values(), program.plants.values()
+    writers = [n.name for n in nodes if topic in n.publishes]
+    writers += [p.name for p in plants if topic in [t for t, _ in p.drives]]
+    readers = [n.name for n in nodes if topic in [s.topic for s in n.subscribes]]
+    readers += [p.name for p in plants if topic in p.reads]
+    return f"published by {_listed(writers)}; read by {_listed(readers)}"
 
 
 def _listed(names: list[str]) -> str:

@@ -65,12 +65,7 @@ def _symbol(
 def _inside(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     """Name, place, kind and detail of what a declaration has inside."""
     if isinstance(decl, tree.TypeDecl):
-        if isinstance(decl.type, tree.RecordTypeExpr):
-            for name, type_ in decl.type.fields:
-                yield name, name.span.to(type_.span), KIND.Field, _line(type_.span)
-        elif isinstance(decl.type, tree.EnumTypeExpr):
-            for name in decl.type.members:
-                yield name, name.span, KIND.EnumMember, ""
+        yield from _parts(decl.type)
     elif isinstance(decl, tree.NodeDecl):
         for local in decl.locals:
             yield local.name, local.span, KIND.Variable, _line(local.type.span)
@@ -86,6 +81,16 @@ def _inside(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, 
             yield view.name, view.span, KIND.Namespace, "view"
     elif isinstance(decl, tree.SystemDecl):
         yield from _instances(decl.instances)
+
+
+def _parts(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+    """The fields of a record, the members of an enum."""
+    if isinstance(of, tree.RecordTypeExpr):
+        for name, type_ in of.fields:
+            yield name, name.span.to(type_.span), KIND.Field, _line(type_.span)
+    elif isinstance(of, tree.EnumTypeExpr):
+        for name in of.members:
+            yield name, name.span, KIND.EnumMember, ""
 
 
 def _instances(

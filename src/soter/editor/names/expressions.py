@@ -166,9 +166,7 @@ class Expressions:
         of, file = self.plain(shape).of, self.plain(shape).file
         definition: Definition | None = None
         if isinstance(of, LoadedFile):
-            definition = self.index.declared_in(of).get(name.text)
-            if definition is not None and definition.kind == "import":
-                definition = None
+            definition = self._of_import(of, name.text)
         elif isinstance(of, tree.RecordTypeExpr):
             definition = self._field(of, name.text, file)
         elif isinstance(of, UndeclaredRecord):
@@ -193,6 +191,11 @@ class Expressions:
             return None
         self.index.note(name.word, definition)
         return definition.shape
+
+    def _of_import(self, file: LoadedFile, name: str) -> Definition | None:
+        """What another file declares; its own imports are not reached by way of it."""
+        definition = self.index.declared_in(file).get(name)
+        return None if definition is None or definition.kind == "import" else definition
 
     def plain(self, shape: Shape) -> Shape:
         """The shape behind the names of types."""

@@ -56,7 +56,9 @@ class Members:
             return
         shape = self._walker.plain(shape)
         of = shape.of
-        if isinstance(of, LoadedFile):
+        if isinstance(of, (PlantTruth, tree.Decl)):
+            yield from self._declared_inside(of, shape.file)
+        elif isinstance(of, LoadedFile):
             for name, d in self._walker.index.declared_in(of).items():
                 if d.kind != "import":
                     yield name, d.kind, d.kind
@@ -66,7 +68,14 @@ class Members:
         elif isinstance(of, UndeclaredRecord):
             for own, _ in of.fields:
                 yield own.text, "field", "field"
-        elif isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
+        elif isinstance(of, (tree.ArrayTypeExpr, tree.ListTypeExpr, UndeclaredArray)):
+            yield "len", "int", "len"
+
+    def _declared_inside(
+        self, of: PlantTruth | tree.Decl, file: LoadedFile
+    ) -> Iterator[tuple[str, str, str]]:
+        """The same of a declaration."""
+        if isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
             for own in of.type.members:
                 yield own.text, of.name.text, "member"
         elif isinstance(of, PlantTruth):
@@ -75,15 +84,13 @@ class Members:
         elif isinstance(of, tree.PlantDecl):
             yield "truth", f"the states of {of.name.text}", "field"
         elif isinstance(of, tree.SystemDecl):
-            for name, (d, _) in self._walker.instances_of(of, shape.file).items():
+            for name, (d, _) in self._walker.instances_of(of, file).items():
                 yield name, d.kind, "field"
         elif isinstance(of, tree.RtaDecl):
             for part in (of.ac, of.sc):
                 ref = part.module if isinstance(part, tree.ModuleAsAc) else part
                 if isinstance(ref, tree.Ref):
                     yield ref.name.text, "controller", "field"
-        elif isinstance(of, (tree.ArrayTypeExpr, tree.ListTypeExpr, UndeclaredArray)):
-            yield "len", "int", "len"
 
 
 class _Resolver(Expressions):

@@ -145,15 +145,10 @@ class Composition:
         for c in self.system.components:
             if c in without:
                 continue
-            topics: list[TopicSymbol] = []
-            if c.role == "plant" and c.plant is not None:
-                topics = [t for t, _ in c.plant.drives]
-            elif c.role == "node" and c.node is not None:
-                topics = list(c.node.publishes)
             who = f"{c.role} `{c.name}`", c.span
             if c.stands_for is not None:
                 who = f"{c.stands_for.kind} `{c.stands_for.of}`", c.span
-            for t in topics:
+            for t in c.published if c.role in {"plant", "node"} else ():
                 drivers = drivers_by_topic.setdefault(c.scope.topics[t], [])
                 if c.stands_for is None or who not in drivers:
                     drivers.append(who)
@@ -259,13 +254,7 @@ class Composition:
     def _is_wired(self, topic: Topic, span: Span) -> bool:
         """Whether an input topic is driven through a wire; otherwise it was reported."""
         return all(
-            topic.symbol not in symbols
-            for c in self.system.components
-            if c.span is span
-            for symbols in (
-                [t for t, _ in c.plant.drives] if c.plant is not None else [],
-                c.node.publishes if c.node is not None else [],
-            )
+            topic.symbol not in c.published for c in self.system.components if c.span is span
         )
 
     def _drives_an_input(self, topic: Topic, who: str, span: Span) -> None:

@@ -128,6 +128,19 @@ def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagno
 
 def _differences(here: System, there: System) -> Iterator[str]:
     yield from _plants(here)
+    yield from _components(here, there)
+    theirs = {m.name: m for m in there.modules}
+    for m in here.modules:
+        if m.name in theirs:
+            yield from _module(here, m, there, theirs[m.name])
+    topics = {t.name: t for t in there.topics}
+    for t in here.topics:
+        if t.queue_of is None and not t.held and t.name in topics:
+            yield from _topic(t, topics[t.name])
+    yield from _outside(here, there)
+
+
+def _components(here: System, there: System) -> Iterator[str]:
     mine = {c.name: c for c in here.components if c.plant is None}
     proved = {c.name: c for c in there.components if c.plant is None}
     for name in [*proved, *(n for n in mine if n not in proved)]:
@@ -139,15 +152,6 @@ def _differences(here: System, there: System) -> Iterator[str]:
             yield from _component(here, mine[name], there, proved[name])
     if mine.keys() == proved.keys() and list(mine) != list(proved):
         yield f"its parts step in another order: {', '.join(mine)}; there {', '.join(proved)}"
-    theirs = {m.name: m for m in there.modules}
-    for m in here.modules:
-        if m.name in theirs:
-            yield from _module(here, m, there, theirs[m.name])
-    topics = {t.name: t for t in there.topics}
-    for t in here.topics:
-        if t.queue_of is None and not t.held and t.name in topics:
-            yield from _topic(t, topics[t.name])
-    yield from _outside(here, there)
 
 
 def _plants(here: System) -> Iterator[str]:

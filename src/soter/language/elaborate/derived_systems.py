@@ -58,20 +58,23 @@ def only(system: System, kept: Collection[int]) -> System:
         beside = {m: placed[i] for m, i in scope.modules.items() if i in placed}
         return Scope(dict(scope.topics), scope.params, plants, beside)
 
+    def of(place: Mapping[int, int], index: int | None) -> int | None:
+        return None if index is None else place[index]
+
     components = []
     for old, new in at.items():
         c = system.components[old]
-        module = None if c.module is None else placed[c.module]
-        components.append(replace(c, index=new, module=module, scope=seen(c.scope)))
+        own = replace(c, index=new, module=of(placed, c.module), scope=seen(c.scope))
+        components.append(_that_can_run(own))
     left = [p for p in system.properties if _can_be_judged(p, at, placed)]
     faults = [
-        replace(f, component=at[f.component], on=None if f.on is None else at[f.on])
+        replace(f, component=at[f.component], on=of(at, f.on))
         for f in system.faults
         if f.component in at and (f.on is None or f.on in at)
     ]
     return replace(
         system,
-        components=tuple(_that_can_run(c) for c in components),
+        components=tuple(components),
         modules=tuple(
             replace(
                 m,
@@ -80,17 +83,12 @@ def only(system: System, kept: Collection[int]) -> System:
                 ac=at[m.ac],
                 sc=at[m.sc],
                 scope=seen(m.scope),
-                over=None if m.over is None else placed[m.over],
+                over=of(placed, m.over),
             )
             for i, m in enumerate(modules)
         ),
         properties=tuple(
-            replace(
-                p,
-                index=i,
-                scope=seen(p.scope),
-                component=None if p.component is None else at[p.component],
-            )
+            replace(p, index=i, scope=seen(p.scope), component=of(at, p.component))
             for i, p in enumerate(left)
         ),
         faults=tuple(faults),
@@ -258,7 +256,7 @@ def drawn(system: System, topic: int, every_ns: int) -> System:
 
 def driven_outside(system: System, topics: Collection[int]) -> System:
     """With these topics published from outside: nobody draws or drives them. Queues follow."""
-    inside = {c.scope.topics[t] for c in system.components for t in _published(c)}
+    inside = {c.scope.topics[t] for c in system.components for t in c.published}
     assert inside.isdisjoint(topics)
     return replace(
         system,
@@ -299,8 +297,11 @@ def unlatched(system: System) -> System:
 # ---------------------------------------------------------------- what goes wrong
 
 
-def _topics(shield: Shield) -> tuple[int | None, ...]:
-    return shield.topic, shield.proposed
+def _hidden(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
+    """The topics that no program declares: what is held, and those of modules and shields."""
+    own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch)}
+    shields = [m.shield for m in modules if m.shield is not None]
+    return own | {i for s in shields for i in (s.topic, s.proposed)}
 
 
 def _moved(shield: Shield, place: dict[int | None, int]) -> Shield:
@@ -313,9 +314,7 @@ def faultless(system: System) -> System:
     if not system.faults and not system.shuffled:
         return system
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
-    kept = {c.held for c in components}
-    kept |= {i for m in system.modules for i in (m.looked, m.latch)}
-    kept |= {i for m in system.modules if m.shield is not None for i in _topics(m.shield)}
+    kept = _hidden(components, system.modules)
     left = [t for t in system.topics if not t.held or t.index in kept]
     place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
     # what is held comes last: only it moves
@@ -401,12 +400,6 @@ def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]
     read = mode_reads(p.condition)
     there = {m for m, i in p.scope.modules.items() if i in placed}
     return all(i in at for i in seen) and read.keys() <= there
-
-
-def _published(c: Component) -> Sequence[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return [] if c.node is None else c.node.publishes
 
 
 def _fresh(name: str, taken: Collection[str]) -> str:

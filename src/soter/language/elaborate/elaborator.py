@@ -574,28 +574,21 @@ class Elaborator(Topics):
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
         levels = self.count(verify.levels, "the number of levels", LEVELS_LEAST, MAX_LEVELS)
+        least_time = "the least time of `acts within`"
         delays = {
             "`late dm`": verify.late_dm,
             "`late sc`": verify.late_sc,
             "`response dm`": verify.response_dm,
             "`response sc`": verify.response_sc,
-            "the least time of `acts within`": verify.acts_least,
+            least_time: verify.acts_least,
             "`acts within`": verify.acts,
             "`dropout`": verify.dropout,
             **{f"`late {n}`": e for n, e in verify.late_of.items()},
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
         value_by_delay = {what: self.delay(expr, what) for what, expr in delays.items()}
-        least, most = verify.acts_least, verify.acts
-        a, b = (value_by_delay[w] for w in ("the least time of `acts within`", "`acts within`"))
-        if least is not None and most is not None and a is not None and b is not None and a > b:
-            self.diagnostics.error(
-                "V001",
-                f"no command acts {show_ns(a)} to {show_ns(b)} after it",
-                least.span.to(most.span),
-                "the least time is above the greatest one",
-                helps=(exchange(least.span, most.span, "the other way round"),),
-            )
+        least, most = (value_by_delay[w] for w in (least_time, "`acts within`"))
+        self._acts_at_some_time(verify, least, most)
         for block in (verify, *(v.block for v in verify.views)):
             for axis in (a for group in block.groups for a in group.axes):
                 self._axis(axis)
@@ -603,6 +596,23 @@ class Elaborator(Topics):
             for value in commands.values:
                 self._command(commands, value)
         return value_by_delay["`late dm`"] or 0, levels or LEVELS_DEFAULT
+
+    def _acts_at_some_time(
+        self, verify: typed.TypedVerifyBlock, least_ns: int | None, most_ns: int | None
+    ) -> None:
+        """V001 where the least time of `acts within` is above the greatest one."""
+        if least_ns is None or most_ns is None or least_ns <= most_ns:
+            return
+        assert verify.acts_least is not None
+        assert verify.acts is not None
+        least, most = verify.acts_least.span, verify.acts.span
+        self.diagnostics.error(
+            "V001",
+            f"no command acts {show_ns(least_ns)} to {show_ns(most_ns)} after it",
+            least.to(most),
+            "the least time is above the greatest one",
+            helps=(exchange(least, most, "the other way round"),),
+        )
 
     def _axis(self, axis: typed.TypedGridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)

@@ -191,29 +191,33 @@ class Instantiation(Numbers):
         self.partial = self.partial or by in self.program.damaged
         hit = False
         for placed in tuple(self.placed):
-            if not placed.name.startswith(prefix):
-                continue
-            local, symbol = placed.name[len(prefix) :], placed.symbol
-            if isinstance(symbol, typed.ModuleSymbol):
-                if self.whole_modules and path in {local, symbol.name}:
-                    hit = self._whole(placed, by, span) or hit
-                else:
-                    hit = self._controllers(placed, local, path, by, span) or hit
-            elif placed.by_contract or path not in {local, symbol.name}:
-                continue
-            elif isinstance(by, typed.ByContract) and isinstance(symbol, typed.NodeSymbol):
-                hit = True
-                placed.by_contract[symbol.name] = ContractStandIn(
-                    placed.name, "node", "node", (), span
-                )
-            elif isinstance(by, (typed.NodeSymbol, typed.PlantSymbol)) and type(symbol) is type(by):
-                hit = True
-                self._same_outputs(symbol, by, span)
-                self._same_truth(placed, by, span)
-                placed.symbol = by
-                self.put_in[placed.name] = span
+            if placed.name.startswith(prefix):
+                local = placed.name[len(prefix) :]
+                hit = self._replaced(placed, local, path, by, span) or hit
         if not hit and not self.partial:
             self._nothing_to_replace(prefix, path, by, span)
+
+    def _replaced(
+        self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
+    ) -> bool:
+        """Replace what is placed, or what of it a path names; False: it names nothing of it."""
+        symbol = placed.symbol
+        if isinstance(symbol, typed.ModuleSymbol):
+            if self.whole_modules and path in {local, symbol.name}:
+                return self._whole(placed, by, span)
+            return self._controllers(placed, local, path, by, span)
+        if placed.by_contract or path not in {local, symbol.name}:
+            return False
+        if isinstance(by, typed.ByContract) and isinstance(symbol, typed.NodeSymbol):
+            placed.by_contract[symbol.name] = ContractStandIn(placed.name, "node", "node", (), span)
+            return True
+        if isinstance(by, (typed.NodeSymbol, typed.PlantSymbol)) and type(symbol) is type(by):
+            self._same_outputs(symbol, by, span)
+            self._same_truth(placed, by, span)
+            placed.symbol = by
+            self.put_in[placed.name] = span
+            return True
+        return False
 
     def _nothing_to_replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
         plant = isinstance(by, typed.PlantSymbol)

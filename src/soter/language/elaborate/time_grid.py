@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from soter.diagnostics.source import Span
     from soter.language.model.system import Scope, System
 
+    Text = tuple["_TimeReader", list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]]
+
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 PASSES = 8
 """Locals that get a clock from one another, so many deep; deeper ones are open."""
@@ -72,13 +74,7 @@ class TimesRead:
 def times_read(system: System) -> TimesRead:
     """Of every component, decision and property of a flattened test."""
     assert system.test is not None, f"{system.name} is no test"
-    thresholds = {
-        age
-        for m in system.modules
-        if m.forced is None
-        for age in (system.topics[t].max_age_ns for t in m.reads)
-        if age is not None
-    }
+    thresholds = _ages_judged(system)
     opened: list[Span] = []
     watched: list[ReadClocks] = []
     for reader, expressions, bodies in _texts(system):
@@ -86,8 +82,11 @@ def times_read(system: System) -> TimesRead:
         thresholds |= reader.thresholds
         opened += reader.open
         watched.append(reader.watched)
-    latches = [m.symbol.latch for m in system.modules if m.acknowledgement is not None]
-    opened += [latch.span for latch in latches if latch is not None]
+    opened += [
+        latch.span
+        for m in system.modules
+        if m.acknowledgement is not None and (latch := m.symbol.latch) is not None
+    ]
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and thresholds})
     judged = thresholds or any(t.kind == "invariant" for t in system.test.timed)
     parts = together(system, watched) if judged else 1
@@ -95,6 +94,12 @@ def times_read(system: System) -> TimesRead:
     return TimesRead(
         tuple(sorted(thresholds)), _in_order(opened), tuple(deadlines), parts, _in_order(compared)
     )
+
+
+def _ages_judged(system: System) -> set[int]:
+    """The `max_age` of every topic that a decision module reads."""
+    reads = {t for m in system.modules if m.forced is None for t in m.reads}
+    return {age for t in reads if (age := system.topics[t].max_age_ns) is not None}
 
 
 def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
@@ -134,12 +139,27 @@ def _parts(n: int, least: int) -> int:
     return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
 
-def _texts(
-    system: System,
-) -> Iterator[tuple[_TimeReader, list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]]]:
+def _texts(system: System) -> Iterator[Text]:
     """Everything that runs: expressions and bodies that share locals, each with its reader."""
-    plan = system.test
-    assert plan is not None
+    yield from _texts_of_components(system)
+    for m in system.modules:
+        decides = ReadClocks(component=m.dm)
+        if m.forced is None:
+            aged = [system.topics[t] for t in m.inputs if system.topics[t].max_age_ns is not None]
+            decides.ages |= {t.index for t in aged}
+            decides.compared += [t.symbol.span for t in aged]
+        yield _TimeReader(m.scope, watched=decides), [*m.symbol.predicates], []
+    for q in system.properties:
+        yield _TimeReader(q.scope, watched=ReadClocks(component=q.component)), [q.condition], []
+    assert system.test is not None
+    for t in system.test.timed:
+        ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
+        looks = _steps(system) if ages else 2 if t.kind == "leadsto" else 1
+        watched = ReadClocks(looks=looks, deadline=t.kind)
+        yield _TimeReader(t.scope, watched=watched), [t.premise, t.condition], []
+
+
+def _texts_of_components(system: System) -> Iterator[Text]:
     for c in system.components:
         reader = _TimeReader(c.scope, c.period_ns, ReadClocks(component=c.index))
         if c.node is not None:
@@ -159,20 +179,6 @@ def _texts(
                 typed.TypedDeclare(value.span, variable, value) for variable, value in p.lets
             )
             yield reader, [*p.der.values(), *p.next.values(), *(e for _, e in p.drives)], [lets]
-    for m in system.modules:
-        decides = ReadClocks(component=m.dm)
-        if m.forced is None:
-            aged = [system.topics[t] for t in m.inputs if system.topics[t].max_age_ns is not None]
-            decides.ages |= {t.index for t in aged}
-            decides.compared += [t.symbol.span for t in aged]
-        yield _TimeReader(m.scope, watched=decides), [*m.symbol.predicates], []
-    for q in system.properties:
-        yield _TimeReader(q.scope, watched=ReadClocks(component=q.component)), [q.condition], []
-    for t in plan.timed:
-        ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
-        looks = _steps(system) if ages else 2 if t.kind == "leadsto" else 1
-        watched = ReadClocks(looks=looks, deadline=t.kind)
-        yield _TimeReader(t.scope, watched=watched), [t.premise, t.condition], []
 
 
 def _steps(system: System) -> int:
@@ -285,11 +291,11 @@ class _TimeReader:
 
     def _is_clock(self, e: typed.TypedExpr) -> bool:
         """Whether it is a clock; what it holds besides is read."""
-        if isinstance(e, (typed.TimeRead, typed.AgeRead)):
-            if isinstance(e, typed.AgeRead):
-                self.watched.ages.add(self.scope.topics[e.topic])
-            else:
-                self.watched.now = True
+        if isinstance(e, typed.TimeRead):
+            self.watched.now = True
+            return True
+        if isinstance(e, typed.AgeRead):
+            self.watched.ages.add(self.scope.topics[e.topic])
             return True
         if isinstance(e, typed.MarginRead):
             self.open.append(e.span)
@@ -299,26 +305,28 @@ class _TimeReader:
             self.watched.kept |= kept and e.variable.kind == "local"
             return kept
         if isinstance(e, typed.TypedBinary) and e.op in {"+", "-", *COMPARISONS}:
-            clocks = [self._is_clock(x) for x in (e.left, e.right)]
-            if any(clocks):
-                return self._combined(e, clocks)
-            return False
+            clocks = self._which(e, e.left, e.right)
+            return any(clocks) and self._combined(e, both=all(clocks))
         if isinstance(e, typed.Conditional):
             self._plain(e.condition)
-            clocks = [self._is_clock(x) for x in (e.then, e.otherwise)]
-            other = e.otherwise if clocks[0] else e.then
-            if any(clocks) and not all(clocks) and self._constant(other) is None:
-                self.open.append(e.span)
-            return any(clocks)
+            return any(self._which(e, e.then, e.otherwise))
         for part in children(e):
             self._parts(part)
         return False
 
-    def _combined(self, e: typed.TypedBinary, clocks: list[bool]) -> bool:
-        """A sum, a difference or a comparison with a clock in it."""
-        if not all(clocks) and self._constant(e.right if clocks[0] else e.left) is None:
+    def _which(
+        self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
+    ) -> list[bool]:
+        """Which of two parts are clocks; beside a clock that is no constant either is open."""
+        clocks = [self._is_clock(one), self._is_clock(other)]
+        beside = other if clocks[0] else one
+        if any(clocks) and not all(clocks) and self._constant(beside) is None:
             self.open.append(e.span)
-        self.watched.crossed |= all(clocks)
+        return clocks
+
+    def _combined(self, e: typed.TypedBinary, *, both: bool) -> bool:
+        """A sum, a difference or a comparison with a clock in it."""
+        self.watched.crossed |= both
         left, right = self._offset(e.left), self._offset(e.right)
         if e.op in COMPARISONS:
             self.watched.compared.append(e.span)

@@ -35,7 +35,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.elaborate.system_numbers import Values
@@ -435,19 +435,22 @@ def first_outside(
     return violation
 
 
+def _parts(t: RecordType | ArrayType, value: Value, path: str) -> Iterator[tuple[Type, Value, str]]:
+    """Type, value and path of each part."""
+    if isinstance(t, RecordType):
+        for (name, part_type), part in zip(t.fields, value, strict=True):
+            yield part_type, part, f"{path}.{name}" if path else name
+    else:
+        yield from ((t.element, part, f"{path}[{i}]") for i, part in enumerate(value))
+
+
 def _outside(
     t: Type, value: Value, bounds: tuple[Bound | None, ...], at: int, path: str
 ) -> tuple[tuple[str, float, Bound] | None, int]:
     """The first leaf outside, and the position in `bounds` behind this value's leaves."""
-    if isinstance(t, RecordType):
-        for (name, ft), fv in zip(t.fields, value, strict=True):
-            violation, at = _outside(ft, fv, bounds, at, f"{path}.{name}" if path else name)
-            if violation is not None:
-                return violation, at
-        return None, at
-    if isinstance(t, ArrayType):
-        for i, e in enumerate(value):
-            violation, at = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+    if isinstance(t, (RecordType, ArrayType)):
+        for part_type, part, where in _parts(t, value, path):
+            violation, at = _outside(part_type, part, bounds, at, where)
             if violation is not None:
                 return violation, at
         return None, at

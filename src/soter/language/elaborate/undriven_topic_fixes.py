@@ -6,6 +6,7 @@ Non-goals: the rule itself (`composition_check.py`).
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import TYPE_CHECKING
 
@@ -13,9 +14,11 @@ from soter.diagnostics.diagnostic import Edit, Fix, insert
 from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.diagnostics.diagnostic import Help
     from soter.language.model.system import Topic
-    from soter.language.model.typed import ModuleSymbol, SystemSymbol, TypedProgram
+    from soter.language.model.typed import SystemSymbol, TopicSymbol, TypedProgram
 
 SHOWN = 2
 _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -25,28 +28,25 @@ def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tu
     """Instances that would drive a topic of the system itself; nothing for those further inside."""
     if topic.name != topic.symbol.name:
         return ()
-    declarations: list[str] = []
+    declarations = itertools.islice(_drivers(program, system, topic.symbol), SHOWN)
+    return tuple(added(system, item) for item in declarations)
+
+
+def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) -> Iterator[str]:
+    """What the program declares, a system has not and would drive a topic, as items."""
     taken = {i.name for i in system.instances}
-    there = {i.what for i in system.instances}
-    controllers = {n for m in program.modules.values() for n in m.own}
+    there: set[object] = {i.what for i in system.instances}
+    modules = program.modules.values()
+    there |= {part for m in modules for part in (*m.own, *m.below)}
     for name, plant in program.plants.items():
-        if plant not in there and any(t is topic.symbol for t, _ in plant.drives):
-            declarations.append(f"{_instance(name, taken)}: {name};")
+        if plant not in there and any(t is topic for t, _ in plant.drives):
+            yield f"{_instance(name, taken)}: {name};"
     for name, module in program.modules.items():
-        if (
-            module not in there
-            and topic.symbol in module.sc.publishes
-            and not _below_another(program, module)
-        ):
-            declarations.append(f"module {name};")
+        if module not in there and topic in module.sc.publishes:
+            yield f"module {name};"
     for name, node in program.nodes.items():
-        if node not in there | controllers and topic.symbol in node.publishes:
-            declarations.append(f"node {name};")
-    return tuple(added(system, item) for item in declarations[:SHOWN])
-
-
-def _below_another(program: TypedProgram, module: ModuleSymbol) -> bool:
-    return any(module in other.below for other in program.modules.values())
+        if node not in there and topic in node.publishes:
+            yield f"node {name};"
 
 
 def _instance(name: str, taken: set[str]) -> str:

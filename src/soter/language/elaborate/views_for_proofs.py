@@ -133,7 +133,13 @@ def _judge(symbol: typed.ModuleSymbol) -> None:
                 notes=("no predicates are computed for several views",),
                 helps=(f"write `{name}`",),
             )
-    every = [speaks_of(view.block) for view in verify.views]
+    _judge_parts(symbol, diagnostics)
+    diagnostics.raise_errors()
+
+
+def _judge_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
+    """R023 for every part of `safe` and `safer` that no view keeps."""
+    every = [speaks_of(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         for part in conjuncts(predicate) if predicate is not None else ():
             if not any(_kept([part], topics) for topics in every):
@@ -146,7 +152,6 @@ def _judge(symbol: typed.ModuleSymbol) -> None:
                     notes=("a view speaks of the topics that its plants drive, of all at once",),
                     helps=("write it as parts joined by `&&`, each about topics of one view",),
                 )
-    diagnostics.raise_errors()
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,17 @@ def check_declaration(
             return
     for node in module.own:
         check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
+    if set(ac.publishes) != set(sc.publishes) or not ac.publishes:
+        _different_outputs(module, diagnostics, others)
+
+
+def _different_outputs(
+    module: ModuleSymbol, diagnostics: Diagnostics, others: Collection[NodeSymbol]
+) -> None:
+    """P1b where AC and SC do not publish the same, or nothing."""
+    ac, sc = module.ac, module.sc
+    at_ac, at_sc = module.ac_span or module.span, module.sc_span or module.span
     ac_out, sc_out = set(ac.publishes), set(sc.publishes)
-    if ac_out == sc_out and ac_out:
-        return
     rule = "P1b needs O(AC) = O(SC), so that a switch replaces every output"
     if not ac_out and not sc_out:
         diagnostics.error(

@@ -109,13 +109,17 @@ class Slopes:
         if isinstance(e, typed.Builtin):
             return self._builtin(e)
         if isinstance(e, typed.TypedCall):
-            inner = returned(e)
-            if inner is not None:
-                return self.of(inner)
-            bound = BOUNDED.get(e.fun.name) if e.fun.prelude else None
-            x = self.of(e.arguments[0]) if e.arguments else None
-            if bound is not None and isinstance(x, Slope):
-                return Slope(-2.0, 2.0, {k: product(bound, d) for k, d in x.by.items()})
+            return self._call(e)
+        return unknown(e.type, self._touched(e))
+
+    def _call(self, e: typed.TypedCall) -> Tree:
+        inner = returned(e)
+        if inner is not None:
+            return self.of(inner)
+        bound = BOUNDED.get(e.fun.name) if e.fun.prelude else None
+        x = self.of(e.arguments[0]) if e.arguments else None
+        if bound is not None and isinstance(x, Slope):
+            return Slope(-2.0, 2.0, {k: product(bound, d) for k, d in x.by.items()})
         return unknown(e.type, self._touched(e))
 
     def _vector(self, e: typed.Vector) -> Tree:

@@ -167,6 +167,13 @@ class Component:
         """Whether the step is done by a driver, not by Soter code."""
         return bool(self.node and self.node.extern) or bool(self.plant and self.plant.extern)
 
+    @property
+    def published(self) -> list[TopicSymbol]:
+        """What it publishes, or drives, by the names of its declaration."""
+        if self.plant is not None:
+            return [t for t, _ in self.plant.drives]
+        return [] if self.node is None else list(self.node.publishes)
+
 
 @dataclass(eq=False)
 class Shield:

@@ -324,11 +324,17 @@ class _Layout:
         if before in ("-", "!") and index in self.tight:
             return ""
         if kind in ("(", "["):
-            named = before == NAME and kind == "(" and self.tokens.kinds[index - 1] == "fun"
-            return "" if element.index in self.tight or named else " "
+            return "" if self._belongs(element, previous) else " "
         if before == "<=" and self.tokens.kinds[index - 1] == "[":
             return ""
         return " "
+
+    def _belongs(self, bracket: _Element, previous: _Element) -> bool:
+        """Whether a bracket is one of what stands before it, as those of a call."""
+        if bracket.index in self.tight:
+            return True
+        fun = self.tokens.kinds[previous.index - 1] == "fun"
+        return previous.kind == NAME and bracket.kind == "(" and fun
 
     # ------------------------------------------------------------ long lines
 

@@ -263,8 +263,7 @@ class CallChecker(FieldChecker):
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity, context):
             return self._failed(expr, context)
-        keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
-        hint = FLOAT if keeps or name in {"sqrt", "floor"} else None
+        hint = _hint(name, expected)
         arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
         if is_error(*arguments):
             return error_expr(span)
@@ -472,3 +471,9 @@ def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
     """Whether the names lead from a module to one below it (`ac module`), or to itself."""
     own = [m.name.rpartition(".")[2] for m in module.below]
     return [n.text for n in names] == own[: len(names)]
+
+
+def _hint(name: str, expected: Type | None) -> Type | None:
+    """What the arguments of a function may be expected to be."""
+    keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
+    return FLOAT if keeps or name in {"sqrt", "floor"} else None

@@ -178,18 +178,15 @@ class Unroller:
             return self._path(node, values)
         if isinstance(node, tree.IndexExpr):
             return self._index(node, values)
-        if isinstance(node, tree.CallExpr):
-            arguments = self._rewritten(node.arguments, values)
-            assert isinstance(arguments, tuple)
-            return node if arguments is node.arguments else replace(node, arguments=arguments)
         if not isinstance(node, _FILLED):
             return node
+        called = isinstance(node, tree.CallExpr)
         changed: dict[str, Any] = {}
-        for field in fields(node):
-            old = getattr(node, field.name)
+        for field in ["arguments"] if called else [f.name for f in fields(node)]:
+            old = getattr(node, field)
             new = self._rewritten(old, values)
             if new is not old:
-                changed[field.name] = new
+                changed[field] = new
         return replace(node, **changed) if changed else node
 
     def _variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:

@@ -22,8 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.source import Span
-    from soter.language.check.checker_interface import Shared
+    from soter.language.check.checker_interface import Because, Shared
     from soter.language.check.scope import FileScope
+    from soter.language.model.types import Type
 
 
 class ModuleChecker:
@@ -101,20 +102,18 @@ class ModuleChecker:
                 notes=("a module is an advanced and a safe controller, a period and a property",),
                 helps=(_parts(decl, scope, missing),),
             )
-        number = self.shared.number
+        number = self._number
         ac, over = self._advanced(decl, scope)
         if isinstance(decl.sc, tree.Synthesized):
             sc = self._synthesized(decl.sc, ac, context)
         else:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
-        period = number(decl.period, context, DURATION, "a period") if decl.period else None
-        clean = None
-        if decl.clean:
-            counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
-            clean = number(decl.clean, context, INT, "`clean`", counts)
+        period = number(decl.period, context, DURATION, "a period")
+        counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
+        clean = number(decl.clean, context, INT, "`clean`", counts)
         shield = self._shield(decl, context)
-        wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
-        jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
+        wcet = number(decl.wcet, context, DURATION, "`wcet`")
+        jitter = number(decl.jitter, context, DURATION, "`jitter`")
         if decl.ac is None or decl.sc is None or decl.safe is None:
             return None
         if ac is None or sc is None or period is None:
@@ -143,14 +142,26 @@ class ModuleChecker:
         self.shared.later(module, decl, scope)
         return module
 
+    def _number(
+        self,
+        expr: tree.SyntaxExpr | None,
+        context: Context,
+        expected: Type,
+        what: str,
+        because: Because | None = None,
+    ) -> typed.TypedExpr | None:
+        """None where nothing is written."""
+        if expr is None:
+            return None
+        return self.shared.number(expr, context, expected, what, because)
+
     def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
         """Into how many cells commands are cut; of `shield;` as many as there may be.
 
         M027 for `shield;` in a module without `rest`.
         """
         if not isinstance(decl.shield, tree.EachCommand):
-            number = self.shared.number
-            return number(decl.shield, context, INT, "`shield`") if decl.shield else None
+            return self._number(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
             self.diagnostics.error(
                 "M027",
@@ -448,25 +459,25 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
         return
     yield from ((group.kind, group.span) for group in verify.groups)
     yield from (("view", view.span) for view in verify.views)
-    for word in ("levels", "enters"):
-        if (part := getattr(verify, word)) is not None:
+    for word, field in (("levels", "levels"), ("enters", "enters"), ("recover within", "recover")):
+        if (part := getattr(verify, field)) is not None:
             yield word, part.span
-    if verify.recover is not None:
-        yield "recover within", verify.recover.span
     if verify.induction is not None:
         yield "induction", verify.induction
 
 
+def _same_outputs(name: str, scope: FileScope) -> list[str]:
+    """The other nodes of this file that publish what a node does, or anything without one."""
+    known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
+    outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
+    wanted = outputs.get(name)
+    return [n for n, topics in outputs.items() if n != name and topics and wanted in (None, topics)]
+
+
 def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
     """What to add: nodes that this file has, where they would do."""
-    known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
-    outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
-    alike = [
-        n
-        for n, topics in outputs.items()
-        if n != other and topics and topics == outputs.get(other, topics)
-    ]
+    alike = _same_outputs(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}
     if other and alike:
         examples |= {"ac": f"ac {alike[0]};", "sc": f"sc {alike[0]};"}

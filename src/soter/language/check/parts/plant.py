@@ -289,6 +289,16 @@ class PlantChecker:
                 else:
                     table[variable] = value
                 given.setdefault(name.text, name.span)
+        self._moved_by_one(plant, decl, given, context)
+
+    def _moved_by_one(
+        self,
+        plant: typed.PlantSymbol,
+        decl: tree.PlantDecl,
+        given: dict[str, Span],
+        context: Context,
+    ) -> None:
+        """X010 for an extern plant with dynamics; M006 for another one without a state."""
         if plant.extern and given:
             self.diagnostics.error(
                 "X010",

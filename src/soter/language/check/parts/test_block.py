@@ -156,9 +156,9 @@ class TestChecker(SystemChecker):
             return None
         text = print_expr(argument)
         modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
-        below = [m for i in instances.values() for m in getattr(i.what, "below", ())]
+        below = [m.name for i in instances.values() for m in getattr(i.what, "below", ())]
         note = "theorem 3.1 is about a module"
-        if text in [m.name for m in below]:
+        if text in below:
             note = f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
         self.diagnostics.error(
             "M013",

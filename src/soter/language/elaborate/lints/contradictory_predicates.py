@@ -41,7 +41,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import Module, System, Topic
     from soter.language.model.types import Type, Value
 
@@ -93,9 +93,7 @@ def doubt_predicates(
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not trials:
         return False
-    lost = [t for t in trials if not t[2]]
-    turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
-    if turned and any(f and not s for f, s, held, _ in trials if held):
+    if _exchanged(trials):
         diagnostics.warning(
             "W013",
             f"`ttf` and `safer` of module `{symbol.name}` look exchanged",
@@ -124,35 +122,45 @@ def doubt_predicates(
     return False
 
 
+def _exchanged(trials: Sequence[Trial]) -> bool:
+    """Whether `ttf` and `safer` say what the other should: both where all is well and is lost."""
+    lost = [t for t in trials if not t[2]]
+    turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
+    return turned and any(f and not s for f, s, held, _ in trials if held)
+
+
+def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
+    """Which of the two says the opposite, and whether it leaves a gap if turned round."""
+    lost = [t for t in trials if not t[2]]
+    if len(lost) < LOST_MIN:
+        return None
+    if not any(f or s for f, s, _, _ in lost):
+        return "ttf", all(f or not s for f, s, _, _ in trials)
+    if all(f and s for f, s, _, _ in lost):
+        return "safer", all(s or not f for f, s, _, _ in trials)
+    return None
+
+
 def _turned_round(
     symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
     """W013 where one of the two says the opposite: `ttf` of all is well, `safer` of danger."""
-    lost = [t for t in trials if not t[2]]
-    assert symbol.ttf is not None
-    assert symbol.safer is not None
-    if len(lost) < LOST_MIN:
+    turned = _which_is_turned(trials)
+    if turned is None:
         return False
-    if not any(f for f, _, _, _ in lost) and not any(s for _, s, _, _ in lost):
-        name, predicate, label = "ttf", symbol.ttf, "false wherever `safe` is lost"
-        gap = all(f or not s for f, s, _, _ in trials)
-    elif all(f and s for f, s, _, _ in lost):
-        name, predicate, label = "safer", symbol.safer, "true wherever `safe` is lost"
-        gap = all(s or not f for f, s, _, _ in trials)
-    else:
-        return False
+    name, gap = turned
+    predicate = symbol.ttf if name == "ttf" else symbol.safer
+    assert predicate is not None
     other = _opposite(predicate)
-    helps: tuple[Help, ...] = ("turn its comparison round",)
-    if gap:
-        helps = (replace(predicate.span, other, f"the other way round: `{name} {other};`"),)
+    turn = replace(predicate.span, other, f"the other way round: `{name} {other};`")
     diagnostics.warning(
         "W013",
         f"`{name}` of module `{symbol.name}` looks turned round",
         predicate.span,
-        label,
+        f"{'false' if name == 'ttf' else 'true'} wherever `safe` is lost",
         also=((symbol.safe.span, "`safe`"),),
         notes=(ROLES,),
-        helps=helps,
+        helps=(turn if gap else "turn its comparison round",),
     )
     return True
 

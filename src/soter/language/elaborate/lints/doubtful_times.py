@@ -27,7 +27,7 @@ from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BOOL
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.evaluate.range_evaluation import ReadPlace
@@ -47,7 +47,7 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
     drivers = {
         c.scope.topics[topic]: c
         for c in system.components
-        for topic in _publishes(c)
+        for topic in c.published
         if topic in c.scope.topics
     }
     drawn_every = {d.topic: d.every_ns for d in system.inputs}
@@ -97,11 +97,7 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
     """W035: `ttf` or `safer` compares an age with so much more than it ever is: other units."""
-    for n in nodes(_predicates(module)):
-        if not isinstance(n, typed.TypedBinary | typed.TypedCall) or n.type != BOOL:
-            continue
-        if isinstance(n, typed.TypedBinary) and n.op not in COMPARISONS:
-            continue
+    for n in _comparisons(_predicates(module)):
         usual_by_topic = {
             t: t.max_age_ns or least_age_ns(system, i)
             for i in dict.fromkeys(module.scope.topics[read.topic] for read in _ages_in(n))
@@ -126,6 +122,14 @@ def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) ->
             notes=("what is older than `max_age` is stale, and AC has no control anyway",),
             helps=(f"write a time with its unit: `age(...) < seconds({write_ns(usual)})`",),
         )
+
+
+def _comparisons(expressions: Iterable[typed.TypedExpr]) -> Iterator[typed.TypedExpr]:
+    """The comparisons in expressions, and calls that may be some."""
+    for n in nodes(expressions):
+        compares = n.op in COMPARISONS if isinstance(n, typed.TypedBinary) else True
+        if compares and isinstance(n, (typed.TypedBinary, typed.TypedCall)) and n.type == BOOL:
+            yield n
 
 
 def _ages_in(e: typed.TypedExpr) -> list[typed.AgeRead]:
@@ -202,12 +206,6 @@ def _drawn_rarely(
         notes=AGES if every_ns else (f"from {show_ns(max_age_ns)} on AC has no control",),
         helps=(drawn, "or leave its `max_age` out"),
     )
-
-
-def _publishes(c: Component) -> list[typed.TopicSymbol]:
-    if c.plant is not None:
-        return [t for t, _ in c.plant.drives]
-    return list(c.node.publishes) if c.node is not None else []
 
 
 def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:

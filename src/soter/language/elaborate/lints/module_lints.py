@@ -305,14 +305,11 @@ def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
     """W036: one topic stands for what a plant or node reads, and for what it publishes."""
     topics, plant, node = component.scope.topics, component.plant, component.node
     reads: list[TopicSymbol] = []
-    own: list[TopicSymbol] = []
     if plant is not None:
-        reads, own = list(plant.reads), [t for t, _ in plant.drives]
+        reads = list(plant.reads)
     elif node is not None:
-        reads, own = [s.topic for s in node.subscribes], list(node.publishes)
-    else:
-        return
-    written = {topics[t]: t for t in own}
+        reads = [s.topic for s in node.subscribes]
+    written = {topics[t]: t for t in component.published}
     for topic in reads:
         out = written.get(topics[topic])
         if out is None or out is topic:

@@ -208,14 +208,7 @@ def doubt_constants(
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not topic_reads(symbol.safe):
         return False  # nothing is to be kept, or W021 says so
-    aged = any(isinstance(n, typed.AgeRead) for n in nodes([ttf, safer]))  # then nothing is tried
-    read = narrowed(system, fresh_ages_ns(system, module)) if aged else None
-    ttf_always, safer_always = (
-        always_by_parts(e, system, module.scope, read)
-        if aged or len({t[i] for t in trials}) == 1
-        else None
-        for i, e in enumerate((ttf, safer))
-    )
+    ttf_always, safer_always = _always(system, module, trials, (ttf, safer))
     if (ttf_always, safer_always) == (None, None):
         return False
     from soter.language.evaluate.numbers_in_predicates import maybe_nan  # noqa: PLC0415 - seldom
@@ -233,6 +226,23 @@ def doubt_constants(
         return False
     _decides_nothing(module, message, at, label, diagnostics)
     return True
+
+
+def _always(
+    system: System,
+    module: Module,
+    trials: Sequence[Trial],
+    predicates: tuple[typed.TypedExpr, typed.TypedExpr],
+) -> list[bool | None]:
+    """Of each predicate, whether it holds everywhere, or nowhere; None: neither is known."""
+    aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # then nothing is tried
+    read = narrowed(system, fresh_ages_ns(system, module)) if aged else None
+    return [
+        always_by_parts(e, system, module.scope, read)
+        if aged or len({t[i] for t in trials}) == 1
+        else None
+        for i, e in enumerate(predicates)
+    ]
 
 
 def doubt_trials(

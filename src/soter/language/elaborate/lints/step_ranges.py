@@ -172,7 +172,12 @@ class _StepRanges(RangeEvaluator):
                 name = of.fields[index][0] if isinstance(of, RecordType) else f"[{index}]"
                 self._compare(topic, part, (*path, name), symbol)
             return
-        flat = self._flat(self.evaluate(value), of)
+        self._compare_leaves(topic, value, path, symbol)
+
+    def _compare_leaves(
+        self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
+    ) -> None:
+        flat = self._flat(self.evaluate(value), value.type)
         bounds = [
             bound
             for (leaf, _), bound in zip(leaves(topic.type), topic.bounds, strict=True)

@@ -55,10 +55,7 @@ class ReadClocks:
 
 def together(system: System, watched: Sequence[ReadClocks]) -> int:
     """Strict comparisons in one circle of times at most: the parts that the grid is cut into."""
-    assert system.test is not None
-    late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
-    if system.test.skew_ns:
-        late |= {c.index for c in system.components if c.plant is None}
+    late = _may_be_late(system)
     if not late:
         return 1
     moved = _published_late(system, late)
@@ -66,16 +63,9 @@ def together(system: System, watched: Sequence[ReadClocks]) -> int:
     for w in watched:
         free = late if w.component is None else late & {w.component}
         ages = {_source(system, t) for t in w.ages}
-        loose = len(ages & moved)
-        loose += w.kept if free or loose else 0
-        edges = 0
-        if w.crossed and loose:
-            edges = loose + bool(free)
-        elif free:
-            edges = min(loose, AT_A_STEP)
-        fixed = ages - moved if free else ages & moved
-        from_zero |= bool(fixed) or bool(free and (w.now or w.deadline == "eventually"))
-        clocks += (loose if free else 0) + len(fixed) + bool(free and w.now)
+        edges, moving, has_zero = _edges(w, ages, moved, free=bool(free))
+        from_zero |= has_zero
+        clocks += moving
         if w.component is not None:
             in_steps += edges * releases(system, w.component)
         else:
@@ -84,6 +74,33 @@ def together(system: System, watched: Sequence[ReadClocks]) -> int:
     strict = in_steps + (looked_at + 2 if from_zero else seen)
     asked = any(w.deadline == "invariant" for w in watched)
     return max(strict, 2) if clocks or asked else 1
+
+
+def _may_be_late(system: System) -> set[int]:
+    """Components whose steps may be late."""
+    assert system.test is not None
+    late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
+    if system.test.skew_ns:
+        late |= {c.index for c in system.components if c.plant is None}
+    return late
+
+
+def _edges(w: ReadClocks, ages: set[int], moved: set[int], *, free: bool) -> tuple[int, int, bool]:
+    """Strict edges each time a text is run, clocks in it that move, whether time zero is a node.
+
+    `ages`: of which topics, `moved`: those with stamps of steps that may be late; `free`: whether
+    the text itself may run late.
+    """
+    loose = len(ages & moved)
+    loose += w.kept if free or loose else 0
+    edges = 0
+    if w.crossed and loose:
+        edges = loose + free
+    elif free:
+        edges = min(loose, AT_A_STEP)
+    fixed = ages - moved if free else ages & moved
+    clocks = (loose if free else 0) + len(fixed) + (free and w.now)
+    return edges, clocks, bool(fixed) or (free and (w.now or w.deadline == "eventually"))
 
 
 def _published_late(system: System, late: set[int]) -> set[int]:

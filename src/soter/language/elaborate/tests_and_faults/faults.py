@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.source import Span
     from soter.language.elaborate.topics import Topics
     from soter.language.model import typed
-    from soter.language.model.system import Component, Module, System
-    from soter.language.model.types import Type
+    from soter.language.model.system import Component, Module, System, Topic
 
 
 def named(system: System, path: str) -> list[Component]:
@@ -113,22 +112,18 @@ class _Places:
         rate = self._rate(item)
         if amount is None or rate is None:
             return
-        targets = self._group(item) if item.path in GROUPS else self._single(item)
         streams: dict[int, str] = {}
-        together = item.path in GROUPS and item.kind == "late" and item.rate is not None
-        shared = self._stream(f"fault.{item.kind}.{item.path}") if together else None
-        for c, topic, leaf_indices, disturbance in targets:
-            slot = int(amount[0]) if item.kind == "late" and item.rate is not None else lasts
-            apart = slot > 0 and item.kind in APART
+        now_and_then = item.kind == "late" and item.rate is not None
+        together = item.path in GROUPS and now_and_then
+        shared = self._stream(item) if together else None
+        slot = int(amount[0]) if now_and_then else lasts
+        apart = slot > 0 and item.kind in APART
+        for c, topic, leaf_indices, disturbance in self._targets(item):
             p = self._probability(item, rate, slot or c.period_ns, apart=apart)
-            if p is None:
+            if p is None or self._leaves_no_release(item, amount, c):
                 return
-            if item.kind == "late" and item.rate is None and amount[0] >= c.period_ns:
-                self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
-                return
-            where = item.path if c.name == item.path else f"{c.name}.{item.path}"
             if c.index not in streams:
-                streams[c.index] = shared or self._stream(f"fault.{item.kind}.{where}")
+                streams[c.index] = shared or self._stream(item, c)
             fault = Fault(
                 kind=item.kind,
                 component=c.index,
@@ -144,8 +139,19 @@ class _Places:
             )
             yield fault
 
-    def _stream(self, name: str) -> str:
+    def _leaves_no_release(
+        self, item: typed.SystemFaultSymbol, amount: tuple[float, ...], c: Component
+    ) -> bool:
+        """Whether a component would always be so late that it never runs, which is reported."""
+        never = item.kind == "late" and item.rate is None and amount[0] >= c.period_ns
+        if never:
+            self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
+        return never
+
+    def _stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
         """A stream of its own: a second fault of the same kind in the same place has another."""
+        where = item.path if c is None or c.name == item.path else f"{c.name}.{item.path}"
+        name = f"fault.{item.kind}.{where}"
         count = self.streams[name] = self.streams.get(name, 0) + 1
         return name if count == 1 else f"{name}#{count}"
 
@@ -181,11 +187,17 @@ class _Places:
                 self._wrong(item, "is by a time of more than 0 and at most 1 h")
                 return None
             return (values[0],)
-        if item.kind != "late":
-            if any(not math.isfinite(v) for v in values) or len(values) > 1:
-                self._wrong(item, "is by one finite number")
-                return None
-            return tuple(float(v) for v in values)
+        if item.kind == "late":
+            return self._lateness(item, values, lasts)
+        if any(not math.isfinite(v) for v in values) or len(values) > 1:
+            self._wrong(item, "is by one finite number")
+            return None
+        return tuple(float(v) for v in values)
+
+    def _lateness(
+        self, item: typed.SystemFaultSymbol, values: list[float], lasts: int
+    ) -> tuple[float, ...] | None:
+        """How late, or from and to how late, in ns."""
         if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
             self._wrong(item, "is by times from 0 to 1 h, the shorter ones first")
             return None
@@ -229,10 +241,12 @@ class _Places:
         components = [c for c in self.system.components if c.role in wanted]
         return [(c, None, (), None) for c in components]
 
-    def _single(
+    def _targets(
         self, item: typed.SystemFaultSymbol
     ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
-        """The component that a path begins with, and what follows."""
+        """The components of a group, or those that a path begins with, and what follows."""
+        if item.path in GROUPS:
+            return self._group(item)
         parts = item.path.split(".")
         for count in range(len(parts), 0, -1):
             components = named(self.system, ".".join(parts[:count]))
@@ -276,34 +290,32 @@ class _Places:
     def _published(
         self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
     ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
-        symbols = (
-            [t for t, _ in c.plant.drives] if c.plant else list(c.node.publishes if c.node else ())
-        )
         parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
-        topics = [t for t in symbols if not parts or t.name.rpartition(".")[2] == parts[0]]
+        topics = [t for t in c.published if not parts or t.name.rpartition(".")[2] == parts[0]]
         hit, below = False, parts[1:]
         for symbol in topics:
-            bursts = c.node.bursts if c.node else {}
-            if item.kind != "silent" and (symbol in bursts or has_list(symbol.type)):
+            if item.kind != "silent" and not _is_one_value(c, symbol):
                 if rest:
                     self._impossible(item, f"`{symbol.name}` is not one value of fixed size")
                     return
                 continue
             topic = c.scope.topics[symbol]
-            indices = _leaves(item.kind, symbol.type, below)
-            if item.kind == "saturated":
-                bounds = self.system.topics[topic].bounds
-                indices = tuple(i for i in indices if bounds[i] is not None)
+            indices = _leaves(item.kind, self.system.topics[topic], below)
             if indices:
                 hit = True
                 yield c, topic, indices, None
         if not hit:
-            what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
-            there = [t.name.rpartition(".")[2] for t in symbols]
-            also = [f"`{c.name}` publishes {listed(there)}"] if there else []
-            self._impossible(item, f"{what} is nothing that `{item.kind}` could hit", *also)
+            self._nothing_to_hit(item, c, rest)
         elif c.plant is not None and item.kind == "nan":
             self._impossible(item, "a reading that is no number reaches no topic: say `silent`")
+
+    def _nothing_to_hit(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> None:
+        what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
+        there = [t.name.rpartition(".")[2] for t in c.published]
+        also = [f"`{c.name}` publishes {listed(there)}"] if there else []
+        self._impossible(item, f"{what} is nothing that `{item.kind}` could hit", *also)
 
     def _impossible(self, item: typed.SystemFaultSymbol, *why: str) -> None:
         self.diagnostics.error(
@@ -328,12 +340,7 @@ class _Places:
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             return "in its declared range" if d.low <= low and high <= d.high else None
         if fault.kind in TIMED:
-            own = [f for f in faults if f.kind in TIMED and f.component == c.index]
-            most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
-            if fault.kind == "late":
-                return self._declared_late(c, most)
-            lost = sum(int(f.amount[-1]) for f in own) >= c.period_ns
-            return None if lost or c.takes_ns is not None else self._declared_response(c, most)
+            return self._declared_time(fault, c, faults)
         if fault.kind == "silent" and c.plant is not None:
             return self._declared_dropout(fault, c, faults)
         return None
@@ -358,6 +365,15 @@ class _Places:
             value = self.elaborator.number(expr, "a time of `verify`")
         return None if value is None else float(value)
 
+    def _declared_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """`late` or `response`, if all such faults of the component together keep to it."""
+        own = [f for f in faults if f.kind in TIMED and f.component == c.index]
+        most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
+        if fault.kind == "late":
+            return self._declared_late(c, most)
+        lost = sum(int(f.amount[-1]) for f in own) >= c.period_ns
+        return None if lost or c.takes_ns is not None else self._declared_response(c, most)
+
     def _declared_late(self, c: Component, most: int) -> str | None:
         """`late` of the verify blocks, of every module that depends on the component."""
         said = []
@@ -375,7 +391,7 @@ class _Places:
         if not said or most >= c.period_ns or most + takes > c.period_ns:
             return None  # a release would be lost
         values = [self._number(m, e) for m, e in said]
-        return "as late as declared" if all(v is not None and most <= v for v in values) else None
+        return "as late as declared" if _keeps_to(values, most) else None
 
     def _declared_response(self, c: Component, most: int) -> str | None:
         """`response` of the verify blocks, of every module that depends on the component."""
@@ -384,8 +400,7 @@ class _Places:
             by_name = _beside(m, m.symbol.verify.response_of)
             if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
                 said.append(self._number(m, by_name.get(c.name)))
-        fits = bool(said) and all(v is not None and most <= v for v in said)
-        return "no longer than its declared `response`" if fits else None
+        return "no longer than its declared `response`" if _keeps_to(said, most) else None
 
     def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """`dropout` of every module, for all that may be lost in a row, of all that it drives.
@@ -399,7 +414,7 @@ class _Places:
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
         lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
         values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]
-        fits = bool(values) and all(v is not None and lost * c.period_ns <= v for v in values)
+        fits = _keeps_to(values, lost * c.period_ns)
         return "as silent as `dropout` says" if fits and fault.slot_ns else None
 
     def _about(self, m: Module) -> set[int]:
@@ -420,6 +435,11 @@ class _Places:
                     node_indices.add(c.index)
                     written |= made
         return node_indices
+
+
+def _keeps_to(declared: Sequence[float | None], most: int) -> bool:
+    """Whether something is declared, and nothing less than `most`."""
+    return bool(declared) and all(v is not None and most <= v for v in declared)
 
 
 def _read(system: System, c: Component) -> set[int]:
@@ -452,13 +472,20 @@ def _beside(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.T
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
 
 
-def _leaves(kind: str, t: Type, path: Sequence[str]) -> tuple[int, ...]:
+def _is_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
+    """Whether a step of a component publishes at most one message on a topic, of fixed size."""
+    return not has_list(topic.type) and not (c.node is not None and topic in c.node.bursts)
+
+
+def _leaves(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
     """The leaves below a path that a kind of fault can hit, by their numbers; (0,) of silent."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))
     return tuple(
         i
-        for i, (at, leaf) in enumerate(leaves(t))
-        if at[: len(path)] == tuple(path) and isinstance(leaf, wanted)
+        for i, (at, leaf) in enumerate(leaves(topic.type))
+        if at[: len(path)] == tuple(path)
+        and isinstance(leaf, wanted)
+        and (kind != "saturated" or topic.bounds[i] is not None)
     )

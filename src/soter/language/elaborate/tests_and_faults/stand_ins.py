@@ -84,18 +84,27 @@ def stand_in(
     """The node in place of `node`, which does nothing until `give_step`; E015 if it never can."""
     own = [("", e) for e in node.guarantees]
     given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
-    used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
+    said = [*given, *own]
+    used = [(n, e) for n, e in said if _can_be_asked(e, node)]
     wholes = tuple(e for _, e in used)
-    reads = [t for t in topic_reads(*wholes) if t not in node.publishes]
     if node.bursts:
         _refuse_messages(node, by, diagnostics)
-    subscribes = tuple(typed.Subscribed(t, None, "drop_oldest", by.span) for t in reads)
+    subscribes = tuple(
+        typed.Subscribed(t, None, "drop_oldest", by.span)
+        for t in topic_reads(*wholes)
+        if t not in node.publishes
+    )
     made = node.doing((), subscribes)
-    texts = [(n, " ".join(e.span.text.split())) for n, e in [*given, *own]]
-    told = [f"{n}: {text}" if n else text for n, text in texts]
-    left = [t for t, pair in zip(told, [*given, *own], strict=True) if pair not in used]
+    told = [_told(n, e) for n, e in said]
+    left = [t for t, pair in zip(told, said, strict=True) if pair not in used]
     kept = tuple(t for t in told if t not in left)
     return made, StandIn(by.of, by.kind, by.role, kept, tuple(left), wholes, by.span)
+
+
+def _told(name: str, condition: typed.TypedExpr) -> str:
+    """A clause as it is told, on one line."""
+    text = " ".join(condition.span.text.split())
+    return f"{name}: {text}" if name else text
 
 
 def give_step(

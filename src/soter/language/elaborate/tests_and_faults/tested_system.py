@@ -35,12 +35,12 @@ from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import RecordType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.source import Span
     from soter.language.elaborate.instantiate import SubSystem
     from soter.language.elaborate.tests_and_faults.distinguishable_values import Path
-    from soter.language.model.system import Component, Metric, Module, Scope, System
+    from soter.language.model.system import Component, Metric, Module, Scope, StandIn, System
     from soter.language.model.types import Value
 
 MAX_ACTORS = 64
@@ -173,11 +173,7 @@ class _TestElaborator(Elaborator):
             if c.stands_for is None or c.node is None:
                 continue
             outputs = {c.scope.topics[t] for t in c.node.publishes}
-            mine = [s for s in own if s.topic in outputs]
-            promised = tuple(s.text for s in mine if s.promised)
-            tried = tuple(s.text for s in mine if not s.promised)
-            clauses = (*c.stands_for.clauses, *promised)
-            c.stands_for = replace(c.stands_for, clauses=clauses, tried=tried)
+            c.stands_for = _with_values(c.stands_for, [s for s in own if s.topic in outputs])
             give_step(c, system.topics, stated, readers, self.diagnostics)
 
     def _constant(self, e: typed.TypedExpr, scope: Scope) -> Value | None:
@@ -593,6 +589,13 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 def _sets_of(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
     """The parameters that it sets, and to what."""
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
+
+
+def _with_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
+    """A stand-in that is told of with the values that a test states for it."""
+    promised = [s.text for s in stated if s.promised]
+    tried = [s.text for s in stated if not s.promised]
+    return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))
 
 
 def _text(item: typed.PropertySymbol) -> str:

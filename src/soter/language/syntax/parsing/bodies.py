@@ -187,7 +187,7 @@ class BodyParser(StatementParser):
         if meant is not None and self._reads_as(meant):
             self._taken_for(meant, message, parts, items)
             return
-        if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
+        if self._at_statement():
             self._loose_statements(message, items)
             return
         elsewhere = at_word_of_elsewhere(self)
@@ -195,18 +195,29 @@ class BodyParser(StatementParser):
         if near is not None:
             self._taken_for(near, message, parts, items, f"did you mean `{near}`?")
             return
-        if word in ("invariant", "invariants") and "always" in items:
-            raise self.failure("S010", message, helps=(self._asked_with_always(items),))
-        if kind == NAME and "system" in {*items, body} and self.kinds[self.i + 1] == ";":
-            raise self.failure("S010", message, helps=(self._named_alone(word, items),))
+        help_ = self._item_without_its_word(word, items)
+        if help_ is not None:
+            raise self.failure("S010", message, helps=(help_,))
         if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS and not elsewhere:
             self._loose_statements(message, items)
             return
-        sort = what.partition(" `")[0]
-        known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
-        notes = (f"the items of {sort} are {', '.join(known)}",)
         advice = meaning("no_item", word, body)
+        notes = (_listed(what.partition(" `")[0], items),)
         raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
+
+    def _at_statement(self) -> bool:
+        """Whether a statement begins here, and not a list of topics."""
+        kind = self.kinds[self.i]
+        return kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names())
+
+    def _item_without_its_word(self, word: str, items: Items) -> Help | None:
+        """What to write for `invariant(M);` or, in a system, for `House;`."""
+        if word in ("invariant", "invariants") and "always" in items:
+            return self._asked_with_always(items)
+        alone = self.kinds[self.i] == NAME and self.kinds[self.i + 1] == ";"
+        if alone and "system" in {*items, body_of(items, 0)}:
+            return self._named_alone(word, items)
+        return None
 
     def _item_meant(self, body: str, word: str) -> str | None:
         """The item of this body that a word of other languages stands for, if no `=` follows."""
@@ -442,3 +453,9 @@ class BodyParser(StatementParser):
             self.damaged = True
             self.origin()
         return None, None
+
+
+def _listed(sort: str, items: Items) -> str:
+    """What a body may have inside."""
+    known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
+    return f"the items of {sort} are {', '.join(known)}"

@@ -41,6 +41,12 @@ _SHOWN_MAX = 100
 _CONVERSIONS = frozenset(["int", "float"])
 """Types that are also called as functions: `float(n)`, `int(x)`."""
 
+_NO_OPERATORS = {
+    "++": "write `x = x + 1;` as a statement of its own",
+    "**": "there is no power operator: multiply",
+}
+"""What other languages have, and what to do here."""
+
 
 class ExpressionParser(Cursor):
     """The part of the parser that reads expressions."""
@@ -255,18 +261,9 @@ class ExpressionParser(Cursor):
                 result = self._index(result, start)
             elif kind == "(":
                 result = self._call(result, start)
-            elif kind == "++":
-                raise self.failure(
-                    "S015",
-                    "`++` is not an operator of Soter",
-                    helps=("write `x = x + 1;` as a statement of its own",),
-                )
-            elif kind == "**":
-                raise self.failure(
-                    "S015",
-                    "`**` is not an operator of Soter",
-                    helps=("there is no power operator: multiply",),
-                )
+            elif kind in _NO_OPERATORS:
+                message = f"`{kind}` is not an operator of Soter"
+                raise self.failure("S015", message, helps=(_NO_OPERATORS[kind],))
             else:
                 return result
 

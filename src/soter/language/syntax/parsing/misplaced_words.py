@@ -149,12 +149,10 @@ _VALUES = frozenset([NAME, INT, FLOAT, DURATION, STRING, "(", "[", "{", "true", 
 _ASSIGNMENT = re.compile(r"expected `=` after `\w+`")
 
 
-def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
-    """The item at the cursor with one token more, less or other, where that makes it right."""
-    i = cursor.i
-    text = cursor.source.text
-    kind, word = cursor.kinds[i], cursor.texts[i]
-    token = cursor.token_span(i)
+def _edits(cursor: Cursor, code: Code, message: str) -> list[Edit]:
+    """What may have been meant by the token at the cursor, to be tried in this order."""
+    kind, word = cursor.kinds[cursor.i], cursor.texts[cursor.i]
+    token = cursor.token_span(cursor.i)
     found = _EXPECTED.match(message)
     expected = [e for e in (found.groups() if found else ()) if e in _INSERTED]
     edits: list[Edit] = []
@@ -166,11 +164,18 @@ def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
     if kind in _VALUES and not _ASSIGNMENT.match(message):
         before = Span(cursor.source, token.start, token.start)
         edits += [Edit(before, f"{e} ") for e in expected]
+    return edits
+
+
+def repaired(cursor: Cursor, code: Code, message: str) -> Fix | None:
+    """The item at the cursor with one token more, less or other, where that makes it right."""
+    text = cursor.source.text
+    token = cursor.token_span(cursor.i)
     line = text.rfind("\n", 0, token.start) + 1
     stop = text.find("\n", token.end)
     stop = len(text) if stop < 0 else stop
     following = max(text.find("\n", stop + 1), stop)
-    for edit in edits:
+    for edit in _edits(cursor, code, message):
         if not may_try(cursor):
             return None
         fix = Fix("", (edit,))
