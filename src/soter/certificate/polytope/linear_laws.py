@@ -58,6 +58,17 @@ SPLITS = 6
 """How often the ranges are halved, along what the rates are not linear in."""
 
 
+def _control_row(claimed: Sequence[float], acting: Sequence[int], controls: int) -> list[arb]:
+    made = [ZERO] * controls
+    for k, x in zip(acting, claimed, strict=True):
+        made[k] = exact(float(x))
+    return made
+
+
+def _diagonal(values: Sequence[arb], rows: int) -> list[list[arb]]:
+    return [[x if i == k else ZERO for k, x in enumerate(values)] for i in range(rows)]
+
+
 def enclosed_flow(
     model: CaseModel, members: Sequence[int], acting: Sequence[int], claimed: ClaimedRates
 ) -> LinearFlow:
@@ -70,10 +81,10 @@ def enclosed_flow(
     controls = control_inputs(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)
     a = [[exact(float(x)) for x in row] for row in claimed.state]
-    b = [[ZERO] * len(controls) for _ in members]
-    for to, row in zip(b, claimed.control, strict=True):
-        for k, x in zip(acting, row, strict=True):
-            to[k] = exact(float(x))
+    b = [
+        _control_row(row, acting, len(controls))
+        for _, row in zip(members, claimed.control, strict=True)
+    ]
     constant = [exact(float(x)) for x in claimed.constant]
     rests = []
     for at, i in enumerate(members):
@@ -96,7 +107,7 @@ def enclosed_flow(
 
     bent = _bent(terms, rests)
     noise = _largest(ranges, [at for at, k in enumerate(inputs) if k in bent], sizes, SPLITS)
-    columns = [[x if i == k else ZERO for k, x in enumerate(noise)] for i in range(len(members))]
+    columns = _diagonal(noise, len(members))
     limits = tuple((exact(c.low), exact(c.high)) for c in model.facts.controls)
     return LinearFlow(tuple(members), a, b, constant, columns, limits)
 
