@@ -42,7 +42,7 @@ from soter.certificate.terms.straight_line import Function
 from soter.certificate.terms.terms import Linear, NotRecheckedError, inputs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from flint import arb
 
@@ -153,12 +153,26 @@ class CommandLaw:
     high: list[arb]
 
 
+def _without(
+    own: Sequence[int], z: Linear, rest: arb, ranges: Mapping[int, tuple[arb, arb]]
+) -> tuple[arb, arb]:
+    """The middle of z but for the atoms `own`, and how far it is off, by `rest` too."""
+    if not rest.is_finite():
+        raise RejectedError("SC's law is not linear between its limits")
+    constant = z.const
+    for atom in z.terms.keys() - set(own):
+        centre, radius = _middle(*ranges[atom])
+        constant += z.terms[atom] * centre
+        rest += abs(z.terms[atom]) * radius
+    return constant, rest
+
+
 def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) -> CommandLaw:
     """The law of a group; `RejectedError` where it is not linear within the limits."""
     names = [c.name for c in model.facts.controls]
     if sorted({*claimed.controls} & {*names}) != sorted(claimed.controls):
         raise RejectedError("the law of a polytope group is of unknown controls")
-    controls = tuple(names.index(c) for c in claimed.controls)
+    controls = tuple(map(names.index, claimed.controls))
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
     ranges = {i: (a.low, a.high) for i, a in enumerate(terms.atoms) if a.kind == "box"}
@@ -180,14 +194,7 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     own = [next(iter(states[i].terms)) for i in members]
     gain, offset, spread = [], [], []
     for z, least, most in zip(zs, found[::2], found[1::2], strict=True):
-        rest = magnitude(least).max(magnitude(most))
-        if not rest.is_finite():
-            raise RejectedError("SC's law is not linear between its limits")
-        constant = z.const
-        for atom in z.terms.keys() - set(own):
-            centre, radius = _middle(*ranges[atom])
-            constant += z.terms[atom] * centre
-            rest += abs(z.terms[atom]) * radius
+        constant, rest = _without(own, z, magnitude(least).max(magnitude(most)), ranges)
         gain.append([z.terms.get(atom, ZERO) for atom in own])
         offset.append(constant)
         spread.append(rest)
