@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.language.model.system import System
+    from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
     from soter.monitor.logs.result import LogJudgement
     from soter.simulate.result import Run
+    from soter.verify.problem.problem import Problem
 
 
 def judged(
@@ -84,6 +85,18 @@ def log_judged(
     return judgement
 
 
+def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: set[str]) -> None:
+    wrong = []
+    for m, problem in problems:
+        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
+        if missing:
+            notes = tuple(f"missing: {name}" for name in missing)
+            text = f"the log does not say whether the plants of `{m.name}` explain it"
+            wrong.append(Diagnostic("D017", text, notes=notes))
+    if wrong:
+        raise SoterError(tuple(wrong))
+
+
 def log_explained(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
     log: str | Path,
@@ -103,15 +116,7 @@ def log_explained(
     flat, declared = _declared(flat_of, mapping, system, params, where)
     given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
-    wrong = []
-    for m, problem in problems:
-        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
-        if missing:
-            notes = tuple(f"missing: {name}" for name in missing)
-            text = f"the log does not say whether the plants of `{m.name}` explain it"
-            wrong.append(Diagnostic("D017", text, notes=notes))
-    if wrong:
-        raise SoterError(tuple(wrong))
+    _require_given(flat, problems, given)
     path = Path(log)
     columns = read_columns(path, declared)
     samples = samples_of(path, declared, columns)

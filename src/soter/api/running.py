@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from soter.api.compiled_systems import PreparedSystem, PreparedSystems
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.flight_recording import FlightRecording
+    from soter.simulate.interrupt import StopRequest
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunOptions
@@ -60,28 +61,17 @@ def simulate(
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
-    seed, engine, stop = options.seed, options.engine, stop_request()
-    bound: dict[str, object]
-    bindings = bind_again(prepared.bindings, given)
-    paced = _why_paced(bindings, engine) if options.real_time else ""
-    if options.recorded is not None:
-        from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
-
-        recording = FlightRecording(Path(options.recorded), bindings.system)
-        seed, engine, bound = recording.seed, "recorded", {}
-        go: Callable[..., Run] = partial_(_recorded, recording)
-    elif options.real_time and not paced:
-        require_runnable(bindings, engine)
-        go = partial_(_in_real_time, bindings, not options.apart)
-        bound = {}
+    stop, bindings = stop_request(), bind_again(prepared.bindings, given)
+    paced = _why_paced(bindings, options.engine) if options.real_time else ""
+    bound: dict[str, object] = {}
+    if options.recorded is not None or (options.real_time and not paced):
+        seed, engine, go = _already_bound(bindings, options)
     else:
-        bound = callables(bindings, engine, stop, apart=options.apart and hasattr(os, "fork"))
+        seed, engine, apart = options.seed, options.engine, options.apart and hasattr(os, "fork")
+        bound = callables(bindings, engine, stop, apart=apart)
         go = _engine(engine, preparations, prepared)
     answered = bindings.files()
-    if writer is not None:
-        layout = state_layout(bindings.system)
-        told = {**bindings.texts(), **{f"{n} sha256 {f}": h for n, f, h in _each(answered)}}
-        writer.begin(bindings.system, layout, seed, engine, told)
+    _begin_log(writer, bindings, answered, seed, engine)
     try:
         phase(f"running {bindings.system.name}", anew=True)
         with stoppable(stop, INTERRUPT if writer is None else ANY_END):
@@ -109,11 +99,41 @@ def simulate(
     run.page = _page
     run.computed = [*prepared.computed, *assumptions(bound)]
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
-    if writer is not None:
-        writer.end(run, stopped_by(stop) if run.interrupted else run.cut)
+    _end_log(writer, run, stop)
     if run.interrupted and not options.partial:
         raise_again(stop)
     return run
+
+
+def _already_bound(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
+    """Seed, engine and what runs of a recorded flight, or in real time: nothing is bound to it."""
+    if options.recorded is None:
+        require_runnable(bindings, options.engine)
+        in_time = partial_(_in_real_time, bindings, not options.apart)
+        return options.seed, options.engine, in_time
+    from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
+
+    recording = FlightRecording(Path(options.recorded), bindings.system)
+    return recording.seed, "recorded", partial_(_recorded, recording)
+
+
+def _begin_log(
+    writer: RunLog | None,
+    bindings: Bindings,
+    answered: Mapping[str, Mapping[str, str]],
+    seed: int,
+    engine: str,
+) -> None:
+    if writer is None:
+        return
+    hashes = {f"{n} sha256 {f}": h for n, f, h in _each(answered)}
+    layout = state_layout(bindings.system)
+    writer.begin(bindings.system, layout, seed, engine, {**bindings.texts(), **hashes})
+
+
+def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
+    if writer is not None:
+        writer.end(run, stopped_by(stop) if run.interrupted else run.cut)
 
 
 def _each(answered: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:

@@ -353,8 +353,7 @@ def _without_externs(system: System, core: CoreSystem) -> None:
     def in_c(binding: str | None) -> bool:
         return (binding or "").startswith("c:")
 
-    linked = [c for c in system.components if c.node and in_c(c.binding)]
-    outside = [c for c in system.components if c.extern and c not in linked]
+    outside = [c for c in system.components if c.extern and not (c.node and in_c(c.binding))]
     names = [c.name for c in outside]
     kind, helps = "node", _compiled_instead(outside)
     if outside and outside[0].plant is not None:

@@ -71,9 +71,10 @@ def blames(
 
     excused = clean(only_inside(system), [n for n, texts in met.items() if texts])
     needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
-    for text in sorted({t for n in excused - needed.keys() for t in met[n]}):
+    several = excused - needed.keys()
+    for text in sorted({t for n in several for t in met[n]}):
         shuffled = system.shuffled and text != ORDER
-        numbers = sorted(n for n in excused if len(met[n]) > 1 and text in met[n])
+        numbers = sorted(n for n in several if text in met[n])
         for n in clean(without_faults(system, (text,), shuffled=shuffled), numbers):
             needed.setdefault(n, []).append(text)
     return {
@@ -276,9 +277,10 @@ def result_of(
     exposed = [f.seconds / 3600.0 for f in flights] if aloft is None else aloft
     measures = _measured(flights, system)
     counts = [f.violations for f in flights]
-    rate = interval_of(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
-    if not system.properties:
-        rate = RateInterval(0.0, inf, FLIGHTS)
+    rate, per_flight = RateInterval(0.0, inf, FLIGHTS), (0.0, 1.0)
+    if system.properties:
+        rate = interval_of(counts, exposed, most=_onsets_most(flights, system), kinds=kinds)
+        per_flight = share_of(list(map(bool, counts)), kinds)
     return Result(
         flights=len(flights),
         distinct=len(set(kinds)),
@@ -288,7 +290,7 @@ def result_of(
         per_hour=(rate.low, rate.high),
         per_hour_basis=rate.basis,
         flights_violated=len(bad),
-        per_flight=share_of([c > 0 for c in counts], kinds) if system.properties else (0.0, 1.0),
+        per_flight=per_flight,
         ac_share=sum(f.all_ac_s for f in flights) / max(3600.0 * hours, 1e-9),
         modules=tuple(_modules(flights, system, exposed, kinds)),
         broken=tuple(told.most_common()),

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""
+UNDECLARED = "undeclared times are zero:"
 
 
 def p1c_of(facts: Facts) -> str:
@@ -175,10 +176,21 @@ def _sets(facts: Facts) -> Iterator[str]:
 # ---------------------------------------------------------------- time
 
 
+def _delays(facts: Facts) -> Said:
+    verify = facts.symbol.verify
+    for key, (words, name) in DELAYS.items():
+        if getattr(verify, name) is not None:
+            text = f"{words} {show_ns(facts.times[key])}"
+            if key == "L_ns" and verify.acts_least is not None:
+                text = f"{text}, and {show_ns(number_of(facts, verify.acts_least))} at least"
+            yield f"declared {text}", f"times as declared: {text}"
+        elif facts.kind == "flow":
+            yield f"undeclared {words}", f"{UNDECLARED} {words}"
+
+
 def _timing(facts: Facts) -> Said:
-    verify, undeclared = facts.symbol.verify, "undeclared times are zero:"
     for name in facts.ways.undeclared:
-        yield f"undeclared {name}", f"{undeclared} lateness or response of {name}"
+        yield f"undeclared {name}", f"{UNDECLARED} lateness or response of {name}"
     if facts.kind == "map":
         text = "plant, DM and SC run in the same instant, in this order, and commands act in it"
         yield "one instant", text
@@ -190,14 +202,7 @@ def _timing(facts: Facts) -> Said:
         names = ", ".join(c.name for c in facts.controls)
         text = f"what SC publishes begins to act in all of these at one instant: {names}"
         yield f"together {names}", text
-    for key, (words, name) in DELAYS.items():
-        if getattr(verify, name) is not None:
-            text = f"{words} {show_ns(facts.times[key])}"
-            if key == "L_ns" and verify.acts_least is not None:
-                text = f"{text}, and {show_ns(number_of(facts, verify.acts_least))} at least"
-            yield f"declared {text}", f"times as declared: {text}"
-        elif facts.kind == "flow":
-            yield f"undeclared {words}", f"{undeclared} {words}"
+    yield from _delays(facts)
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
     if facts.kind == "flow":

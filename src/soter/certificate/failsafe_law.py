@@ -22,12 +22,12 @@ from soter.certificate.report import missing_of
 from soter.language.model import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from soter.certificate.cells.cell_sets import Cells
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, Module, System
 
     Law = tuple[Facts, list[list[Group]]]
     """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
@@ -89,6 +89,21 @@ def law_of(facts: Facts) -> Facts:
         raise DiffersError("others move the plants: nobody keeps what they publish where all stops")
     if facts.kind != "flow":
         raise DiffersError("the plants move in steps: when a lease ends there is not settled")
+    system, name = _under_law(flying, module, law)
+    law_facts = read_facts(system, name, facts.view)
+    leave_out(law_facts, [s.name for s in facts.left_out])
+    check_supported(law_facts)
+    its, ours = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
+    if its != ours:
+        raise DiffersError("the fail-safe law is not about the states of the module")
+    law_facts.times, law_facts.turning = dict(facts.times), set(facts.turning)
+    return law_facts
+
+
+def _under_law(
+    flying: System, module: Module, law: Mapping[typed.TopicSymbol, typed.TypedExpr]
+) -> tuple[System, str]:
+    """The system in which SC publishes what the law does, and reads nothing; its module."""
     sc = flying.components[module.sc]
     assert sc.node is not None
     node = replace(
@@ -107,12 +122,4 @@ def law_of(facts: Facts) -> Facts:
     own = next(m for m in flying.modules if m.index == module.index)
     ruled = replace(own, symbol=replace(own.symbol, sc=node))
     modules = tuple(ruled if m is own else m for m in flying.modules)
-    system = replace(flying, components=tuple(components), modules=modules)
-    law_facts = read_facts(system, own.name, facts.view)
-    leave_out(law_facts, [s.name for s in facts.left_out])
-    check_supported(law_facts)
-    its, ours = ([(s.name, s.low, s.high) for s in x.states] for x in (law_facts, facts))
-    if its != ours:
-        raise DiffersError("the fail-safe law is not about the states of the module")
-    law_facts.times, law_facts.turning = dict(facts.times), set(facts.turning)
-    return law_facts
+    return replace(flying, components=tuple(components), modules=modules), own.name

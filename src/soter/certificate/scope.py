@@ -104,11 +104,15 @@ def _modules(
             yield f"module {name} {module.name}", text
 
 
+def _modelled_of(system: System, covered: Sequence[Covered]) -> set[str]:
+    own = (f for f in covered if f.flying is system and not (isinstance(f, Facts) and f.above))
+    return {name for f in own for name in _modelled(f)}
+
+
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
     """Plants that a value outside of a declared set stops, and that no claim is about."""
     for system in dict.fromkeys(f.flying for f in covered):
-        own = (f for f in covered if f.flying is system and not (isinstance(f, Facts) and f.above))
-        modelled = {name for f in own for name in _modelled(f)}
+        modelled = _modelled_of(system, covered)
         for c in system.components:
             if c.plant is None or c.name in modelled:
                 continue

@@ -312,6 +312,13 @@ class _Walker:
             live = self._statement(s, live)
         return live
 
+    def _changed(self, s: core.Set | core.Push, live: set[str]) -> set[str]:
+        if isinstance(s, core.Set) and s.name == self.task.leave:
+            return set(self._at_exit)
+        if isinstance(s, core.Set) and not s.path:
+            return self._full(s, s.name, s.value, live)
+        return self._part(s.name, s.value, live, self._reads(s.path, s.value))
+
     def _statement(self, s: core.Stmt, live: set[str]) -> set[str]:
         if isinstance(s, core.If):
             return self._if(s, live)
@@ -323,12 +330,8 @@ class _Walker:
             return self._full(s, s.name, s.value, live)
         if isinstance(s, core.Call):
             return self._call(s, live)
-        if isinstance(s, core.Set) and s.name == self.task.leave:
-            return set(self._at_exit)
-        if isinstance(s, core.Set) and not s.path:
-            return self._full(s, s.name, s.value, live)
         if isinstance(s, (core.Set, core.Push)):
-            return self._part(s.name, s.value, live, self._reads(s.path, s.value))
+            return self._changed(s, live)
         if isinstance(s, core.Publish):
             name = output_name(s.output)
             if s.limit is None:

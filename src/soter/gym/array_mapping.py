@@ -166,6 +166,13 @@ def _no_list(t: Type) -> SoterError:
 # ---------------------------------------------------------------- spaces
 
 
+def _discretes(each: list[spaces.Discrete[Any]]) -> spaces.Space[Any]:
+    if len(each) == 1:
+        return each[0]
+    start = np.array([int(x.start) for x in each])
+    return spaces.MultiDiscrete([int(x.n) for x in each], start=start)
+
+
 def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
     """Everything an agent may publish: a `Box` of floats, or for ints, bools and enums `Discrete`.
 
@@ -178,12 +185,7 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
     if all(isinstance(k, FloatType) for k in kinds) and None not in bounds:
         return _box([b for b in bounds if b is not None], names)
     if kinds and not any(isinstance(k, FloatType) for k in kinds):
-        subspaces = [_discrete(k, b) for k, b in zip(kinds, bounds, strict=True)]
-        if len(subspaces) == 1:
-            return subspaces[0]
-        return spaces.MultiDiscrete(
-            [int(x.n) for x in subspaces], start=np.array([int(x.start) for x in subspaces])
-        )
+        return _discretes([_discrete(k, b) for k, b in zip(kinds, bounds, strict=True)])
     raise wrong_choice(
         f"{names} are neither floats in a set nor ints, bools and enums", "give action_space=..."
     )

@@ -30,6 +30,7 @@ from soter.mapping.units import DIMENSIONS, RATES, SAME, UNITS, factor_between, 
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from typing import TypeGuard
 
     from soter.language.model.system import Topic
     from soter.language.model.types import Type
@@ -80,6 +81,10 @@ SCALE_MIN = 1e-60
 """What is scaled by less, or by more than one over it, may come out as 0 or as infinity."""
 SMALL = ("bool", "byte", "char", "int8", "uint8")
 """What messages hold truths in."""
+
+
+def _three_names(given: object) -> TypeGuard[list[str]]:
+    return isinstance(given, list) and len(given) == 3 and all(isinstance(n, str) for n in given)
 
 
 class LeafReader:
@@ -148,11 +153,7 @@ class LeafReader:
         row = what if isinstance(what, dict) else {"from": what}
         self.problems.only(row, VECTOR_KEYS, f"`{name}`")
         names = row.get("from")
-        if (
-            not isinstance(names, list)
-            or len(names) != 3
-            or not all(isinstance(n, str) for n in names)
-        ):
+        if not _three_names(names):
             self.problems.add(f"`{name}` needs the names of three fields, x, y, z, not {names!r}")
             return nothing
         if len(set(names)) != 3:
@@ -210,21 +211,8 @@ class LeafReader:
 
     def _from(self, name: str, t: Type, what: Mapping[str, Any]) -> SignalSource | None:
         problems, before = self.problems, len(self.problems.told)
-        unit = what.get("unit")
-        if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
-            problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
-            unit = None
-        for key in ("scale", "offset"):
-            if not is_number(what.get(key, 0)):
-                problems.add(f"`{key}` of `{name}` is no finite number: {what[key]!r}")
-        if what.get("scale", 1) == 0:
-            problems.add(f"`scale` of `{name}` is 0: say `constant`")
         field = what["from"]
-        if not isinstance(field, str):
-            problems.add(f"`from` of `{name}` is no name: {field!r}")
-        changed = {"unit", "scale", "offset"} & set(what)
-        if changed and not isinstance(t, FloatType):
-            problems.add(f"`{name}` is `{t}` and takes no {', '.join(sorted(changed))}")
+        unit = self._check_row(name, t, what)
         if len(problems.told) > before:
             return None
         standard = self._checked(name, t, field)
@@ -239,6 +227,24 @@ class LeafReader:
         said = unit is not None or standard is not None or "scale" in what
         assumed = t.unit if isinstance(t, (FloatType, IntType)) and not said else ""
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
+
+    def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:
+        """Say what is wrong in a row; its unit."""
+        problems, unit = self.problems, what.get("unit")
+        if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
+            problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
+            unit = None
+        for key in ("scale", "offset"):
+            if not is_number(what.get(key, 0)):
+                problems.add(f"`{key}` of `{name}` is no finite number: {what[key]!r}")
+        if what.get("scale", 1) == 0:
+            problems.add(f"`scale` of `{name}` is 0: say `constant`")
+        if not isinstance(what["from"], str):
+            problems.add(f"`from` of `{name}` is no name: {what['from']!r}")
+        changed = {"unit", "scale", "offset"} & set(what)
+        if changed and not isinstance(t, FloatType):
+            problems.add(f"`{name}` is `{t}` and takes no {', '.join(sorted(changed))}")
+        return unit
 
     def _checked(self, name: str, t: Type, field: str) -> str | None:
         """The standard unit of a field, which has to be in the message and of the right kind."""

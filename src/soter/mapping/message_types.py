@@ -168,15 +168,9 @@ class MessageType:
         for part in path.split("."):
             at = f"`{'.'.join(done)}` of {self.ros1}" if done else f"`{self.ros1}`"
             if kind[0] in (ARRAY, SEQUENCE):
-                element, size = kind[1]
-                if not (part.isascii() and part.isdigit() and len(part) < 10):
-                    raise NoSuchFieldError(f"{at} is a list: `.0` is its first element")
-                if part != str(int(part)):  # C would read `010` as 8
-                    raise NoSuchFieldError(f"{at}: `{part}` is written as `{int(part)}`")
-                if kind[0] == ARRAY and int(part) >= size:
-                    raise NoSuchFieldError(f"{at} has {size} elements, no `{part}`")
+                _require_index(kind, part, at)
                 through = "sequence" if kind[0] == SEQUENCE or through == "sequence" else "array"
-                kind = element
+                kind = kind[1][0]
             elif kind[0] == BASE:
                 raise NoSuchFieldError(f"{at} is `{kind[1][0]}` and has no `{part}`")
             else:
@@ -222,6 +216,15 @@ class MessageType:
 
 
 _PASSES: dict[int, Literal["array", "sequence"]] = {ARRAY: "array", SEQUENCE: "sequence"}
+
+
+def _require_index(kind: Any, part: str, at: str) -> None:  # noqa: ANN401 - as rosbags has it
+    if not (part.isascii() and part.isdigit() and len(part) < 10):
+        raise NoSuchFieldError(f"{at} is a list: `.0` is its first element")
+    if part != str(int(part)):  # C would read `010` as 8
+        raise NoSuchFieldError(f"{at}: `{part}` is written as `{int(part)}`")
+    if kind[0] == ARRAY and int(part) >= kind[1][1]:
+        raise NoSuchFieldError(f"{at} has {kind[1][1]} elements, no `{part}`")
 
 
 def _members(definitions: Definitions, name: str) -> dict[str, Any]:

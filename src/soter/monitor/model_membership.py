@@ -386,6 +386,17 @@ class _Ages:
         return not too_old
 
 
+def _parameter(
+    reader: RecordReader,
+    record: RecordedRun,
+    k: int,
+    shown: Sequence[tuple[int, tuple[str, ...]]] | None,
+) -> tuple[int, ...]:
+    if shown is None:
+        return reader.truth(record.topics[k], record.truths[k])[1]
+    return reader.shown(shown, record.topics[k])
+
+
 def _on_estimates(
     reader: RecordReader,
     models: _Models,
@@ -395,18 +406,14 @@ def _on_estimates(
     *,
     truths: bool,
 ) -> None:
-    shown = [] if truths else parameter_leaves(models.problem)
-    names = [leaf.name for leaf in reader.states]
+    shown = None if truths else parameter_leaves(models.problem)
     leaves = [reader.names[t] for t, _ in driven_leaves(models.problem)]
     box: tuple[Floats, Floats] | None = None
     same: tuple[int, ...] = ()
     u, then, seen_ns, silent = np.zeros(0), 0, 0, False
     for k, now in enumerate(record.times_ns):
         y = reader.estimate(record.topics[k])
-        if truths:
-            _, parameter = reader.truth(record.topics[k], record.truths[k])
-        else:
-            parameter = reader.shown(shown, record.topics[k])
+        parameter = _parameter(reader, record, k, shown)
         if box is not None and now > then:
             box = _image(models.step(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now
@@ -426,7 +433,7 @@ def _on_estimates(
         judgement.steps += 1
         judgement.judged_ns += 0 if gap else apart
         low, high = np.maximum(box[0], seen[0]), np.minimum(box[1], seen[1])
-        wrong = [names[i] for i in np.flatnonzero(low > high)]
+        wrong = [reader.states[i].name for i in np.flatnonzero(low > high)]
         if wrong:
             _alarm(judgement, record, k, wrong)
             low, high = seen

@@ -127,6 +127,18 @@ def in_numbers(count: int) -> str:
     return f"{count} number{'s' * (count != 1)}"
 
 
+def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
+    if not all(np.isfinite(a).all() for a in arrays) and not isinstance(layer, Clipped):
+        return "holds a number that is not finite"
+    if isinstance(layer, Standardised) and not (layer.deviation > 0.0).all():
+        return "divides by a deviation that is not positive"
+    if isinstance(layer, Elementwise) and layer.operation == "/" and (layer.operand == 0).any():
+        return "divides by zero"
+    if isinstance(layer, Clipped) and not (layer.low <= layer.high).all():
+        return "clips to bounds that exclude each other"
+    return ""
+
+
 def problem_of(network: Network) -> str:
     """Why layers do not fit each other or hold numbers that are none; "" where they do."""
     size = network.inputs
@@ -135,14 +147,8 @@ def problem_of(network: Network) -> str:
         takes = arrays[0].shape[-1] if arrays else size
         if takes != size:
             return f"layer {number} takes {in_numbers(takes)}, and is given {size}"
-        if not all(np.isfinite(a).all() for a in arrays) and not isinstance(layer, Clipped):
-            return f"layer {number} holds a number that is not finite"
-        if isinstance(layer, Standardised) and not (layer.deviation > 0.0).all():
-            return f"layer {number} divides by a deviation that is not positive"
-        if isinstance(layer, Elementwise) and layer.operation == "/" and (layer.operand == 0).any():
-            return f"layer {number} divides by zero"
-        if isinstance(layer, Clipped) and not (layer.low <= layer.high).all():
-            return f"layer {number} clips to bounds that exclude each other"
+        if wrong := _bad_numbers(layer, arrays):
+            return f"layer {number} {wrong}"
         size = _size(layer) or size
     return ""
 

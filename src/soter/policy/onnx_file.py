@@ -333,6 +333,13 @@ def _size(given: Any) -> int:  # noqa: ANN401
     return int(sizes[-1])
 
 
+def _moving_input(node: Any, constants: Constants) -> str:  # noqa: ANN401
+    moving: list[str] = [name for name in node.input if name and name not in constants]
+    if len(moving) != 1:
+        raise _UnreadError(f"its {node.op_type} is of {len(moving)} values that change")
+    return moving[0]
+
+
 def _chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:  # noqa: ANN401
     """The nodes from the input to the answer, in order."""
     producers = {name: node for node in graph.node for name in node.output}
@@ -344,13 +351,10 @@ def _chain(graph: Any, constants: Constants, start: str, end: str) -> list[Any]:
             raise _UnreadError(f"nothing leads from its input to `{at}`")
         if node.domain or any(a.g.node or a.graphs for a in node.attribute):
             raise _UnreadError(f"it has the operator {node.domain or 'main'}.{node.op_type}")
-        moving = [name for name in node.input if name and name not in constants]
-        if len(moving) != 1:
-            raise _UnreadError(f"its {node.op_type} is of {len(moving)} values that change")
+        at = _moving_input(node, constants)
         if node.op_type == "ArgMax" and chain:
             raise _UnreadError("its ArgMax is not the last operator")
         chain.insert(0, node)
-        at = moving[0]
     if not chain:
         raise _UnreadError("its answer is its input")
     return chain

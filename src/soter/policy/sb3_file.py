@@ -406,10 +406,7 @@ def _statistics(path: Path) -> Standardised | None:
         raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
     if state.get("norm_obs") is not True:
         return None
-    moments = state.get("obs_rms")
-    if not isinstance(moments, Made) or not isinstance(moments.state, dict):
-        raise bad_policy(path, "its observations are no Box: it has no single mean and variance")
-    mean, variance = (array_of(moments.state.get(k)) for k in ("mean", "var"))
+    mean, variance = _moments(path, state)
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
     if not (isinstance(epsilon, float) and isinstance(limit, (int, float)) and limit > 0):
         raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
@@ -419,3 +416,10 @@ def _statistics(path: Path) -> Standardised | None:
     if not (np.isfinite(mean).all() and np.isfinite(shifted).all() and (shifted > 0.0).all()):
         raise bad_policy(path, "its mean and variance are not finite, or a variance is negative")
     return Standardised(mean, np.sqrt(shifted), float(limit))
+
+
+def _moments(path: Path, state: dict[str, Any]) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    moments = state.get("obs_rms")
+    if not isinstance(moments, Made) or not isinstance(moments.state, dict):
+        raise bad_policy(path, "its observations are no Box: it has no single mean and variance")
+    return array_of(moments.state.get("mean")), array_of(moments.state.get("var"))

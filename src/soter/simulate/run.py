@@ -225,9 +225,10 @@ class NativeProgram:
         began = time.perf_counter()
         finished = drive.to(until_ns, progress, pacer)
         wall = time.perf_counter() - began
-        last = drive.state
-        if observer is not None and observer.last is not None:
-            last = observer.last
+        last, seen = drive.state, dict[str, Any](trace=None, instants=0, trace_sha256=None)
+        if observer is not None:
+            last = last if observer.last is None else observer.last
+            seen = observer.told()
         return Run(
             system=self.system,
             layout=self.layout,
@@ -235,21 +236,14 @@ class NativeProgram:
             seed=seed,
             engine="native",
             final=last.view(self.dtype)[0],
-            trace=observer.trace() if observer else None,
             recorded=names_of(keep_trace),
-            instants=observer.instants if observer else 0,
             duration_s=until_ns / 1e9,
             wall_s=wall,
-            trace_sha256=observer.sha256 if observer else None,
             extern_failures=drive.answers.failures,
-            changes=observer.changes if observer else [],
-            first_faults=observer.first_faults if observer else {},
             interrupted=not finished,
             lag_s_max=pacer.lag_s_max if pacer else None,
             extern_tallies=drive.answers.tallies,
-            decided=observer.decided if observer else [],
-            moved_commands=observer.moved_commands if observer else [],
-            safe_looks=observer.safe_looks if observer else [],
+            **seen,
         )
 
 

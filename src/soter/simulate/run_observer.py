@@ -231,6 +231,12 @@ class Observer:
         if self.also is not None:
             self.also(states, self.changes[known:])
 
+    def told(self) -> dict[str, Any]:
+        """The fields of a `Run` that are observed."""
+        asked = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
+        observed = {name: getattr(self, name) for name in asked}
+        return {"trace": self.trace(), "trace_sha256": self.sha256, **observed}
+
     @property
     def decided(self) -> list[tuple[int, int]]:
         """By module: DM steps, and those in which ttf and safer held both."""

@@ -225,6 +225,14 @@ def _command_line(
     return shlex.join(words)
 
 
+def _systems_by_preference(checked: CheckResult, params: Mapping[str, Value]) -> list[str]:
+    preferred = checked.default_system()
+    names = [n for n, s in checked.systems.items() if s.deploys is None]
+    if preferred is not None:
+        names.sort(key=lambda n: n != preferred.name and 1 + _forces(checked, n, params))
+    return names
+
+
 def modules_of(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
@@ -232,11 +240,8 @@ def modules_of(
 
     SoterError U008 where there is none.
     """
-    preferred = checked.default_system()
     _not_deployed(checked, system)
-    names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
-    if not system and preferred is not None:
-        names.sort(key=lambda n: n != preferred.name and 1 + _forces(checked, n, params))
+    names = [system] if system else _systems_by_preference(checked, params)
     modules: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()

@@ -151,18 +151,18 @@ class Advice:
         head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
         head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
         head += ["P1c", "P2b", "verifies", "why not"]
-        rows = []
-        for r in self.rows:
-            mark = " *" if r.delta_ns == self.delta_ns else ""
-            times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
-            shares = [r.core, *([r.allowed] if alone else [])]
-            shares += [r.levels.get(m, 0.0) for m in tried]
-            back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
-            verifies = r.verifies(self.levels)
-            shown = [f"{s:.1%}" if r.covered else "-" for s in shares]
-            cells = [*times, *shown, "yes" if r.in_time else "no", back]
-            rows.append([*cells, "yes" if verifies else "no", "" if verifies else r.why])
-        return head, rows
+        return head, [self._cells(r, tried, alone=alone) for r in self.rows]
+
+    def _cells(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
+        mark = " *" if r.delta_ns == self.delta_ns else ""
+        times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
+        shares = [r.core, *([r.allowed] if alone else [])]
+        shares += [r.levels.get(m, 0.0) for m in tried]
+        back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
+        verifies = r.verifies(self.levels)
+        shown = [f"{s:.1%}" if r.covered else "-" for s in shares]
+        cells = [*times, *shown, "yes" if r.in_time else "no", back]
+        return [*cells, "yes" if verifies else "no", "" if verifies else r.why]
 
     def page(self, program: str = "") -> AdvicePage:
         """What the figure shows; `program`: its file."""

@@ -59,8 +59,10 @@ ROOM = 0.06
 """Drawn beyond the grid, as a share of it: there the run ends."""
 
 
-def leaving_figures(m: ModuleResult, run: LeavingRun) -> Iterator[RegionFigure]:
+def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionFigure]:
     """One figure over time; a second one, in the plane of two states, where there is one."""
+    if run is None:
+        return
     axis = run.names.index(run.axis)
     sets = next(
         (g for c in m.cases if c.parameter == run.parameter for g in c.groups if _has(g, axis)),
@@ -290,8 +292,8 @@ def _module(m: ModuleResult) -> ModuleProof:
         open=tuple(_open(m)),
         switches=all(f.holds for n, f in m.findings.items() if n in ("ttf", "P3")),
         but=m.vacuity.text if m.verdict in HOLDING and m.vacuity else "",
-        leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
-        leaving_text=str(leaving) if leaving is not None else "",
+        leaving=tuple(leaving_figures(m, leaving)),
+        leaving_text=str(leaving or ""),
     )
 
 

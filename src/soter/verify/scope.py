@@ -150,6 +150,13 @@ def coverage_of(
 # ---------------------------------------------------------------- other systems
 
 
+def _posed(flat: System, module: Module, problems: list[Problem]) -> list[int]:
+    """Which of the problems it poses in its first view; none where a view of it poses none."""
+    keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
+    every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
+    return every[0] if all(every) else []
+
+
 def _same(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
@@ -160,12 +167,10 @@ def _same(
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
-        keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
+        posed = _posed(flat, module, problems)
     except SoterError as error:
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
-    every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
-    posed = every[0] if all(every) else []
     if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
         there = _flying_key(flat, module)
         if not any(_flying_key(*chosen[i]) == there for i in posed):
@@ -276,16 +281,21 @@ def _plants_beside(flat: System) -> list[str]:
     return gaps
 
 
-def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """What is taken for granted of everybody outside of the module."""
+def _in_declared_sets(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
     guarantees = []
-    for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
-        topic = problem.system.topics[leaf]
+    for index in dict.fromkeys(o.owner for o in problem.quantities.others):
+        topic = problem.system.topics[index]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
         there.sort(key=lambda t: not t.name.startswith(holder_of(flat, module)))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         guarantees.append(ScopeGuarantee(problem.name, what, by, "enforced"))
+    return guarantees
+
+
+def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
+    """What is taken for granted of everybody outside of the module."""
+    guarantees = _in_declared_sets(flat, module, problem)
     guarantees += _modes(problem)
     guarantees += _moved(flat, problem)
     for link in module.symbol.verify.abstracts:

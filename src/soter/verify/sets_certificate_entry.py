@@ -37,10 +37,7 @@ def entry_over_sets(
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
         "times": times_of(problem.times),
         "inputs": _every_input(problem),
-        "cases": [
-            _case(problem, case, f"{stem}_{k}", files, proved)
-            for k, case in enumerate(result.cases)
-        ],
+        "cases": _cases(problem, result.cases, f"{stem}_", files, proved),
         "claims": claims,
         "recover_ns": recover,
     }
@@ -49,8 +46,7 @@ def entry_over_sets(
     if around := sorted(problem.quantities.turning):
         entry["wraps"] = [problem.quantities.states[s].name for s in around]
     if result.laws:
-        ruled = enumerate(result.laws)
-        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files, {"P2a"}) for k, case in ruled]
+        entry["law"] = _cases(problem, result.laws, f"{stem}_law", files, {"P2a"})
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         entry["levels"] = problem.levels
     if problem.computed:
@@ -113,6 +109,12 @@ def times_of(times: Times) -> dict[str, int]:
         "j_ns": times.jitter_sc,
         "h0_ns": times.start,
     }
+
+
+def _cases(
+    problem: Problem, cases: list[CaseSets], stem: str, files: dict[str, bytes], claims: set[str]
+) -> list[dict[str, object]]:
+    return [_case(problem, case, f"{stem}{k}", files, claims) for k, case in enumerate(cases)]
 
 
 def _case(

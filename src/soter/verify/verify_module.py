@@ -29,7 +29,7 @@ from soter.verify.claims.claims import (
     waits,
 )
 from soter.verify.claims.handover_claims import not_entered
-from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, hint_of
+from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_of
 from soter.verify.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -334,7 +334,7 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     if problem.law is None and not problem.law_unread:
         return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
     lawful = [c.lawful for c in done if c.lawful is not None]
-    why = next((x.why for x in lawful if x.why), problem.law_unread)
+    why = next(filter(None, (x.why for x in lawful)), problem.law_unread)
     if why or len(lawful) < len(done) or not all(c.proofs for c in done):
         hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
         return Finding(UNDECIDED, method=HOW["failsafe"], text=why or NO_CORE, hint=hint)
@@ -342,11 +342,14 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     if open_:
         text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
         return Finding(UNDECIDED, method=HOW["failsafe"], text=text)
+    return Finding(PROVED, method=HOW["failsafe"], text=_law_keeps(problem, lawful))
+
+
+def _law_keeps(problem: Problem, lawful: list[FailsafeClaim]) -> str:
     kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
     lease = show_ns(problem.times.lease_ns)
     text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
-    text += f"each lease ends at most {lease} after its release"
-    return Finding(PROVED, method=HOW["failsafe"], text=text)
+    return f"{text}each lease ends at most {lease} after its release"
 
 
 def static_claims(problem: Problem, result: ModuleResult) -> None:

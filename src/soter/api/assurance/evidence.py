@@ -24,8 +24,9 @@ from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.report.assurance.safety_case import CaseNode
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
     from soter.report.assurance.safety_case import SafetyCase
@@ -106,6 +107,16 @@ def replay_flights(
         said = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
         return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {said}")
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
+    return _as_recorded(goal, total, rows, chosen, flown)
+
+
+def _as_recorded(
+    goal: str,
+    total: str,
+    rows: Sequence[Mapping[str, Any]],
+    chosen: Sequence[Mapping[str, Any]],
+    flown: Mapping[int, FlightOutcome],
+) -> ReplayedFlights:
     other = [r["number"] for r in chosen if flown[int(r["number"])].digest != r["digest"]]
     broken = [f.number for f in flown.values() if f.violations]
     text = f"{len(flown)} flights flown again just now, bit for bit; {total}"

@@ -32,7 +32,7 @@ from soter.report.assurance.safety_case import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from soter.diagnostics.codes import Code
@@ -248,13 +248,9 @@ class Tracing:
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
         open_ = [*_open_items(items, status), *_unasked(properties), *_unanswered(assumptions)]
-        case.traceability = Traceability(
-            "" if self.file is None else self.file.path,
-            "" if self.file is None else self.file.sha256,
-            items,
-            tuple(properties),
-            (*open_, *stale),
-        )
+        path, sha256 = ("", "") if self.file is None else (self.file.path, self.file.sha256)
+        opened = (*open_, *stale)
+        case.traceability = Traceability(path, sha256, items, tuple(properties), opened)
 
     def _property(self, case: SafetyCase, name: str) -> TracedProperty:
         how = self.how[name]
@@ -298,6 +294,12 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
                 helps=did_you_mean(target, [*requirements, *how])
                 or (f"properties are {', '.join(f'`{name}`' for name in list(how)[:12])}",),
             )
+    _no_circle(by_id, diagnostics)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _no_circle(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None:
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in by_id.values()}
     try:
         TopologicalSorter(graph).prepare()
@@ -305,8 +307,6 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
         circle = list(reversed(error.args[1]))
         said = " -> ".join(f"`{name}`" for name in circle)
         diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
 
 
 def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from soter.api.assurance.certificate_check import CertifiedProof
     from soter.certificate.format.folder import Certificate
-    from soter.certificate.report import RecheckedModule
+    from soter.certificate.report import RecheckAssumption, RecheckedModule
     from soter.language.model.system import Module, System
     from soter.report.assurance.safety_case import SafetyCase
     from soter.verify.problem.problem import Problem
@@ -162,15 +162,25 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
     compiled = _compiled(case, flat, shown, proof, refuted)
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
-        said = {a.text: a.key for m in used for a in m.assumptions}
-        for k, (text, key) in enumerate(said.items(), 1):
-            case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
-        for k, text in enumerate(_vacuous(used), 1):
-            case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
-        for k, other in enumerate(rest, 1):
-            case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
+        _beside(case, top, used, rest)
     return top
+
+
+def _beside(
+    case: SafetyCase,
+    top: CaseNode,
+    used: Sequence[RecheckedModule],
+    rest: Sequence[RecheckAssumption],
+) -> None:
+    """Enter what the confirmed claims assume, what is empty of them, and the `rest` not covered."""
+    said = {a.text: a.key for m in used for a in m.assumptions}
+    for k, (text, key) in enumerate(said.items(), 1):
+        case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
+    for k, text in enumerate(_vacuous(used), 1):
+        case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
+    for k, other in enumerate(rest, 1):
+        case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
 
 
 def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:

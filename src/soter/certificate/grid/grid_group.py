@@ -126,13 +126,7 @@ class GridGroup(Group):
         if any(g.states != group.states or g.grid.edges != group.grid.edges for g in tables):
             raise RejectedError("the cases have other grids, and the DM has one table for all")
         names = [facts.states[i].name for i in group.states]
-        looked_at = _looked_at(facts, group)
-        if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
-            raise RejectedError("a table of the DM has other axes than its group")
-        for axis, place in zip(entry["axes"], looked_at, strict=True):
-            edges = group.grid.reach(place)
-            if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
-                raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
+        _compare_axes(certificate, group, names, _looked_at(facts, group), entry["axes"])
         total = levels_of(tables)
         if certificate.plain(entry["levels"]) != packed(total):
             raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
@@ -435,6 +429,21 @@ def _answer(what: str, grid: Grid, show: Callable[[Block], Iterator[Block]], blo
 
 
 # ---------------------------------------------------------------- tables of the DM
+
+
+def _compare_axes(
+    certificate: Certificate,
+    group: GroupTables,
+    names: Sequence[str],
+    looked_at: Sequence[int],
+    axes: Sequence[Entry],
+) -> None:
+    if [a["state"] for a in axes] != [names[k] for k in looked_at]:
+        raise RejectedError("a table of the DM has other axes than its group")
+    for axis, place in zip(axes, looked_at, strict=True):
+        edges = group.grid.reach(place)
+        if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
+            raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
 
 
 def _shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:

@@ -142,6 +142,9 @@ class ChainCheck:
         reached = self.reached(box, [holds], within, pieces, cuts=cuts, window=window)
         return any(all(map(target, ends)) for _, ends in reached)
 
+    def _halved(self, forms: Sequence[tuple[arb, ...]]) -> list[tuple[arb, ...]]:
+        return [part for form in forms for part in self._parts(form)]
+
     def reached(
         self,
         box: list[tuple[arb, arb]],
@@ -163,7 +166,7 @@ class ChainCheck:
         at = {last * k // (cuts + 1) for k in range(1, cuts + 1)} - {0}
         for k in range(last):
             if k in at:
-                forms = [part for f in forms for part in self._parts(f)]
+                forms = self._halved(forms)
             after = []
             for form in forms:
                 image = step(form)

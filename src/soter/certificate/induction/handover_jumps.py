@@ -100,6 +100,11 @@ def _writers(facts: Facts, index: int) -> list[Component]:
     return [c for c in facts.flying.components if index in written_by(c)]
 
 
+def _is_plain(c: Component) -> bool:
+    own = c.role == "node" and not c.extern and c.stands_for is None
+    return own and c.node is not None and c.node.takeover is None
+
+
 def _not_for_this(facts: Facts, c: Component, index: int) -> str:
     node, sc = c.node, facts.sc.node
     assert node is not None
@@ -107,7 +112,7 @@ def _not_for_this(facts: Facts, c: Component, index: int) -> str:
     drawn = {d.topic for d in facts.flying.inputs}
     if index in drawn or facts.flying.topics[index].symbol.input:
         return "it is drawn as an input, too"
-    if c.role != "node" or c.extern or c.stands_for is not None or node.takeover is not None:
+    if not _is_plain(c):
         return f"{c.name} is no plain node"
     if node.bursts or len(set(published)) < len(published):
         return f"{c.name} does not publish one value a step"

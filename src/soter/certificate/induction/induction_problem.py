@@ -20,7 +20,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
@@ -150,6 +150,15 @@ def nanoseconds(facts: InductionFacts, expr: typed.TypedExpr | None) -> int:
     return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
 
 
+def _without_times(facts: InductionFacts, *said: Iterable[str]) -> bool:
+    """Whether one of the times is not said of an AC or node."""
+    for c in facts.actors:
+        names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
+        if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in said):
+            return True
+    return False
+
+
 def _times(facts: InductionFacts) -> None:
     verify = facts.symbol.verify
     said = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
@@ -164,11 +173,7 @@ def _times(facts: InductionFacts) -> None:
         raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
-    others = [c for c in facts.actors if c.role in ("ac", "node")]
-    for word in (verify.late_of, verify.response_of):
-        for c in others:
-            names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
-            facts.undeclared |= not names & set(word)
+    facts.undeclared |= _without_times(facts, verify.late_of, verify.response_of)
     for c in facts.actors:
         if c.role not in ROLES:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}")

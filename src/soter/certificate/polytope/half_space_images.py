@@ -71,6 +71,12 @@ def first(m: arb_mat) -> list[arb]:
     return [row[0] for row in m.tolist()]
 
 
+def _centres(ranges: Sequence[tuple[arb, arb]]) -> tuple[list[arb], list[arb]]:
+    """The middles of ranges, and half of their widths."""
+    middles = [(low + high) * HALF for low, high in ranges]
+    return middles, [(high - low) * HALF for low, high in ranges]
+
+
 class BallFlow:
     """A group's flow with the controls `acting` on it, on the box of C; all that one row needs."""
 
@@ -86,11 +92,8 @@ class BallFlow:
         self.b = arb_mat([[row[k] for k in acting] for row in flow.b])
         self.w = arb_mat([row or [ZERO] for row in flow.noise])
         ranges = [flow.ranges[k] for k in acting]
-        self.control_centre = [(low + high) * HALF for low, high in ranges]
-        self.control_radius = [(high - low) * HALF for low, high in ranges]
-        ends = [(exact(low), exact(high)) for low, high in box]
-        centre = column([(low + high) * HALF for low, high in ends])
-        radius = column([(high - low) * HALF for low, high in ends])
+        self.control_centre, self.control_radius = _centres(ranges)
+        centre, radius = map(column, _centres([(exact(low), exact(high)) for low, high in box]))
         self.constant = column(flow.constant) + self.b * column(self.control_centre)
         """b + B u_c."""
         self.calm = sizes(self.a * centre + self.constant) + self.size_a * radius

@@ -42,7 +42,7 @@ from soter.certificate.terms.straight_line import Function
 from soter.certificate.terms.terms import Linear, NotRecheckedError, inputs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from flint import arb
 
@@ -58,6 +58,17 @@ SPLITS = 6
 """How often the ranges are halved, along what the rates are not linear in."""
 
 
+def _control_row(claimed: Sequence[float], acting: Sequence[int], controls: int) -> list[arb]:
+    made = [ZERO] * controls
+    for k, x in zip(acting, claimed, strict=True):
+        made[k] = exact(float(x))
+    return made
+
+
+def _diagonal(values: Sequence[arb], rows: int) -> list[list[arb]]:
+    return [[x if i == k else ZERO for k, x in enumerate(values)] for i in range(rows)]
+
+
 def enclosed_flow(
     model: CaseModel, members: Sequence[int], acting: Sequence[int], claimed: ClaimedRates
 ) -> LinearFlow:
@@ -70,10 +81,10 @@ def enclosed_flow(
     controls = control_inputs(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)
     a = [[exact(float(x)) for x in row] for row in claimed.state]
-    b = [[ZERO] * len(controls) for _ in members]
-    for to, row in zip(b, claimed.control, strict=True):
-        for k, x in zip(acting, row, strict=True):
-            to[k] = exact(float(x))
+    b = [
+        _control_row(row, acting, len(controls))
+        for _, row in zip(members, claimed.control, strict=True)
+    ]
     constant = [exact(float(x)) for x in claimed.constant]
     rests = []
     for at, i in enumerate(members):
@@ -96,7 +107,7 @@ def enclosed_flow(
 
     bent = _bent(terms, rests)
     noise = _largest(ranges, [at for at, k in enumerate(inputs) if k in bent], sizes, SPLITS)
-    columns = [[x if i == k else ZERO for k, x in enumerate(noise)] for i in range(len(members))]
+    columns = _diagonal(noise, len(members))
     limits = tuple((exact(c.low), exact(c.high)) for c in model.facts.controls)
     return LinearFlow(tuple(members), a, b, constant, columns, limits)
 
@@ -142,12 +153,26 @@ class CommandLaw:
     high: list[arb]
 
 
+def _without(
+    own: Sequence[int], z: Linear, rest: arb, ranges: Mapping[int, tuple[arb, arb]]
+) -> tuple[arb, arb]:
+    """The middle of z but for the atoms `own`, and how far it is off, by `rest` too."""
+    if not rest.is_finite():
+        raise RejectedError("SC's law is not linear between its limits")
+    constant = z.const
+    for atom in z.terms.keys() - set(own):
+        centre, radius = _middle(*ranges[atom])
+        constant += z.terms[atom] * centre
+        rest += abs(z.terms[atom]) * radius
+    return constant, rest
+
+
 def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) -> CommandLaw:
     """The law of a group; `RejectedError` where it is not linear within the limits."""
     names = [c.name for c in model.facts.controls]
     if sorted({*claimed.controls} & {*names}) != sorted(claimed.controls):
         raise RejectedError("the law of a polytope group is of unknown controls")
-    controls = tuple(names.index(c) for c in claimed.controls)
+    controls = tuple(map(names.index, claimed.controls))
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
     ranges = {i: (a.low, a.high) for i, a in enumerate(terms.atoms) if a.kind == "box"}
@@ -169,14 +194,7 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     own = [next(iter(states[i].terms)) for i in members]
     gain, offset, spread = [], [], []
     for z, least, most in zip(zs, found[::2], found[1::2], strict=True):
-        rest = magnitude(least).max(magnitude(most))
-        if not rest.is_finite():
-            raise RejectedError("SC's law is not linear between its limits")
-        constant = z.const
-        for atom in z.terms.keys() - set(own):
-            centre, radius = _middle(*ranges[atom])
-            constant += z.terms[atom] * centre
-            rest += abs(z.terms[atom]) * radius
+        constant, rest = _without(own, z, magnitude(least).max(magnitude(most)), ranges)
         gain.append([z.terms.get(atom, ZERO) for atom in own])
         offset.append(constant)
         spread.append(rest)

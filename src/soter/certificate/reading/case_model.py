@@ -217,6 +217,10 @@ class CaseModel:
         """The next value of every state of a map, as the machine computes it."""
         return self._moved(terms, states, controls, self.facts.states, rounded=True)[0]
 
+    def _said_by_others(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
+        own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
+        return free(terms, (x for x in own if x.variable == topic.name))
+
     def _moved(
         self,
         terms: Terms,
@@ -240,8 +244,7 @@ class CaseModel:
                 variables[d.variable] = filled(d.variable.type, parts)
             topics = self._inputs_of_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
-                own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
-                parts = free(terms, (x for x in own if x.variable == symbol.name))
+                parts = self._said_by_others(terms, c, symbol)
                 disturbances += parts
                 topics[symbol] = filled(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))

@@ -98,11 +98,12 @@ def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
         wanted |= {scope[a.topic] for a in axes if a.topic is not None and a.topic in scope}
     home = holder_of(system, module)
     names = {f"{home}.{a.instance}" if home else a.instance for a in axes if a.instance}
-    return tuple(
-        c
-        for c in system.components
-        if c.plant is not None
-        and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
+    return tuple(c for c in system.components if _is_wanted(c, names, wanted))
+
+
+def _is_wanted(c: Component, names: set[str], topics: set[int]) -> bool:
+    return c.plant is not None and (
+        c.name in names or any(c.scope.topics[t] in topics for t, _ in c.plant.drives)
     )
 
 
@@ -279,18 +280,21 @@ def followed(
             return followed(facts, c, lets[expr.variable], path)
         name = leaf_name(f"{c.name}.{expr.variable.name}", path)
         return next((i for i, s in enumerate(facts.states) if s.name == name), None)
-    of = expr.type
     if isinstance(expr, typed.TypedField):
         fields = getattr(expr.target.type, "fields", ())
         return followed(facts, c, expr.target, (fields[expr.index][0], *path))
     if isinstance(expr, typed.Index) and isinstance(expr.index, typed.Literal):
         return followed(facts, c, expr.target, (f"[{expr.index.value}]", *path))
     if isinstance(expr, typed.Aggregate) and path:
-        fields = getattr(of, "fields", None)
-        names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]
-        if path[0] not in names:
-            return None
-        at = names.index(path[0])
-        order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
-        return followed(facts, c, expr.elements[order.index(at)], path[1:])
+        element = _element(expr, path[0])
+        return None if element is None else followed(facts, c, element, path[1:])
     return None
+
+
+def _element(expr: typed.Aggregate, part: str) -> typed.TypedExpr | None:
+    fields = getattr(expr.type, "fields", None)
+    names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]
+    if part not in names:
+        return None
+    order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
+    return expr.elements[order.index(names.index(part))]

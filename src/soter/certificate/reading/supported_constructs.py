@@ -130,6 +130,10 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
         _code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
         _plant(c)
+    _components(facts)
+
+
+def _components(facts: Facts) -> None:
     for c in facts.flying.components:
         if c.plant and any(isinstance(x, t.TypedChoose) for x in parts_of(equations(c.plant))):
             raise NotRecheckedError(f"the plant `{c.name}` chooses")

@@ -339,11 +339,9 @@ class Function:
         outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
         order = _needed(builder.values, outputs)
         constants = [v for v in order if v.is_constant]
-        place = {id(v): length + k for k, v in enumerate(constants)}
-        place |= {id(v): v.content for v in order if v.operation == INPUT}
         steps = [v for v in order if v.operation not in (CONSTANT, INPUT)]
-        for k, v in enumerate(steps):
-            place[id(v)] = length + len(constants) + k
+        place = {id(v): v.content for v in order if v.operation == INPUT}
+        place |= {id(v): length + k for k, v in enumerate((*constants, *steps))}
         self._constants = tuple(v.content for v in constants)
         self._steps = [_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)

@@ -20,6 +20,7 @@ from soter.certificate.reading.verification_system import seen_from_what_is_abst
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import (
     Clock,
+    DerivedTimes,
     TimingSetting,
     TopicReading,
     Ways,
@@ -40,6 +41,23 @@ DELAYS = {
 """Name in the manifest -> how the program says it, and where the `verify` block has it."""
 
 
+def _check_together(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
+    driven = driven_topics(facts)
+    for together in reads:
+        if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
+            raise DiffersError("what is read together is published at different times")
+
+
+def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
+    for read in setting.by_sc:
+        oldest = own.stamps.get(read.name, 0)
+        if oldest > read.max_age:
+            raise DiffersError(
+                f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
+                f"and `max_age` says {show_ns(read.max_age)}"
+            )
+
+
 def read_times(facts: Facts) -> None:
     """Every time in ns, by its name in the manifest: declared ones, and what follows from them.
 
@@ -52,10 +70,7 @@ def read_times(facts: Facts) -> None:
         time_by_name[key] = number_of(facts, getattr(verify, name))
     by_dm, by_sc = read_by(facts)
     if not verify.abstracts:
-        driven = driven_topics(facts)
-        for together in (by_dm, by_sc):
-            if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
-                raise DiffersError("what is read together is published at different times")
+        _check_together(facts, (by_dm, by_sc))
     running = {facts.running[i] for i in (*by_dm, *by_sc)}
     if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
         number = partial(number_of, facts)
@@ -73,13 +88,7 @@ def read_times(facts: Facts) -> None:
     # and the same nodes behind it, so that j would be delta or more.
     if 2 * own.jitter > setting.sc.period:
         _check_late_commands(facts, setting)
-    for read in setting.by_sc:
-        oldest = own.stamps.get(read.name, 0)
-        if oldest > read.max_age:
-            raise DiffersError(
-                f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
-                f"and `max_age` says {show_ns(read.max_age)}"
-            )
+    _check_max_ages(setting, own)
     time_by_name |= {"A_ns": own.age, "A_sc_ns": own.age_sc, "d_ns": own.delay, "j_ns": own.jitter}
     time_by_name |= {"h0_ns": own.h_0, "H_star_ns": own.h_star, "H_ns": own.h_star}
     if verify.horizon is not None:

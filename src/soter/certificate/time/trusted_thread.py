@@ -41,6 +41,14 @@ class ThreadRelease:
     ends: int
 
 
+def _check_behind(
+    sc: Component, turns: list[ThreadRelease], nodes: Iterable[Component], response: int
+) -> None:
+    for node in nodes:
+        if _there(node) and _after(turns, sc, node) > response:
+            raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
+
+
 def check_thread(
     system: System, module: Module, setting: TimingSetting, in_step: Iterable[str]
 ) -> str:
@@ -67,10 +75,7 @@ def check_thread(
         elif t.who.name in clocks:
             clock = clocks[t.who.name]
             _held(t, t.release + clock.late, clock.response)
-    for name in in_step:
-        node = system.component(name)
-        if _there(node) and _after(turns, sc, node) > setting.sc.response:
-            raise DiffersError(f"`{name}` may end later behind SC than its response says")
+    _check_behind(sc, turns, map(system.component, in_step), setting.sc.response)
     absent = [c.name for c in thread if c.wcet_ns is None]
     if absent:
         return f"execution times are not declared of {', '.join(absent)}: lateness is assumed"

@@ -112,6 +112,11 @@ def _show(
 # ---------------------------------------------------------------- the manifest
 
 
+def _moves(problem: RestProblem) -> dict[str, list[str | None]]:
+    names, drifts = [s.name for s in problem.facts.states], problem.drifts
+    return {names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving}
+
+
 def _compared(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
@@ -145,11 +150,7 @@ def _compared(
             raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
     _compare_shield(judged, rest.get("shield"))
     _compare_reads(problem, rest["reads"])
-    names = [s.name for s in facts.states]
-    moves = {
-        names[s]: [None if x == inf else x.hex() for x in problem.drifts[s]] for s in problem.moving
-    }
-    if rest["moves"] != moves:
+    if rest["moves"] != _moves(problem):
         raise RejectedError("what `rest` moves is another in the program")
     box, ways = (_ranges(problem, rest[name], name) for name in ("box", "ways"))
     return problem, box, ways

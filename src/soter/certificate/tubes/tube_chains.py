@@ -158,25 +158,31 @@ def _boxes(tube: Sequence[float], n: int) -> list[Box]:
     return [ends[k : k + n] for k in range(0, len(ends), n)]
 
 
+def _lost(column: list[float], whole: list[float]) -> float:
+    shares = [x / w for x, w in zip(column, whole, strict=True)]
+    return sum(shares) - max(shares)
+
+
+def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
+    own = [ZERO] * (rows if left else 0)
+    if left:
+        own[i] = spread_of([c[i] for c in left])
+    return own
+
+
 def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
     """The same with `COLUMNS` unknowns and one a row: those stay that a box loses most of."""
     every = [*rows, *memory]
     columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
     sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
     whole = [sum(of) or 1.0 for of in zip(*sizes, strict=True)] if columns else []
-    scores = []
-    for c in sizes:
-        shares = [x / w for x, w in zip(c, whole, strict=True)]
-        scores.append(sum(shares) - max(shares))
+    scores = [_lost(c, whole) for c in sizes]
     order = sorted(range(len(columns)), key=scores.__getitem__, reverse=True)
     kept = [columns[k] for k in order[:COLUMNS]]
     left = [columns[k] for k in order[COLUMNS:]]
     made = []
     for i, row in enumerate(every):
-        own = [ZERO] * (len(every) if left else 0)
-        if left:
-            own[i] = spread_of([c[i] for c in left])
-        made.append([row[0], *(c[i] for c in kept), *own])
+        made.append([row[0], *(c[i] for c in kept), *_own_unknown(i, len(every), left)])
     return made[: len(rows)], made[len(rows) :]
 
 

@@ -67,13 +67,13 @@ class Slicer:
         if possible < len(raw) or not done or done[0].kind != START:
             return (True,) * len(raw)
         packed = np.array([self._engine.packed(w) for w in configurations])
-        from_ = self._seen_from(broken, raw, configurations)
+        from_ = min(self._seen_from(broken, raw, configurations), len(raw) - 1)
         seen = self._seen(broken)
         marks = [False] * len(raw)
         wanted: set[Label] = set()
         for k in range(len(raw) - 1, 0, -1):
             last = k == len(raw) - 1
-            if last or k >= from_:
+            if k >= from_:
                 wanted |= seen
             actor = self._engine.actors[raw[k].actor]
             if last and not seen:  # what is violated is the step itself

@@ -29,7 +29,7 @@ from soter.language.model.system import modules_above
 from soter.language.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from soter.explore.model.exploration_plan import Label
     from soter.language.elaborate.time_grid import TimesRead
@@ -82,9 +82,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     actors = tuple(
         PlannedActor(
             **vars(x),
-            dependent=sum(
-                1 << j for j, other in enumerate(effects) if i == j or own.conflicts(other)
-            ),
+            dependent=_dependent(i, effects),
             visible=bool(own.writes & seen),
             outputs=footprints.outputs(x.component, x.input),
             reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
@@ -97,7 +95,6 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     overrun = any(x.overrun_ns for x in calendars)
     spread = overrun or any(x.window_ns for x in calendars)
     timely = overrun or (spread and footprints.time_matters())
-    read = {r[1] for r in seen.union(*(e.reads for e in effects)) if r[0] == "topic"}
     return ExplorationPlan(
         actors=actors,
         timely=timely,
@@ -107,7 +104,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         quantum_ns=quantum,
         times=_times(system.test, quantum, times) if timely else None,
         horizon_ns=system.test.horizon_ns,
-        read=frozenset(read | {t.index for t in system.topics if t.queue_of is not None}),
+        read=_topics_read(system, seen.union(*(e.reads for e in effects))),
         aged=frozenset(footprints.aged()),
         limited=frozenset(footprints.limited()),
         may_fault=frozenset(
@@ -115,6 +112,16 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         ),
         observed=frozenset(seen),
     )
+
+
+def _dependent(actor: int, effects: Sequence[Effects]) -> int:
+    own = effects[actor]
+    return sum(1 << j for j, e in enumerate(effects) if j == actor or own.conflicts(e))
+
+
+def _topics_read(system: System, read: Iterable[Label]) -> frozenset[int]:
+    queues = {t.index for t in system.topics if t.queue_of is not None}
+    return frozenset(queues | {r[1] for r in read if r[0] == "topic"})
 
 
 def _repeats(system: System, footprints: Footprints) -> bool:
@@ -130,6 +137,10 @@ def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
         if test.quantum_ns
         else TimeChoices(quantum, read.open, read.crowded)
     )
+
+
+def _holds_draws(step: core.PlantStep) -> bool:
+    return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
 
 
 def _clock(actor: int, own: Effects) -> set[Label]:
@@ -209,6 +220,13 @@ class Footprints:
                 effects.writes |= {("topic", q), ("stamp", q)}
         return effects
 
+    def _controlled(self, role: str, module: int, effects: Effects) -> None:
+        above = [m.index for m in modules_above(self.system, module)]
+        effects.reads |= {("mode", m) for m in (module, *above)}
+        if role == "ac":
+            effects.reads.add(("gate", module))
+            effects.writes.add(("gate", module))
+
     def _step(self, x: Component, effects: Effects) -> None:
         if x.role == "dm":
             assert x.module is not None
@@ -216,22 +234,17 @@ class Footprints:
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         if step is not None:
             self._read(step.footprint, effects)
-            effects.writes |= {_resource(c) for c in step.footprint.writes}
+            effects.writes |= set(map(_resource, step.footprint.writes))
             effects.timed |= _reads_time(_body(step))
             effects.reads |= {("latched", x.index), ("control", x.index)}
             effects.writes |= {("latched", x.index), ("control", x.index)}
         effects.keeps |= x.node is not None
         if isinstance(step, core.PlantStep):
-            draws = [d for _, _, some in step.disturbances for d in some]
-            effects.timed |= any(d.hold_ns > 0 for d in draws)
+            effects.timed |= _holds_draws(step)
         if x.plant is not None:
             effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
-            above = [m.index for m in modules_above(self.system, x.module)]
-            effects.reads |= {("mode", m) for m in (x.module, *above)}
-        if x.role == "ac" and x.module is not None:
-            effects.reads.add(("gate", x.module))
-            effects.writes.add(("gate", x.module))
+            self._controlled(x.role, x.module, effects)
         for t in self.system.topics:
             if t.queue_of is not None and _takes(x, t.name):
                 effects.reads |= {("topic", t.index), ("stamp", t.index)}

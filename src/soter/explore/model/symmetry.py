@@ -26,7 +26,7 @@ from soter.explore.model.symbolic_terms import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Iterator
+    from collections.abc import Hashable, Iterable, Iterator
 
     from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
     from soter.explore.model.symbolic_terms import Computed
@@ -309,12 +309,7 @@ class RenamingCheck:
         elif x.node is not None:
             topics += [x.scope.topics[s.topic] for s in x.node.subscribes]
         resources = [("topic", t) for t in topics]
-        for n in walk(tuple(texts)):
-            if isinstance(n, core.Get) and n.cell.kind == "topic":
-                resources.append(("topic", n.cell.owner))
-            elif isinstance(n, core.Fact) and n.fact in ("mode", "age"):
-                resources.append(("module" if n.fact == "mode" else "topic", n.index))
-        return tuple(resources)
+        return (*resources, *_resources_read(texts))
 
     def _untouched(self, x: Component, r: Renaming) -> bool:
         """Whether its code names nothing that is renamed."""
@@ -362,3 +357,12 @@ def _pairings(kinds: list[list[str]]) -> Iterator[dict[str, str]]:
 
 def _times_of(a: PlannedActor) -> tuple[int, ...]:
     return a.period_ns, a.phase_ns, a.window_ns, a.overrun_ns, a.least_ns, a.skips
+
+
+def _resources_read(texts: Iterable[object]) -> Iterator[tuple[str, int]]:
+    """The topics and modules that code reads."""
+    for n in walk(tuple(texts)):
+        if isinstance(n, core.Get) and n.cell.kind == "topic":
+            yield "topic", n.cell.owner
+        elif isinstance(n, core.Fact) and n.fact in ("mode", "age"):
+            yield ("module" if n.fact == "mode" else "topic"), n.index

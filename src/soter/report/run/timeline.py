@@ -151,7 +151,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     bands = len(chart.modes)
     mine = [_own(chart.decisions, band.module, bands) for band in chart.modes]
     dense = [k for k, decisions in enumerate(mine) if len(decisions) > MARKS_MAX]
-    marked = 1 if chart.violations else 0
+    marked = bool(chart.violations)
     first = bands + len(dense) + marked
     heights = [BAND_PX] * bands + [DENSITY_PX] * len(dense) + [BAND_PX] * marked
     stack = _Stack([*heights, *[PANEL_PX] * len(panels)], end_s)
@@ -180,15 +180,15 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel(stack, row, chart, series, chosen)
-        span = levels_range(series)
-        ticks = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
-        stack.add_axis(row, **ticks, **({"range": list(span)} if span else {}))
+        span, levels = levels_range(series), levels_of(series)
+        ticks: Json = {"dtick": 1} if _few_whole(series) else {"nticks": 5}
         notes.append(_panel_name(stack, row, title))
-        levels = levels_of(series)
         shapes += [_level(stack, row, value) for value in levels]
         if span:
+            ticks["range"] = list(span)
             curves = Curves(chart.time_s, series, end_s, span)
             notes += level_names(stack.name(row), levels, curves)
+        stack.add_axis(row, **ticks)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",

@@ -128,10 +128,7 @@ class LedLooks:
         builder = UnitBuilder(system, lower(system), None)
         unit = builder.run()
         self._dtype = state_dtype(system, unit.layout)
-        source = unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1)
-        for f in builder.core.functions:
-            if f.span.source.name == CHECK and f.source_name in NOTED:
-                source = _watched(source, builder.functions[f.name][0], *NOTED[f.source_name])
+        source = _all_watched(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
         for m in self.modules:
             early = published_before(system, m.dm)
             self._late[m.index] = [t.name for t in system.topics if t.index not in early]
@@ -222,6 +219,13 @@ int {prefix}_led(int m, bool judged, const void *state, double *rows, int width,
   return led.count;
 }}
 """
+
+
+def _all_watched(source: str, builder: UnitBuilder) -> str:
+    for f in builder.core.functions:
+        if f.span.source.name == CHECK and f.source_name in NOTED:
+            source = _watched(source, builder.functions[f.name][0], *NOTED[f.source_name])
+    return source
 
 
 def _watched(source: str, name: str, before: str, after: str) -> str:

@@ -25,7 +25,7 @@ from soter.simulate.outputs.run_on_diagram import SAW, HeldValues, control_of, s
 from soter.simulate.trace_to_recorded_run import logged_value
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from soter.language.model.system import System
     from soter.language.model.types import Type, Value
@@ -59,14 +59,14 @@ class _LoggedValues:
     values: list[Value] = field(default_factory=list)
 
 
-def _live(path: Path, system: System, seed: int) -> Live:
-    known = {t.name: _LoggedValues(t.type) for t in system.topics}
-    plants = [x for x in system.components if x.plant is not None]
-    known |= {
-        f"{x.name}.truth": _LoggedValues(x.plant.truth) for x in plants if x.plant is not None
-    }
-    modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
-    saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
+def _read(
+    path: Path,
+    system: System,
+    known: Mapping[str, _LoggedValues],
+    modes: Mapping[str, list[tuple[float, bool]]],
+    saw: Mapping[str, list[tuple[float, Sequence[bool]]]],
+) -> float:
+    """Fill values, modes and what DMs saw from a log; its end in s."""
     end_s = 0.0
     for time_ns, channel, message in messages(path):
         end_s = max(end_s, time_ns / 1e9)
@@ -79,13 +79,23 @@ def _live(path: Path, system: System, seed: int) -> Live:
             read = known[channel]
             read.times_s.append(time_ns / 1e9)
             read.values.append(logged_value(path, system, channel, read.t, message))
+    return end_s
+
+
+def _live(path: Path, system: System, seed: int) -> Live:
+    known = {t.name: _LoggedValues(t.type) for t in system.topics}
+    plants = {x.name: x.plant for x in system.components if x.plant is not None}
+    known |= {f"{name}.truth": _LoggedValues(plant.truth) for name, plant in plants.items()}
+    modes: dict[str, list[tuple[float, bool]]] = {m.name: [] for m in system.modules}
+    saw: dict[str, list[tuple[float, Sequence[bool]]]] = {m.name: [] for m in system.modules}
+    end_s = _read(path, system, known, modes, saw)
     if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
     held = {
         at: HeldValues(known[name].t, np.array(known[name].times_s), known[name].values)
         for at, name in (
             *((f"t:{t.name}", t.name) for t in system.topics),
-            *((f"c:{x.name}", f"{x.name}.truth") for x in plants),
+            *((f"c:{name}", f"{name}.truth") for name in plants),
         )
         if known[name].values
     }

@@ -16,7 +16,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, Module, System
@@ -34,6 +34,14 @@ def verdicts(module: Module) -> dict[str, str]:
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
+def _stays_free(system: System, modules: Iterable[Module]) -> Iterator[str]:
+    for m in modules:
+        for t in topic_reads(m.symbol.safe):
+            if t.static:
+                name = system.topics[m.scope.topics[t]].name
+                yield f"{m.name}: what {name} calls free stays free, for ever"
+
+
 def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
     """What is taken for granted about code: modules that may switch, externs that are trusted.
 
@@ -45,12 +53,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     assumptions += [
         f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
     ]
-    assumptions += [
-        f"{m.name}: what {system.topics[m.scope.topics[t]].name} calls free stays free, for ever"
-        for m in free
-        for t in topic_reads(m.symbol.safe)
-        if t.static
-    ]
+    assumptions += _stays_free(system, free)
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         names = ", ".join(trusted)

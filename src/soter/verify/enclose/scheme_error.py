@@ -164,7 +164,7 @@ def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -
         weight = scheme_weight(a, step, order)
         if not np.all(np.isfinite(weight)):
             return SchemeSolution(stiff=_too_fast([of.names[s] for s in at], z, step))
-        part = {"A": a, "B": model["B"][at], "c": model["c"][at], "w": model["w"][at]}
+        part = _only(model, at)
         largest = np.maximum(np.abs(low), np.abs(high))
         bounds = largest[at], largest[n : n + of.controls]
         beyond = _stages(z, step * largest_rates(part, *bounds))
@@ -174,7 +174,7 @@ def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -
         there = _linear(of, *wider, at)
         if there is None:
             return SchemeSolution()
-        moved = {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in there[1].items()}
+        moved = _only(there[1], at)
         if np.any(step * largest_rates(moved, bounds[0] + beyond, bounds[1]) > beyond):
             return SchemeSolution()
         errors[at] = scheme_error(part, *bounds, step, order)
@@ -198,6 +198,11 @@ def _stages(z: Floats, first: Floats) -> Floats:
         if np.all(term <= total * UNIT):
             break
     return np.asarray(total * ROOM)
+
+
+def _only(model: dict[str, Floats], at: list[int]) -> dict[str, Floats]:
+    """The model of the states `at`, which read no others."""
+    return {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in model.items()}
 
 
 def _linear(

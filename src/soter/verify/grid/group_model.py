@@ -41,6 +41,7 @@ NO_COMMAND_IS_KNOWN = 2**31 - 1
 """So many commands back a read may lie: as if any command of U had acted since."""
 LONGER = 1e-9
 """How much longer than a hold, relative to it, the engine takes the time over which it reads."""
+NO_ENCLOSURE = "the dynamics have no finite enclosure over the grid"
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
 
@@ -200,14 +201,19 @@ class GridModel:
         """The address of the data of an array of any shape; the caller keeps the array."""
         return self.library.ffi.cast(ctype, array.ctypes.data)
 
+    def _enclose(self, ends: Sequence[Any]) -> None:
+        if not self.library.lib.soter_reach_linearize(self.c, *ends):
+            raise UnboundedError(NO_ENCLOSURE)
+
     def _linearize(self, linear: bool | None) -> None:
         g, lib = self.c, self.library.lib
         ends = [self.pointer(v, "double *") for v in (self.low, self.high)]
         g.is_local = 0
         if not lib.soter_reach_linearize(g, *ends):
             g.is_local = 1
-            if linear or not lib.soter_reach_linearize(g, *ends):
-                raise UnboundedError("the dynamics have no finite enclosure over the grid")
+            if linear:
+                raise UnboundedError(NO_ENCLOSURE)
+            self._enclose(ends)
         if self.inputs.kind == "flow" and not g.is_local:
             remainder = self._remainder()
             g.is_local = not (remainder < 1e-3 if linear is None else linear)
@@ -217,10 +223,9 @@ class GridModel:
         if extra is not None:
             for i, w in enumerate(extra):
                 g.extra_w[i] = w
-            if not lib.soter_reach_linearize(g, *ends):
-                raise UnboundedError("the dynamics have no finite enclosure over the grid")
-        if g.is_local and not lib.soter_reach_linearize(g, *ends):
-            raise UnboundedError("the dynamics have no finite enclosure over the grid")
+            self._enclose(ends)
+        if g.is_local:
+            self._enclose(ends)
         if self.inputs.kind == "flow":
             self._go_beyond_borders()
         if self.inputs.kind == "flow" and not g.commands:

@@ -300,15 +300,17 @@ class GridGroup(GridModel):
         if self.inputs.kind == "map":
             assert t_ns % period == 0, "a map is defined at multiples of its period"
             return self._safe_in(t_ns, target, np.zeros_like(target), t_ns // period)
-        pieces = segments or (SEGMENTS if self.is_linear else max(1, -(-t_ns // period)))
-        most = SEGMENTS_MAX if self.is_linear else STEPS_MAX
+        few, most, worth = max(1, -(-t_ns // period)), STEPS_MAX, WORTH_A_STEP
+        if self.is_linear:
+            few, most, worth = SEGMENTS, SEGMENTS_MAX, WORTH_IT
+        pieces = segments or few
         cells = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
         while segments is None and 2 * pieces <= most and not cells.all():
             pieces *= 2
             more = self._safe_in(t_ns, target, cells, pieces)
             gained = int(more.sum()) - int(cells.sum())
             cells = more
-            if gained < (WORTH_IT if self.is_linear else WORTH_A_STEP) * int(target.sum()):
+            if gained < worth * int(target.sum()):
                 break
         return cells
 

@@ -29,7 +29,7 @@ from soter.verify.time.schedule import Releases, Schedule
 
 if TYPE_CHECKING:
     from soter.core.core import Predicate
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, Scope, System
     from soter.verify.problem.modes_of_other_modules import Modes
 
 OF_MODES = (
@@ -91,6 +91,22 @@ class InductionProblem(Problem):
     """The system that the module stands in."""
 
 
+def _properties(module: Module) -> list[Property]:
+    progress = module.symbol.verify.progress
+    asked = (module.symbol.safe, *module.symbol.verify.lemmas, *progress)
+    return [
+        Property(
+            k,
+            "progress" if e in progress else "always",
+            e,
+            module.scope,
+            " ".join(e.span.text.split()),
+            e.span,
+        )
+        for k, e in enumerate(asked)
+    ]
+
+
 def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
     """The problem of `module` of the flat system; `SoterError` R030, R031 or R032.
 
@@ -108,13 +124,8 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     times, clocks, declared, absent = _times(system, at, diagnostics)
     rests = _rests(flat, module, system, declared, diagnostics)
     diagnostics.raise_errors()
-    lemmas_, progress_ = at.symbol.verify.lemmas, at.symbol.verify.progress
-    asked = (at.symbol.safe, *lemmas_, *progress_)
-    texts = tuple(" ".join(e.span.text.split()) for e in asked)
-    properties = [
-        Property(k, "progress" if e in progress_ else "always", e, at.scope, text, e.span)
-        for k, (e, text) in enumerate(zip(asked, texts, strict=True))
-    ]
+    lemmas_, properties = at.symbol.verify.lemmas, _properties(at)
+    texts = tuple(p.text for p in properties)
     core = lower(derived_systems.with_properties(system, properties))
     safe, *others = core.properties
     recover = at.symbol.verify.recover
@@ -152,8 +163,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
-    thread = [Assumption("thread", text) for text in rests]
-    problem.assumptions = (*_assumptions(problem, absent), *thread, *modes.assumptions)
+    problem.assumptions = (*_assumptions(problem, absent), *rests, *modes.assumptions)
     return problem
 
 
@@ -248,8 +258,8 @@ def _neighbours(
     """
     symbol, scope = module.symbol, module.scope
     own = {module.dm, module.sc, module.ac}
-    needed = {scope.topics[t] for t in topic_reads(symbol.safe, *symbol.verify.lemmas)}
-    todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
+    needed = {*_topics_read(scope, symbol.safe, *symbol.verify.lemmas)}
+    todo = _topics_read(scope, *symbol.spoken)
     todo += _read_by(flat.components[module.sc])
     decided = {scope.topics[t]: f"decided by the DM of {name}" for t, name in modes.topics.items()}
     seen: set[int] = set()
@@ -347,9 +357,13 @@ def _written_by(c: Component) -> list[int]:
     return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
 
 
+def _topics_read(scope: Scope, *read: object) -> list[int]:
+    return [scope.topics[t] for t in topic_reads(*read)]
+
+
 def _read_by(c: Component) -> list[int]:
     assert c.node is not None
-    return [c.scope.topics[t] for t in topic_reads(*c.node.step)]
+    return _topics_read(c.scope, *c.node.step)
 
 
 # ---------------------------------------------------------------- times
@@ -426,7 +440,7 @@ def _rests(
     system: System,
     declared: tuple[ComponentCalendar, ...],
     diagnostics: Diagnostics,
-) -> list[str]:
+) -> list[Assumption]:
     """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
     by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
     dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
@@ -434,7 +448,8 @@ def _rests(
     nodes = {c.name: by_name[c.name] for c in others if in_thread(c)}
     elsewhere = {c.name: by_name[c.name] for c in others if not in_thread(c)}
     assumed = AssumedTimes(by_name[dm], by_name[sc], nodes, elsewhere=elsewhere)
-    return check_deployed(flat, module, assumed, diagnostics)
+    rests = check_deployed(flat, module, assumed, diagnostics)
+    return [Assumption("thread", text) for text in rests]
 
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumption]:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from soter.language.model import typed
     from soter.language.model.system import Component
+    from soter.language.model.types import Type
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.problem import Leaf, ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
@@ -76,6 +77,13 @@ def assumptions_of(
     return assumptions
 
 
+def _enters(place: VerificationSystem) -> typed.TypedExpr:
+    assert place.home.whole is not None
+    enters = place.home.whole.verify.enters
+    assert enters is not None
+    return enters
+
+
 def jumps_of(place: VerificationSystem) -> Jumps:
     """Of all abstractions of a module."""
     assumptions: list[Assumption] = []
@@ -94,9 +102,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
             )
             assumptions.append(Assumption(f"jumps {link.name}", text))
         for h in kept:
-            assert place.home.whole is not None
-            enters = place.home.whole.verify.enters
-            assert enters is not None
+            enters = _enters(place)
             fact = (
                 f"wherever `{' '.join(enters.span.text.split())}` holds of what {h.node} reads and "
                 f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps to"
@@ -221,11 +227,11 @@ def _published(place: VerificationSystem) -> list[str]:
         topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in driven_by(c)]
         return list(dict.fromkeys(t.name for t in topics if t.set_declared))
     topics = [place.system.topics[c.scope.topics[t]] for c in place.plants for t in driven_by(c)]
-    return [
-        t.name
-        for t in topics
-        if t.set_declared and any(p in ("[]", "[*]") for path, _ in leaves(t.type) for p in path)
-    ]
+    return [t.name for t in topics if t.set_declared and _has_unnumbered(t.type)]
+
+
+def _has_unnumbered(t: Type) -> bool:
+    return any(p in ("[]", "[*]") for path, _ in leaves(t) for p in path)
 
 
 def driven_by(c: Component) -> list[typed.TopicSymbol]:

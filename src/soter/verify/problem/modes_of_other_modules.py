@@ -83,12 +83,7 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
     such reads everything stays as it is.
     """
     sc = flat.components[module.sc]
-    own = {**sc.scope.modules, **module.scope.modules}
-    asked = {
-        (kind, s): flat.modules[own[s]]
-        for kind, s in _read_by(module, sc)
-        if s in own and (kind == "margin" or own[s] != module.index)
-    }
+    asked = _asked(flat, module, sc)
     if not asked:
         return flat, module, NO_MODES
     names: Names = tuple((read, _symbol(read[0], m.name, m.symbol)) for read, m in asked.items())
@@ -115,8 +110,8 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
         system,
         derived_module,
         Modes(
-            {t: m.name for t, (kind, m) in of.items() if kind == "mode"},
-            {t: _any_margin(m) for t, (kind, m) in of.items() if kind == "margin"},
+            {t: m.name for t, m in _read_as("mode", of).items()},
+            {t: _any_margin(m) for t, m in _read_as("margin", of).items()},
             tuple(flat.modules[i].name for i in waits),
             _never(flat, module, waits),
         ),
@@ -161,6 +156,21 @@ def in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
 
 
 # ---------------------------------------------------------------- who waits for whom
+
+
+def _asked(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
+    own = {**sc.scope.modules, **module.scope.modules}
+    return {
+        (kind, s): flat.modules[own[s]]
+        for kind, s in _read_by(module, sc)
+        if s in own and (kind == "margin" or own[s] != module.index)
+    }
+
+
+def _read_as(
+    kind: str, of: Mapping[typed.TopicSymbol, tuple[str, Module]]
+) -> dict[typed.TopicSymbol, Module]:
+    return {t: m for t, (read, m) in of.items() if read == kind}
 
 
 def _read_by(module: Module, sc: Component) -> list[Read]:

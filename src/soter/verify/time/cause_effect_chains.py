@@ -168,6 +168,10 @@ def _in_step(place: VerificationSystem, node: Component) -> bool:
     return aligned and all(place.declared(node, w) is None for w in ("late", "response"))
 
 
+def _driven(c: Component) -> set[int]:
+    return set() if c.plant is None else {c.scope.topics[t] for t, _ in c.plant.drives}
+
+
 def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
     """Whether what it reads comes from a plant, not only through the nodes before it."""
     flat, todo, seen = place.flat, [node], {node}
@@ -178,9 +182,7 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
         topics = [flat.topics[c.scope.topics[t]] for t in named]
         read = {t.index if t.queue_of is None else t.queue_of for t in topics}
         for other in flat.components:
-            if other.plant is not None and read & {
-                other.scope.topics[t] for t, _ in other.plant.drives
-            }:
+            if read & _driven(other):
                 return True
             if other.node is None or other in seen or other in behind or other.role != "node":
                 continue
@@ -364,7 +366,7 @@ def _upstream(
         if drive.topic == index:
             yield _ChainPrefix(None, (), Releases(drive.every_ns))
     for c in flat.components:
-        if c.plant is not None and any(c.scope.topics[t] == index for t, _ in c.plant.drives):
+        if index in _driven(c):
             beside = None if c.name in shown else c
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module in own:

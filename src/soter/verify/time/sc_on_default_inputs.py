@@ -45,11 +45,11 @@ def fault_on_defaults(problem: Problem) -> str:
     if not _published_together(problem, {system.topics[t].name for t in topics}):
         return "SC may read the default of one topic beside a value of another"
     known = {p.topic for p in schedule.read_by_dm}
-    kept = bool(component.node.locals) or component.node.takeover is not None
-    if kept and modes:
-        return "SC steps on defaults in any mode of others, with what it keeps: not followed"
-    if kept and any(p.topic not in known for p in schedule.read_by_sc):
-        return "SC may lose control and take it over, with what it keeps, before it has read"
+    if component.node.locals or component.node.takeover is not None:  # it keeps something
+        if modes:
+            return "SC steps on defaults in any mode of others, with what it keeps: not followed"
+        if any(p.topic not in known for p in schedule.read_by_sc):
+            return "SC may lose control and take it over, with what it keeps, before it has read"
     return _first_fault(system, component, steps, modes)
 
 

@@ -136,11 +136,14 @@ class Expressions:
             return self.neg(p) if e.op == "neg" else self.div(p, e.of[1])
         if e.op == "mul":
             a, b = e.of
-            if (p := self.factor(a, x)) is not None:
-                return self.mul(p, b)
-            p = self.factor(b, x)
-            return None if p is None else self.mul(a, p)
+            return self._factor_of_product(a, b, x)
         return None
+
+    def _factor_of_product(self, a: Node, b: Node, x: Node) -> Node | None:
+        if (p := self.factor(a, x)) is not None:
+            return self.mul(p, b)
+        p = self.factor(b, x)
+        return None if p is None else self.mul(a, p)
 
     def split(self, e: Node, x: Node) -> tuple[Node, Node]:
         """The p and the rest of e = x p + rest."""

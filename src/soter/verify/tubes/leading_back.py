@@ -301,23 +301,26 @@ class _Search:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
-                if self._rests is not None:
-                    self._check.cut, way = self._rests
-                    return Led({s: _hull(self._box[s], way[s]) for s in own})
-                reached = {} if runs is None else runs.reached
-                return Led({}, self._not_from(part, into, shown, tried, reached))
+                return self._given_up(part, into, shown, tried, runs)
             else:
+                todo += [(half, depth + 1, 0.5 * share) for half in self._halves(part)]
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
-                todo += [(half, depth + 1, 0.5 * share) for half in self._halves(part)]
-                todo += (
-                    [] if depth else [(self._last_part(), SPLITS, 0.0)]
-                )  # counted with its whole
+                    todo.append((self._last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             if progress is not None:
                 progress(shown)
         return Led(ways)
+
+    def _given_up(
+        self, part: Box, into: str, shown: float, tried: int, runs: RestRuns | None
+    ) -> Led:
+        if self._rests is not None:
+            self._check.cut, way = self._rests
+            return Led({s: _hull(self._box[s], way[s]) for s in self._own})
+        reached = {} if runs is None else runs.reached
+        return Led({}, self._not_from(part, into, shown, tried, reached))
 
     def _last_part(self) -> Box:
         """Of those to come the last: it ends the search soonest."""

@@ -30,7 +30,7 @@ from soter.monitor.logs.files.whole_bags import WholeBag1, require_no_journal, r
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from rosbags.interfaces import Connection
@@ -92,6 +92,14 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     facts.notes += writers.notes
 
 
+def _offered(connections: Iterable[Connection]) -> Writers:
+    writers = Writers()
+    for c in connections:
+        if isinstance(c.ext, ConnectionExtRosbag2):
+            writers.offer(c.topic, len(c.ext.offered_qos_profiles))
+    return writers
+
+
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
 ) -> Iterator[Arrived]:
@@ -113,10 +121,7 @@ def sqlite_messages(
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
-        writers = Writers()
-        for c in chosen.values():
-            if isinstance(c.ext, ConnectionExtRosbag2):
-                writers.offer(c.topic, len(c.ext.offered_qos_profiles))
+        writers = _offered(chosen.values())
         decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
         names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):

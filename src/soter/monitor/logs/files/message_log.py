@@ -172,6 +172,18 @@ def read_messages(
         if not columns_by_channel[name].times_ns:
             hints = choice.helps if name in facts.there else [nearest_or_all(name, facts.there)]
             raise unusable(path, f"no message that counts stands on `{name}`", *hints)
+    ends, beyond_ns, notes = _ends_of_log(mapping, counted, others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns, columns.beyond_ns = ends, beyond_ns
+        columns.unchecked = facts.unchecked
+        columns.notes += [*facts.notes, *order.notes, *notes]
+    return columns_by_channel
+
+
+def _ends_of_log(
+    mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
+) -> tuple[tuple[int, int], int, list[str]]:
+    """When the log begins and ends; how long other channels go on; what is to be told of it."""
     near, notes = _near(counted, others)
     whole = _ends(counted, near)
     ends = _ends(counted, []) if mapping.where else whole
@@ -179,11 +191,7 @@ def read_messages(
     if beyond_ns > 0:
         told = f"other channels go on for {seconds_text(beyond_ns)} s"
         notes.append(f"{told}; of a choice by `where` the log ends with the last row that counts")
-    for columns in columns_by_channel.values():
-        columns.ends_ns, columns.beyond_ns = ends, beyond_ns
-        columns.unchecked = facts.unchecked
-        columns.notes += [*facts.notes, *order.notes, *notes]
-    return columns_by_channel
+    return ends, beyond_ns, notes
 
 
 def _named(path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]) -> dict[str, Wanted]:

@@ -197,19 +197,30 @@ def _measure(
             continue
         if not FIELD_NAME.fullmatch(field):
             raise UndecodableError(f"`{name}` has a field that is called `{field[:40]}`")
-        count, inner = 1, kind
-        if kind[0] in (ARRAY, SEQUENCE):
-            inner, count = kind[1][0], int(kind[1][1]) if kind[0] == ARRAY else 1
-        of_one = (1, 1)
-        if inner[0] == NAMED:
-            of_one = _measure(inner[1], definitions, sizes, (*inside, name))
-            if not of_one[1] and kind[0] in (ARRAY, SEQUENCE):
-                raise UndecodableError(f"`{name}` has a list of messages that are empty")
-        elif inner[0] == BASE and inner[1][0] not in ("string", "wstring"):
-            count = 1  # an array of numbers is one thing
-        parts += of_one[0] * count
-        least += of_one[1] * (count if kind[0] != SEQUENCE else 1)
+        of_member = _measure_member(name, kind, definitions, sizes, inside)
+        parts += of_member[0]
+        least += of_member[1]
         if parts > PARTS_MAX:
             raise UndecodableError(f"messages of `{name[:80]}` have too many parts")
     sizes[name] = parts, least
     return sizes[name]
+
+
+def _measure_member(
+    name: str,
+    kind: Any,  # noqa: ANN401 - as rosbags has it
+    definitions: Definitions,
+    sizes: dict[str, tuple[int, int]],
+    inside: tuple[str, ...],
+) -> tuple[int, int]:
+    count, inner = 1, kind
+    if kind[0] in (ARRAY, SEQUENCE):
+        inner, count = kind[1][0], int(kind[1][1]) if kind[0] == ARRAY else 1
+    of_one = (1, 1)
+    if inner[0] == NAMED:
+        of_one = _measure(inner[1], definitions, sizes, (*inside, name))
+        if not of_one[1] and kind[0] in (ARRAY, SEQUENCE):
+            raise UndecodableError(f"`{name}` has a list of messages that are empty")
+    elif inner[0] == BASE and inner[1][0] not in ("string", "wstring"):
+        count = 1  # an array of numbers is one thing
+    return of_one[0] * count, of_one[1] * (count if kind[0] != SEQUENCE else 1)
