@@ -91,7 +91,7 @@ def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
 
 
 def recording_text(recording: Recording) -> str:
-    """As `soter_recording.h` says."""
+    """The recording as the text that `runtime/cortex_m/soter_recording.h` describes."""
     return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
 
 

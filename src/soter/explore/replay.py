@@ -3,7 +3,7 @@
 Purpose: a violation counts only if the interpreter, given the steps and choices of a trace and
 nothing else, finds every step allowed by docs/testing.md and the property violated in the end.
 What every step did is kept as plain records (`ReplayedStep`).
-Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.py`).
+Non-goals: speed; finding traces; files (`trace.py`), showing them (`trace_view.py`).
 """
 
 from __future__ import annotations
