@@ -60,9 +60,10 @@ if TYPE_CHECKING:
 
 
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
-    """In order of time; nothing where no other system is deployed, or one with externs.
+    """The values of topics from outside in a run of the proved system, in order of time.
 
-    SoterError as of `NativeProgram`.
+    Empty where it is the one that is deployed, or has externs without a binding. SoterError as of
+    `NativeProgram`.
     """
     there = system.proved
     if there is None or any(x.extern and x.binding is None for x in there.components):

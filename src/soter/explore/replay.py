@@ -88,7 +88,7 @@ class ReplayedStep:
     dropped: tuple[DroppedMessage, ...] = ()
     """What full queues lost as this step published."""
     matters: bool | None = None
-    """Whether the violation depends on it, as the trace says; None: it does not."""
+    """Whether the violation depends on this step; None where the trace does not say."""
 
 
 @dataclass(frozen=True)

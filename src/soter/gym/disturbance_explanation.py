@@ -32,13 +32,15 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 ABSOLUTE = 1e-9
+"""What a state may differ by at least."""
 SINGLE = 2.0 * float(np.finfo(np.float32).eps)
+"""What it may differ by relative to it, where observations are float32: two units of rounding."""
 DOUBLE = 1e-12
-"""What a number may differ by: at least, and relative to it, in observations of float32 or not."""
+"""The same where they are float64."""
 
 
 class PlantModel:
-    """A plant of a system, by itself; only where `why_not` has nothing against it."""
+    """A plant of a system, by itself; only for plants for which `why_not` gives None."""
 
     def __init__(self, system: System, plant: Component) -> None:
         assert plant.plant is not None
@@ -120,7 +122,7 @@ class SessionPlant:
 
     @property
     def explained(self) -> bool:
-        """What was said of the last step that was judged."""
+        """Whether disturbances within their bounds explain the last step that was judged."""
         return bool(self.pointer.explained)
 
     def compare(self, wanted: Sequence[bool]) -> None:

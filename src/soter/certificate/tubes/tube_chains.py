@@ -50,7 +50,7 @@ class TubeFlow(LocalFlow):
     apart = True
 
     def steps(self, span: Fraction) -> int:
-        """One."""
+        """A span is never cut: the tube says where."""
         del span
         return 1
 
