@@ -276,7 +276,7 @@ class PolytopeCheck(GroupCheck):
             start.require(what, row, less(ends, loss), None if given is None else given())
 
     def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
-        """{z : z + E in p}."""
+        """All z with z + E in `p`: estimates of states in `p` only, or states of such estimates."""
         faces, ends = p.in_balls
         return faces, less(ends, [self._off(row) for row in faces])
 

@@ -1,4 +1,4 @@
-"""What a module with `rest` is, as "Decisions by tubes" (docs/proof-flight.md) has it.
+"""The problem of a module with `rest`, read again: "Decisions by tubes" (docs/proof-flight.md).
 
 Purpose: `RestProblem`: which states are followed, in which leaf the DM sees each and how far that
 may be off, the sets of states, what `moves` says, and every time constant, from the program alone.
