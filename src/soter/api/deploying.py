@@ -62,8 +62,7 @@ if TYPE_CHECKING:
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
     """The values of topics from outside in a run of the proved system, in order of time.
 
-    Empty where it is the one that is deployed, or has externs without a binding. SoterError as of
-    `NativeProgram`.
+    None where that system is deployed itself, or has unbound externs; SoterError: `NativeProgram`.
     """
     there = system.proved
     if there is None or any(x.extern and x.binding is None for x in there.components):

@@ -32,11 +32,9 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
 ABSOLUTE = 1e-9
-"""What a state may differ by at least."""
 SINGLE = 2.0 * float(np.finfo(np.float32).eps)
-"""What it may differ by relative to it, where observations are float32: two units of rounding."""
 DOUBLE = 1e-12
-"""The same where they are float64."""
+"""What a state may be off by: at least; relative to it, where float32 rounded it; else relative."""
 
 
 class PlantModel:
