@@ -59,9 +59,9 @@ class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
     `published`: what reached the topics, by name; where a step may publish several messages, the
-    list of them. `gated`: it computed values that its outputs
-    were not enabled for. `decided`: what a DM saw and said. `violated`: everything that is
-    violated after it, the property of the trace or others.
+    list of them. `gated`: it computed values that its outputs were not enabled for. `decided`: what
+    a DM saw and said. `violated`: everything that is violated after it, the property of the trace
+    or others.
     """
 
     number: int
@@ -123,7 +123,7 @@ class Replayed:
 
     @property
     def outcome(self) -> str:
-        """One sentence."""
+        """What came of it, in one sentence."""
         if self.problem is not None:
             return self.problem
         if self.reproduced:
