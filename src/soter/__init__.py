@@ -1,6 +1,6 @@
 """Soter: a runtime-assurance framework for robots.
 
-`soter.load("drone.soter")` gives a `Program`; what it can do stands in `soter/api/`. Nothing
+`soter.load("drone.soter")` gives a `Program`; what it can do stands in `api/`. Nothing
 is imported before it is used: `import soter` costs next to nothing.
 """
 

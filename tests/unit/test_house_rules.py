@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -50,10 +51,45 @@ def test_the_page_of_the_house_has_every_room_and_files_that_are_there() -> None
     assert [n for n in first if not ((soter / n).is_file() or (ROOT / n).is_file())] == []
 
 
+def _missing_folders(text: str, *roots: Path) -> list[str]:
+    """The folders that a text names, `x/`, and that lie in none of the roots."""
+    named = re.findall(r"`([\w.]+(?:/[\w.]+)*)/`", text)
+    return [name for name in named if not any((root / name).is_dir() for root in roots)]
+
+
+def test_folders_that_the_table_of_rooms_names_are_there_and_it_names_all_packages() -> None:
+    """Those below its room, or below `src/soter`; a package that lies in the room itself."""
+    soter = ROOT / "src" / "soter"
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    wrong = []
+    for room, told in re.findall(r"^\| `(\w+)/` \|[^|]*\|(.*)\|$", page, re.MULTILINE):
+        wrong += [f"{room}: no {name}/" for name in _missing_folders(told, soter / room, soter)]
+        packages = [p.parent.name for p in (soter / room).glob("*/__init__.py")]
+        wrong += [f"{room}: {name}/ unnamed" for name in packages if f"`{name}/`" not in told]
+    assert wrong == []
+
+
+def test_folders_that_the_docstring_of_a_package_names_are_there() -> None:
+    """Those beside it, or below `src/soter`."""
+    soter = ROOT / "src" / "soter"
+    wrong = []
+    for path in SOURCES:
+        if path.name == "__init__.py":
+            told = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+            at = path.parent.relative_to(soter).as_posix()
+            wrong += [f"{at}: no {n}/" for n in _missing_folders(told, path.parent, soter)]
+    assert wrong == []
+
+
 def test_files_that_docstrings_and_pages_name_are_there() -> None:
-    """A bare name of a file somewhere, a path of one that ends in it."""
+    """A path of one that ends in it; a bare name of a file of the same room, on a page of any."""
     there = {f"/{p.relative_to(ROOT).as_posix()}" for p in _tracked()}
     names = {p.rpartition("/")[2] for p in there}
+    of_rooms: dict[str, set[str]] = {}
+    for path in there:
+        if path.startswith("/src/soter/"):
+            room, _, name = path.removeprefix("/src/soter/").partition("/")
+            of_rooms.setdefault(room if name else "", set()).add(path.rpartition("/")[2])
     of_users = re.compile(r"NAME|PREFIX|^(externs|actuate)\.c$|^(math|string)\.h$|^out/")
     missing = []
     for path in _tracked():
@@ -62,9 +98,10 @@ def test_files_that_docstrings_and_pages_name_are_there() -> None:
         page = at.startswith("docs/") and path.suffix == ".md"
         if not source and (not page or path.name in {"benchmarks.md", "decisions.md"}):
             continue
-        text = path.read_text(encoding="utf-8")
+        text, inside = path.read_text(encoding="utf-8"), at.removeprefix("src/soter/")
+        here = of_rooms[inside.partition("/")[0] if "/" in inside else ""] if source else names
         for name in re.findall(r"`((?:[\w.]+/)*\w+\.(?:py|c|h))`", text):
-            known = name in names if "/" not in name else any(p.endswith(f"/{name}") for p in there)
+            known = name in here if "/" not in name else any(p.endswith(f"/{name}") for p in there)
             if not known and not of_users.search(name):
                 missing.append(f"{at}: {name}")
     assert missing == []

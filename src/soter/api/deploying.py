@@ -60,9 +60,9 @@ if TYPE_CHECKING:
 
 
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
-    """In order of time; nothing where no other system is deployed, or one with externs.
+    """The values of topics from outside in a run of the proved system, in order of time.
 
-    SoterError as of `NativeProgram`.
+    None where that system is deployed itself, or has unbound externs; SoterError: `NativeProgram`.
     """
     there = system.proved
     if there is None or any(x.extern and x.binding is None for x in there.components):
@@ -91,7 +91,7 @@ def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
 
 
 def recording_text(recording: Recording) -> str:
-    """As `soter_recording.h` says."""
+    """The recording as the text that `runtime/cortex_m/soter_recording.h` describes."""
     return "".join(f"{time} {topic} {value.hex()}\n" for time, topic, value in recording)
 
 

@@ -1,4 +1,4 @@
-"""Which claims a certificate may make.
+"""Which claims a certificate may make, as the re-checker reads them.
 
 Purpose: the names of the properties, and which verdicts count.
 Non-goals: showing any of them.

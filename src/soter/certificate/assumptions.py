@@ -1,4 +1,4 @@
-"""What a verdict rests on and what it is not about, derived from the program.
+"""What a re-checked verdict rests on and is not about, derived again from the program.
 
 Purpose: `assumptions_of`, `confirmed_of`: keys for programs, and texts for people.
 Non-goals: what a manifest says about them: nothing is read there. What an extra rests on is said

@@ -1,4 +1,4 @@
-"""The claims about one combination of parameter values.
+"""The claims about one combination of parameter values, each checked again.
 
 Purpose: what is asked of which groups, in which order, and to have it shown on all processors:
 `TaskProcesses` are some processes, among which tasks are dealt out, and which tell what came of

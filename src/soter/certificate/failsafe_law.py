@@ -1,4 +1,4 @@
-"""The fail-safe law of a module in the place of its SC: an extra.
+"""The fail-safe law of a module in the place of its SC, checked again: an extra.
 
 Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
 part stops"): the same module, plants and times, with constants for what SC computes; `law_in`,

@@ -1,4 +1,4 @@
-"""Every verdict in the log of a flight, once more.
+"""Every verdict in the log of a flight, checked again.
 
 Purpose: `Flights`: logs of flights of the program in a certificate; each verdict "AC" of a module
 whose decision module follows SC is confirmed from the estimate that it read, or named.

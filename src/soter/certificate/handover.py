@@ -1,4 +1,4 @@
-"""Hand-overs: whether the state of a view jumps only into R(H).
+"""Hand-overs, checked again: whether the state of a view jumps only into R(H).
 
 Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
 is confirmed: of the node that publishes it, and of R(H) (docs/proof-sets.md, "Hand-over");

@@ -1,4 +1,4 @@
-"""Towers: who has control through whom, and what a module takes from the one above it: an extra.
+"""Towers, checked again: who has control through whom, and what the module above gives.
 
 Purpose: `refuse_unproved_towers`: which module of a tower is followed here, and that all of its
 controllers publish what it publishes; `slowest_below`: as often as P1a asks. `read_above`: the

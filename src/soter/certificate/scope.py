@@ -1,4 +1,4 @@
-"""What a certificate is not about.
+"""What a re-checked certificate is not about.
 
 Purpose: `parameters_of`, `uncovered`: the values that were checked; other systems that hold a
 module, other modules, other values, and what nothing here looks at.

@@ -1,4 +1,4 @@
-"""Whether what was confirmed says anything: how often AC can have control at all.
+"""Whether what was re-checked says anything: how often AC can have control at all.
 
 Purpose: by states drawn from the sets of a certificate, and by the tables of the DM; nothing that
 the prover says about it is read. A share of what was drawn is a measurement and is called so.

@@ -235,7 +235,7 @@ def _coverage(report: VerifyReport) -> list[str]:
 def _together(report: VerifyReport, printed: Printout) -> None:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
-    from soter.verify.composition_table import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.composition_table import rows_of  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
@@ -273,7 +273,7 @@ def _listed(texts: tuple[str, ...]) -> list[str]:
 
 def _of_the_certificate(report: VerifyReport) -> list[str]:
     """What a certificate does not say, or `soter recheck` does not accept."""
-    from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - what is stored needs none
 
     lines = []
     for module in report.modules:
@@ -357,7 +357,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
 
 def _details(module: ModuleResult, printed: Printout) -> list[str]:
     """Shares, and where and why something is not proved."""
-    from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - what is stored needs none
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]

@@ -1,7 +1,7 @@
 """What goes wrong in a run, in generated C.
 
 Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
-disturbances, which node steps next (`soter_faults.h` has what they share).
+disturbances, which node steps next (`runtime/soter_faults.h` has what they share).
 Non-goals: which faults there are (`language/elaborate/tests_and_faults/faults.py`).
 """
 

@@ -3,7 +3,7 @@
 Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
 published.
 Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `environment.py`,
-`decisions.py`, `environment.py`, `kernel_tables.py`).
+`decisions.py`, `kernel_tables.py`).
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ RESERVED = "reserved"
 
 @dataclass(frozen=True)
 class Fixed:
-    """A struct of `soter.h` that every state has: (name, numpy format, count) in order."""
+    """A struct of `runtime/soter.h` that every state has: (name, numpy format, count) in order."""
 
     fields: tuple[tuple[str, str, int], ...]
 

@@ -4,7 +4,7 @@ Purpose: a layered drawing after Sugiyama, small and repeatable: arrows that wou
 are turned round (Eades, Lin and Smyth), layers by longest path and drawn together, crossings
 reduced by sweeps of medians, and x by isotonic regression: what the neighbours of a box wish is met
 as well as the order and the widths allow (pool adjacent violators, exact for one layer).
-Non-goals: shapes, text (`drawing.py`). Arrows with one source share the way as far as they can.
+Non-goals: shapes, text (`svg.py`). Arrows with one source share the way as far as they can.
 """
 
 from __future__ import annotations

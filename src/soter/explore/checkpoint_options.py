@@ -1,9 +1,9 @@
 """What a person may ask of checkpoints, checked before any test is searched.
 
 Purpose: `--checkpoint` and `--resume` become one `Checkpoint` a test, or a diagnostic: what is
-there already is not written over, what is no checkpoint or one of another search is not gone on
-with.
-Non-goals: files (`arguments.py`), writing (`checkpoints.py`).
+there already is not written over, and a search does not go on from a file that is no checkpoint, or
+one of another search.
+Non-goals: the file itself, and who writes it (`checkpoints.py`).
 """
 
 from __future__ import annotations

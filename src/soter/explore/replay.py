@@ -3,7 +3,7 @@
 Purpose: a violation counts only if the interpreter, given the steps and choices of a trace and
 nothing else, finds every step allowed by docs/testing.md and the property violated in the end.
 What every step did is kept as plain records (`ReplayedStep`).
-Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.py`).
+Non-goals: speed; finding traces; files (`trace.py`), showing them (`trace_view.py`).
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ class ReplayedStep:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
     `published`: what reached the topics, by name; where a step may publish several messages, the
-    list of them. `gated`: it computed values that its outputs
-    were not enabled for. `decided`: what a DM saw and said. `violated`: everything that is
-    violated after it, the property of the trace or others.
+    list of them. `gated`: it computed values that its outputs were not enabled for. `decided`: what
+    a DM saw and said. `violated`: everything that is violated after it, the property of the trace
+    or others.
     """
 
     number: int
@@ -88,7 +88,7 @@ class ReplayedStep:
     dropped: tuple[DroppedMessage, ...] = ()
     """What full queues lost as this step published."""
     matters: bool | None = None
-    """Whether the violation depends on it, as the trace says; None: it does not."""
+    """Whether the violation depends on this step; None where the trace does not say."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Replayed:
 
     @property
     def outcome(self) -> str:
-        """One sentence."""
+        """What came of it, in one sentence."""
         if self.problem is not None:
             return self.problem
         if self.reproduced:

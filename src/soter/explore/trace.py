@@ -72,7 +72,7 @@ class Step:
     time_ns: int
     choices: tuple[Choice, ...] = ()
     matters: bool | None = None
-    """Whether the violation depends on it; None: nobody said."""
+    """Whether the violation depends on this step; None where nobody has found out."""
 
 
 @dataclass(frozen=True)

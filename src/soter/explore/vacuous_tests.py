@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class Domains:
-    """Of a flattened test. `start`: of its start alone, before any step."""
+    """The ranges of what a flattened test reads; with `start` before any step of it."""
 
     def __init__(self, system: System, *, start: bool = False) -> None:
         self._system = system

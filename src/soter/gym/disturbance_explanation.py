@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 ABSOLUTE = 1e-9
 SINGLE = 2.0 * float(np.finfo(np.float32).eps)
 DOUBLE = 1e-12
-"""What a number may differ by: at least, and relative to it, in observations of float32 or not."""
+"""What a state may be off by: at least; relative to it, where float32 rounded it; else relative."""
 
 
 class PlantModel:
-    """A plant of a system, by itself; only where `why_not` has nothing against it."""
+    """A plant of a system, by itself; only for plants for which `why_not` gives None."""
 
     def __init__(self, system: System, plant: Component) -> None:
         assert plant.plant is not None
@@ -120,7 +120,7 @@ class SessionPlant:
 
     @property
     def explained(self) -> bool:
-        """What was said of the last step that was judged."""
+        """Whether disturbances within their bounds explain the last step that was judged."""
         return bool(self.pointer.explained)
 
     def compare(self, wanted: Sequence[bool]) -> None:

@@ -1,4 +1,4 @@
-"""What of a system is answered from outside, where its numbers lie, and which a caller asks for.
+"""Which module, plant and topics an environment is about, and where their numbers lie in memory.
 
 Purpose: the module and the plant that a caller names, or the only ones; what an agent observes;
 leaves of values in declared order as `soter_leaf` of `c/soter_gym.h`; the keys of `info` that a
@@ -169,8 +169,8 @@ def _types(system: System, seen: ObservedPart) -> list[Type]:
     return [v.type for v in plant.states]
 
 
-def without_python(system: System, agent: int) -> None:
-    """SoterError U003 where more than the agent is outside, or linked C would be shared."""
+def require_compiled(system: System, agent: int) -> None:
+    """SoterError U003 where something but the agent is extern: it would be one for all worlds."""
     for c in system.components:
         if c.extern and c.index != agent:
             kind = "node" if c.node is not None else "plant"

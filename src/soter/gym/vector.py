@@ -19,7 +19,7 @@ import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled
-from soter.gym.outside_roles import chosen_module, observed_parts, without_python, wrong_choice
+from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
 from soter.gym.safety_warning import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.simulate.run_settings import seed_value
@@ -130,7 +130,7 @@ def prepared(
         flat_module = chosen_module(flat, module)
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
-        without_python(flat, flat_module.ac)
+        require_compiled(flat, flat_module.ac)
         return CompiledEnvironment(
             flat, Roles(flat_module.ac, flat_module.index), program.bound, seen, notes
         )

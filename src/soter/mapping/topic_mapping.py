@@ -57,7 +57,7 @@ class SourcePromise:
 
     @property
     def alone_ns(self) -> int:
-        """How old its newest sample may be while it keeps its promise."""
+        """How old its newest sample may be, if it keeps to `every_ns` and `delayed_ns`."""
         return self.every_ns + self.delayed_ns
 
     @property

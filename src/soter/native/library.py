@@ -1,6 +1,6 @@
 """A loaded program: the kernel's functions on a state in memory.
 
-Purpose: the thinnest Python face of `soter.h`; states and traces are numpy arrays of bytes.
+Purpose: the thinnest Python face of `runtime/soter.h`; states and traces are numpy arrays of bytes.
 Non-goals: decoding (`core/layout.py`), answering externs (`simulate/`).
 """
 
@@ -31,7 +31,7 @@ class RunStatus(IntEnum):
 
 
 def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
-    """What `soter.h` declares."""
+    """What `runtime/soter.h` declares."""
     return interface(declarations(RUNTIME / "soter.h"))
 
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.codes import explain as page_of
 from soter.diagnostics.codes import named, suggestions
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.diagnostics.render import render_all, to_json
 from soter.diagnostics.source import Source
 from soter.diagram.svg import picture
@@ -283,8 +283,6 @@ def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSe
 
 def unanswered(error: UnboundExternError) -> SoterError:
     """Externs are somebody else's code: there is none of it in the page."""
-    from soter.diagnostics.diagnostic import Diagnostic  # noqa: PLC0415 - only then
-
     message = f"{error}"
     note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
     return SoterError((Diagnostic("X001", message, notes=(note,)),))

@@ -37,9 +37,6 @@ if TYPE_CHECKING:
     Write = Callable[[int, bytes], None]
 
 
-SECOND = 1e9
-
-
 @dataclass(frozen=True)
 class Reading:
     """A topic's newest value: `stamp`, ns on CLOCK_MONOTONIC, is when it was measured.

@@ -141,7 +141,7 @@ def _mixed(key: int, index: int, low: float, high: float) -> float:
 
 
 def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
-    """`soter_draw` of `soter_adversary.h`."""
+    """What `soter_draw` of `native/c/soter_adversary.h` gives."""
     seed_key = mix((seed + _GOLDEN) & _MASK)
     key = mix(seed_key ^ fnv(stream))
     side = key >> 63

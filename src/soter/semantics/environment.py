@@ -3,7 +3,7 @@
 Purpose: the step of a plant draws the disturbances, integrates, measures and publishes
 (docs/semantics.md, Plants); the calendar releases a plant as it releases a node. The premises of
 ENVIRONMENT-INPUT are checked before a value from outside is believed; this is the twin of
-`soter_publish` in `soter.h`.
+`soter_publish` in `runtime/soter.h`.
 Non-goals: what a plant means for proofs (`verify/`), compiling it (`executable_system.py`), who
 publishes what (drivers), the rule itself (`rules.py`).
 """

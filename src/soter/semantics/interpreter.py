@@ -158,7 +158,7 @@ class Interpreter:
     def publish_input(
         self, c: Configuration, topic: int, value: Value, time_ns: int, *, within: bool = False
     ) -> tuple[Configuration, FaultKind | None]:
-        """A value from outside, measured at `time_ns`: `soter_publish` of `soter.h`.
+        """A value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
 
         Stamped so where the topic takes it; else nothing changes and the kind says why (`refusal`).
         `within`: for a driver that moved time and has not ended the instant. C knows by itself; a

@@ -2,7 +2,7 @@
 
 Purpose: whether an `always` or `never` is violated in a configuration, judged on the truth, and
 whether `assumes` and `guarantees` of a node are.
-Non-goals: onsets and counts (`record.py`), temporal properties of tests (`explore/`).
+Non-goals: onsets and counts (`configuration.py`), temporal properties of tests (`explore/`).
 """
 
 from __future__ import annotations

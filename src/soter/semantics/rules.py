@@ -266,8 +266,8 @@ def _node_step(
     if component.held is not None:
         return before, StepOutcome(n, {}, judged={**assumed, **guaranteed})
     several = {t: out[t] for t in code.bursts if t in out}
-    last = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
-    return c, StepOutcome(n, last, judged={**assumed, **guaranteed}, bursts=several)
+    values = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
+    return c, StepOutcome(n, values, judged={**assumed, **guaranteed}, bursts=several)
 
 
 # ---------------------------------------------------------------- premises

@@ -1,8 +1,8 @@
-"""Whether a module's own `safe` holds on estimates: what its topics hold when an instant is over.
+"""Whether a module's own `safe` holds on what its topics hold when an instant is over.
 
 Purpose: `CompiledSafe`, the predicates in C beside the program that runs natively, and
-`InterpretedSafe`, the same by the interpreter's evaluator, for runs of other programs; `SafeTally`,
-the instants of looks of each DM after which it was false (nodes behind the DM count, too).
+`InterpretedSafe`, the same by the interpreter's evaluator, for runs of other programs. `SafeTally`
+counts the looks of each DM after whose instant `safe` was false: nodes behind the DM have stepped.
 Non-goals: properties, which are judged on the truth; why a DM decided (`explain_decision.py`).
 """
 

@@ -1,9 +1,9 @@
 """The typed interface of a program in somebody's own loop: `NAME_firmware.h` and `.c`.
 
 Purpose: `NAME_start`, `NAME_step`, `NAME_publish_TOPIC`, `NAME_read_TOPIC`, `NAME_mode_MODULE` over
-`soter_firmware.c`, and the messages as a document with a hash, which the start compares.
+`runtime/soter_firmware.c`, and the messages as a document with a hash, which the start compares.
 NAME is the system's: nothing here is called after the file that the program was written in.
-Non-goals: what they do (`runtime/soter_firmware.c`), Makefile and page (`c99.py`).
+Non-goals: what they do (that file), Makefile and page (`c99.py`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """The lease of a module's outputs as C, and how late components may be, as proofs assume.
 
 Purpose: every module with a fail-safe law gets `PREFIX_lease.h` and `PREFIX_lease.c` (the actuator
-side: the law and the length of a lease, for `soter_lease.c`) and `PREFIX_grant.c` (the trusted
-side: the times that every release is held to, for `soter_grant.c`); docs/proof.md, "When the
-trusted part stops". None of them needs the program or the kernel. `late`, `response` and `dropout`
-of `verify` blocks are there for drivers and loops to judge by, and `Takeover` says how long after a
-fault of an AC in another process the first output of SC is there.
+side: the law and the length of a lease, for `runtime/soter_lease.c`) and `PREFIX_grant.c` (the
+trusted side: the times that every release is held to, for `runtime/soter_grant.c`); docs/proof.md,
+"When the trusted part stops". None of them needs the program or the kernel. `late`, `response` and
+`dropout` of `verify` blocks are there for drivers and loops to judge by, and `Takeover` says how
+long after a fault of an AC in another process the first output of SC is there.
 Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`); whether a machine
 can keep the times (`soter.timing`).
 """

@@ -25,7 +25,7 @@ MANIFEST = ".soter-files.json"
 """In every folder that soter builds: the SHA-256 of each file as soter wrote it."""
 
 BYTES_MAX = 2**28
-"""A longer file is none that soter wrote."""
+"""Of a file: `soter` writes none that is longer, so a longer one is not read."""
 
 
 @dataclass(frozen=True)

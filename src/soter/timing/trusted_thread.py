@@ -2,7 +2,7 @@
 
 Purpose: who runs in it, from a flat system; `timing_of`: the latest start and end of every step of
 theirs, or what is missing to say so; a deadline that is missed, as a diagnostic.
-Non-goals: the analysis (`calendar.py`), whether a proof's times hold
+Non-goals: the analysis (`response_times.py`), whether a proof's times hold
 (`verify/time/problem_times.py`).
 
 A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe

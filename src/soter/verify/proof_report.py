@@ -1,4 +1,4 @@
-"""A verification as a page that can be filed.
+"""The results of the prover as the record of a page that can be filed (`report/proof/`).
 
 Purpose: results -> `report/proof/record.py`: properties, times, shares, the paper's regions R1 to
 R5 of every group, assumptions, the trusted base, hashes; and figures of the run of the model that

@@ -1,4 +1,4 @@
-"""What a verification is about, and what it is not: systems, modules, parameters, composition.
+"""What the prover covers and what it does not: systems, modules, parameters, composition.
 
 Purpose: every system that holds a module is either the same problem, or named as not covered; who
 guarantees what a module takes for granted of the rest of its system: the part of some module's

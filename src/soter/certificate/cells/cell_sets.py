@@ -1,4 +1,4 @@
-"""Tables of a certificate: sets of cells, and whether a box lies in one.
+"""Tables of a certificate, as the re-checker reads them: sets of cells, and what lies in one.
 
 Purpose: `Grid` (breakpoints per axis), `Cells` (a set of its cells, counted fast), and the walk
 over blocks of cells that tries large ones first.
@@ -62,12 +62,12 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Cells on each axis."""
+        """The number of cells on each axis."""
         return tuple(len(e) - 1 for e in self.edges)
 
     @property
     def whole(self) -> Block:
-        """Every cell."""
+        """The block of every cell."""
         return tuple((0, n) for n in self.shape)
 
     def cells(self, box: Sequence[float], offset: int = 0) -> Block | None:
@@ -166,7 +166,7 @@ class Grid:
         return ends
 
     def text(self, block: Block) -> str:
-        """For people."""
+        """A block of cells in words, for people."""
         parts = zip(self.edges, block, strict=True)
         return " x ".join(f"[{e[low]:.6g}, {e[high]:.6g}]" for e, (low, high) in parts)
 

@@ -1,4 +1,4 @@
-"""Where predicates certainly hold.
+"""Where predicates certainly hold on cells, by the re-checker's own evaluation.
 
 Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is.
 Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
@@ -113,7 +113,7 @@ def _shared_out(
 
 
 def both_all(parts: Sequence[Proposition]) -> Proposition:
-    """All of them."""
+    """The proposition that all of them hold."""
     conjunction = TRUE
     for p in parts:
         conjunction = both(conjunction, p)

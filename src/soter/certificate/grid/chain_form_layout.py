@@ -1,7 +1,8 @@
-"""Forms of a chain, taken apart and put together again.
+"""Forms of a chain of the re-checker, taken apart and put together again.
 
-Purpose: `FormLayout.opened`: a form as generators of z (`flow_chains.py`); `FormLayout.closed`: the
-form of what came of it; `StateRows` and `CommandRows`: states and commands as rows over z.
+Purpose: `FormLayout.opened`: a form (with betas and memories, `terms/compile_terms.py`) as
+generators of z (`flow_chains.py` says what z is); `FormLayout.closed`: the form of what came of it;
+`StateRows` and `CommandRows`: states and commands as rows over z.
 Non-goals: what happens in between.
 """
 

@@ -1,4 +1,4 @@
-"""Estimates in cells and the states behind them, and what the shield of a DM permits there.
+"""Estimates in cells, the states behind them, and what a shield permits there, checked again.
 
 Purpose: what computed predicates are shown with: cells of states all of whose estimates lie in a
 set, and that nothing leads out of a set from the states behind estimates. `to_show`: that from no

@@ -1,4 +1,4 @@
-"""Chains and free phases of flows: forms carried over steps of time.
+"""The re-checker's chains and free phases of flows: forms carried over steps of time.
 
 Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
 step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
@@ -144,21 +144,21 @@ class FlowChain:
     # ------------------------------------------------------------ steps of a chain
 
     def first(self, pieces: int, form: Form) -> Image:
-        """From a_0 to delta - e."""
+        """The hold from a_0 to delta - e."""
         before = self.flow.ranges * self.depth  # anything
         return self._hold(self.layout.opened(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Image:
-        """From k delta - e to (k + 1) delta - e."""
+        """A later hold, from k delta - e to (k + 1) delta - e."""
         return self._hold(self.layout.opened(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Image:
-        """From N delta - e over [0, e + l], the latest command still acting."""
+        """What follows N delta - e, over [0, e + l], the latest command still acting."""
         start = self.layout.opened(form, None)
         return (), self._led(start, self._old(start), [(self.span / pieces, NOW)] * pieces)[1]
 
     def free(self, time: Fraction, pieces: int, form: Form) -> Image:
-        """Over [0, time] under any commands."""
+        """A free phase: over [0, time] under any commands."""
         start = self.layout.opened(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
         return (), self._led(start, self._any(start), spans)[1]

@@ -1,4 +1,4 @@
-"""Flows over a span of time: a box that holds every solution, a linear model in it, its solution.
+"""Flows over a span of time, in Arb: a box of all solutions, a linear model, its solution.
 
 Purpose: `around`: a box that holds every solution for a while, and over it the matrices of x' =
 A x + B u + c +- w (`Enclosure`); `solved`: what these come to (`Solution`). `LocalFlow` makes both

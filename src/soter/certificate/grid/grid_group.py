@@ -1,4 +1,4 @@
-"""Groups on grids: their tables, and their claims as inclusions cell by cell.
+"""Groups on grids, checked again: their tables, and their claims as inclusions cell by cell.
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
@@ -103,16 +103,16 @@ class GridGroup(Group):
 
     @property
     def cells(self) -> list[NDArray[np.uint8]]:
-        """One of them."""
+        """The one table of K."""
         return [self.tables.core]
 
     def part(self, *, errors: bool) -> Axes:
-        """The grid."""
+        """The cells of the grid, also for estimates."""
         del errors
         return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
-        """Its claims, cell by cell."""
+        """What shows the claims of this group, cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
     def compare(
@@ -144,7 +144,7 @@ class GridGroup(Group):
         raise RejectedError("the law is looked at on other cells than SC")
 
     def tell(self, report: RecheckedModule) -> None:
-        """In cells."""
+        """Add to a report how many cells the grid has."""
         report.cells += int(np.prod(self.tables.grid.shape))
 
     @property
@@ -164,7 +164,7 @@ class GridGroup(Group):
         return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """By the table."""
+        """Asked of the table of the DM alone."""
         del drawn
         given, levels = self.tables.given_back, self.tables.levels
         if given is not None and not given.any():
@@ -246,7 +246,7 @@ class GridCheck(GroupCheck):
         return True
 
     def core(self) -> Iterable[Task]:
-        """From each cell after as many holds as it says; RejectedError where one is not allowed."""
+        """From each cell of K SC leads back to K, after as many holds as the cell says."""
         what = "`safe`"
         if self.lawful is not None:
             what = f"{what}, or what the law keeps,"
@@ -269,7 +269,7 @@ class GridCheck(GroupCheck):
         return [*tasks, *blocks(what, self.grid, show, holds)]
 
     def free(self, horizon_ns: int) -> Iterable[Task]:
-        """From each cell of R; RejectedError where there is none."""
+        """From each cell of R no command leads out of K; RejectedError where there is no R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
         if self._never_left(self.kernel):
@@ -280,7 +280,7 @@ class GridCheck(GroupCheck):
         return blocks("some command leads out of K within H from", self.grid, show)
 
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
-        """On each cell outside R."""
+        """On no cell outside R may the predicate leave AC in control."""
         assert self.tables.free is not None
         if self.tables.free.all():
             return ()

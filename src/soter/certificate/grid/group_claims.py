@@ -1,4 +1,4 @@
-"""The claims about one group in one case, each an inclusion recomputed from its witnesses.
+"""The claims about one grid in one case, each inclusion recomputed from its witnesses.
 
 Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
 Non-goals: predicates (`cells/predicates.py`), certificates (`folder.py`), which claims there are

@@ -1,4 +1,4 @@
-"""Ends of a grid that the flow keeps, whatever is commanded: there it points inwards.
+"""Checked again: ends of a grid at which the flow points inwards, whatever is commanded.
 
 Purpose: which ends of the axes of a group no run crosses (`uncrossed_ends`), and groups that no
 command moves and no run leaves (`points_inwards`).

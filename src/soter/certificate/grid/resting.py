@@ -1,4 +1,4 @@
-"""Cells of K from which SC stands still wherever it is: "Rest anywhere" of docs/proof-sets.md.
+"""Checked again: cells from which SC stands still, "Rest anywhere" of docs/proof-sets.md.
 
 Purpose: `rests`: that SC keeps them in C for ever. A certificate marks them, and no more: which
 states nothing reads (the ways), the box B that the others stay in, and how far a way gets in all is

@@ -1,4 +1,4 @@
-"""Chains of SC periods and free phases, compiled for the states of one group.
+"""The re-checker's chains of SC periods and free phases, for the states of one group.
 
 Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter,
 errors and disturbances inside; `free_phase`: what any command makes of it (docs/verification.md,

@@ -1,4 +1,4 @@
-"""The claims of a certificate of an induction, one by one.
+"""The claims of a certificate of an induction, each checked again.
 
 Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
 that no execution stays in SC for as long as P2b says. No search: k is the certificate's.

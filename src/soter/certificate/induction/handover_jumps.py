@@ -1,4 +1,4 @@
-"""When what the map of a view reads may change: only in steps of which `enters` holds.
+"""Checked again: what the map of a view reads changes only in steps of which `enters` holds.
 
 Purpose: `why_not`: the node part of a hand-over (proof-sets.md), for one topic that a map reads.
 Any two steps in a row of the node that publishes it, and its very first step: what the map reads is

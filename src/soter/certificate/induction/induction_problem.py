@@ -1,8 +1,8 @@
-"""The problem of an induction once more: which nodes, when, and what is to be shown.
+"""The problem of an induction, read again: which nodes, when, and what is to be shown.
 
 Purpose: `InductionFacts`, read off the checked program by other code than the prover's, and the
 comparison with what the certificate says.
-Non-goals: what the nodes do (`solver_reading.py`), showing anything (`check.py`).
+Non-goals: what the nodes do (`solver_reading.py`), showing anything (`check_claims.py`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The checked tree read over terms of a solver: what a step does, publishes, and when it faults.
+"""The re-checker's reading of steps as terms of a solver: what they do, publish, when they fault.
 
 Purpose: `SolverReading`: what `reading/symbolic_reading.py` leaves open: topics, ages and modes at
 an instant, choices, elements at indices that are not known, and functions that are not read.
@@ -89,7 +89,7 @@ class SolverOperations:
         return either(c, shaped(of, a, self.facts), shaped(of, b, self.facts))
 
     def negated(self, x: Term) -> Term:
-        """Minus x."""
+        """The number `-x`."""
         if is_known(x):
             return arithmetic.neg_int(x) if isinstance(x, int) else -x
         if is_float(x):
@@ -98,7 +98,7 @@ class SolverOperations:
         return -x
 
     def compared(self, op: str, a: Term, b: Term) -> Term:
-        """Two scalars compared."""
+        """Whether `a op b` holds of two scalars."""
         if isinstance(a, Elapsed) and isinstance(b, float):
             return age_compared(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Elapsed):
@@ -108,7 +108,7 @@ class SolverOperations:
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Term, b: Term) -> Term:
-        """+ - * / % on scalars; NotRecheckedError for a division by what is not known."""
+        """`+ - * / %` of scalars; NotRecheckedError for a division by what is not known."""
         if is_known(a) and is_known(b):
             return INTS[op](a, b) if isinstance(a, int) else FLOATS[op](a, b)
         if is_float(a) or is_float(b):
@@ -152,7 +152,7 @@ class SolverOperations:
         return applied(f"built in {name}", [x], FloatType(), self.facts)
 
     def narrowed(self, x: Term, low: int, high: int) -> Term:
-        """X, which faults unless it lies there."""
+        """`x`, which faults unless it lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.narrow(x, low, high)
         self.oblige(both(x >= low, x <= high))
@@ -160,7 +160,7 @@ class SolverOperations:
 
 
 def is_float(x: Term) -> bool:
-    """Whether a scalar is one."""
+    """Whether a scalar is a float."""
     return isinstance(x, (float, Elapsed)) or (z3.is_expr(x) and x.sort() == OPAQUE)
 
 
@@ -170,7 +170,7 @@ def of_floats(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN401 - a
 
 
 def is_nan(x: Term) -> Term:
-    """Whether a float is none."""
+    """Whether a float is NaN."""
     if isinstance(x, float):
         return x != x  # noqa: PLR0124 - NaN
     return z3.Function("floats NaN", OPAQUE, z3.BoolSort())(term(x))

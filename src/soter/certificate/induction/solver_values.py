@@ -1,4 +1,4 @@
-"""Values of programs as terms of a solver: exact, or elements of a sort of which nothing is known.
+"""The re-checker's values as terms of a solver: exact, or opaque, with nothing known of them.
 
 Purpose: what a value of a type looks like (`unknown`, `shaped`), what the same function of the same
 values gives (`applied`). A value is a bool, an int or a float of Python where it is known, else a

@@ -1,4 +1,4 @@
-"""Executions as sequences of steps: one after the other, each on the state that the last one left.
+"""The re-checker's executions of an induction: steps, each on the state the last one left.
 
 Purpose: a `TransitionSystem` runs the instants of some hyperperiods; at each, every component that
 is due makes its step, in an order that is left open. Topics carry the absolute times of their

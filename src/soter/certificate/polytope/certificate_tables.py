@@ -1,4 +1,4 @@
-"""Polytope groups as a certificate has them: half-spaces, multipliers, and what these presuppose.
+"""The tables of a polytope group in a certificate: half-spaces, multipliers, what they presuppose.
 
 Purpose: `PolytopeTables` and `HalfSpaces`, read off a manifest with every shape and number checked,
 and the box of C as a grid of one cell for whoever looks at predicates; what linear functions are at
@@ -10,12 +10,6 @@ most on half-spaces, by weak duality with given multipliers: for lambda >= 0 and
 in balls. Multipliers are hints of the certificate: wrong ones give a useless bound, never a false
 one.
 Non-goals: finding multipliers; believing any of it (`polytope_check.py`).
-
-    r x  <=  lambda f + max over the box of (r - lambda F) x,
-
-in balls. Multipliers are hints of the certificate: wrong ones give a useless bound, never a false
-one.
-Non-goals: finding multipliers.
 """
 
 from __future__ import annotations

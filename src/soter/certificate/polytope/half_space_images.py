@@ -1,4 +1,4 @@
-"""What a linear flow does to half-spaces: holds of SC, and phases of any command; in balls.
+"""The re-checker's images of half-spaces under linear flows: holds of SC, any command; in balls.
 
 Purpose: for rows c and times t, `HoldImage` and `FreeImage` give (row, loss) with c x(t) <= row
 x(0) + loss.
@@ -62,12 +62,12 @@ def sizes(m: arb_mat) -> arb_mat:
 
 
 def column(values: Sequence[arb]) -> arb_mat:
-    """A vector."""
+    """The matrix of one column."""
     return arb_mat([[x] for x in values])
 
 
 def first(m: arb_mat) -> list[arb]:
-    """The first column."""
+    """The first column of a matrix."""
     return [row[0] for row in m.tolist()]
 
 
@@ -107,7 +107,7 @@ class BallFlow:
         self._growths: dict[Fraction, arb_mat] = {}
 
     def at(self, time: Fraction) -> arb_mat:
-        """e^{At}."""
+        """The matrix e^{At}."""
         if time not in self._exponentials:
             self._exponentials[time] = (self.a * exact(time)).exp()
         return self._exponentials[time]
@@ -199,7 +199,7 @@ def _area(p: list[arb], q: list[arb], bend: list[arb], r: arb) -> arb:
 
 
 class FreeImage:
-    """Any command of U acts."""
+    """Half-spaces at instants of a phase in which any command of U acts."""
 
     def __init__(self, flow: BallFlow, instants_ns: Sequence[int]) -> None:
         self.flow = flow
@@ -305,7 +305,7 @@ class HoldImage:
         return flow.between(c, still, flow.w, flow.speed, self.times)
 
     def after(self, rows: Rows) -> Moved:
-        """(row, loss): when the hold ends."""
+        """(row, loss): `rows` of the end of the hold are at most row x + loss, x its begin."""
         c = arb_mat(rows)
         noise = self.flow.noise(c, self.flow.w, self.times)[-1]
         row, loss = self._mapped(c, self.times[-1])

@@ -1,4 +1,4 @@
-"""What is taken for linear: SC's law between its limits, and flows that are linear but for noise.
+"""What the re-checker takes for linear: SC's law between limits, and flows up to their noise.
 
 Purpose: `linear_law`: u = z = K y + k as long as z lies between two limits: from SC's terms and the
 z and limits that a certificate names to `CommandLaw`, with everything that z does not say about u

@@ -189,9 +189,9 @@ class PolytopeCheck(GroupCheck):
         return self._hold("K")
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
-        """On all of C; else in K, and in what SC does from there. Of an abstraction it is assumed.
+        """Shown on all of C, or else on K and along what SC does from there.
 
-        NotRecheckedError where neither is shown.
+        NotRecheckedError where neither is shown, but of an abstraction, where it is assumed.
         """
         certain = bool(cells.members.all()) or all_published(
             self.model,
@@ -214,11 +214,11 @@ class PolytopeCheck(GroupCheck):
 
     @property
     def holds(self) -> int:
-        """As many from all of K."""
+        """At most how many holds of SC it takes to come from any state of K back to Q."""
         return self.tables.periods
 
     def home(self, calm: Cells | None) -> list[Task]:
-        """On all of the target's box, or RejectedError; else where the DM gives control back."""
+        """`calm` has to be all of the target's box; without it the DM's half-spaces are asked."""
         if calm is None:
             return [*self._show_home(), *self._show_given_back()]
         if not calm.members.all():
@@ -276,7 +276,7 @@ class PolytopeCheck(GroupCheck):
             start.require(what, row, less(ends, loss), None if given is None else given())
 
     def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
-        """{z : z + E in p}."""
+        """All z with z + E in `p`: estimates of states in `p` only, or states of such estimates."""
         faces, ends = p.in_balls
         return faces, less(ends, [self._off(row) for row in faces])
 
@@ -286,14 +286,14 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def free(self, horizon_ns: int) -> None:
-        """From all of R."""
+        """From all of R(H) the state stays in K for the horizon, whatever is commanded."""
         instants = self._instants("R", horizon_ns)
         with self._given("R") as given:
             self._free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
 
     @whole
     def start(self, until_ns: int) -> None:
-        """From the box of initial states; what is published of it is in its set."""
+        """From the box of initial states the state stays in K; what is published is in its set."""
         starts_in_sets(self.model)
         own = [self.model.facts.states[i] for i in self.tables.states]
         box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
@@ -302,9 +302,9 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
-        """On boxes that are halved: in R lies one of which the worst corners do.
+        """Boxes are halved until each lies in R(H), or AC surely gets or keeps no control on it.
 
-        RejectedError where neither is shown.
+        RejectedError where one can be halved no further, or they are too many.
         """
         tables = self.tables
         check = AdmitCheck(self.model, tables.as_cell(tables.constraint), expr, admits=admits)
@@ -336,7 +336,7 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def levels(self, between_ns: int) -> None:
-        """S_0, S_1, ... of computed predicates; RejectedError where they are too few."""
+        """The sets S_0, S_1, ... of computed predicates; RejectedError where they are too few."""
         tables, count = self.tables, self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:
             raise RejectedError("the sets S are not as many as the levels ask for")

@@ -1,4 +1,4 @@
-"""Groups as polytopes: their half-spaces, and how often AC has control by them.
+"""Groups as polytopes, checked again: half-spaces, and how often AC has control by them.
 
 Purpose: `PolytopeGroup`, the method of proof (`groups.py`): whatever estimate the DM's comparisons
 let through lies in S_0 (S_(m-2)) of every case, and from which real half-spaces on it surely gives
@@ -80,7 +80,7 @@ class PolytopeGroup(Group):
         return self.tables.as_cell(box)
 
     def check(self, model: CaseModel, lawful: Cells | None) -> PolytopeCheck:
-        """Its claims; NotRecheckedError where there is a `lawful`."""
+        """What shows the claims of this group; NotRecheckedError where there is a `lawful`."""
         if lawful is not None:
             raise NotRecheckedError("a law that half-spaces are to keep")
         return PolytopeCheck(model, self.tables)
@@ -107,11 +107,11 @@ class PolytopeGroup(Group):
             group.leaves, group.gives_back = _surely([outer]), _surely([outer, inner])
 
     def tell(self, report: RecheckedModule) -> None:
-        """In half-spaces."""
+        """Add to a report how many half-spaces K has."""
         report.half_spaces += len(self.tables.core.bounds)
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """By the half-spaces, on states that are drawn."""
+        """Asked of the half-spaces of the DM, on states that are drawn."""
         tables, states = self.tables, list(drawn)
         if not states:
             return "", "no state of K was drawn"
@@ -130,7 +130,7 @@ class PolytopeGroup(Group):
         return "", ""
 
     def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[NDArray[np.float64]]:
-        """By hit and run from one of them."""
+        """States of K by hit and run, from one of them; none where none is found."""
         p = self.tables
         faces, limits = (np.array(part) for part in p.core.faces)
         middle = [facts.states[s].low / 2 + facts.states[s].high / 2 for s in p.states]

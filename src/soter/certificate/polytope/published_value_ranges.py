@@ -1,4 +1,4 @@
-"""What plants publish of states that SC keeps on polytopes.
+"""Checked again: what plants publish of states that SC keeps on polytopes.
 
 Purpose: that a topic's declared set holds all of it: in K, where AC has control and where SC begins
 a hold, and at all times of such a hold (`docs/verification.md`, section 10); and of initial states.

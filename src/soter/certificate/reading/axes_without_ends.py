@@ -1,4 +1,4 @@
-"""Axes without ends, and axes that wrap around: that nothing depends on how far such a state is.
+"""Checked again: nothing depends on how far a state is on an axis without ends, or one that wraps.
 
 Purpose: `nothing_reads`: of a state whose axis is unbounded the value occurs in no rate and in no
 command of SC, for whatever value it has. `read_turning` (which states have axes that wrap around,

@@ -1,4 +1,4 @@
-"""What plant and SC of one case do, as terms over the states.
+"""The re-checker's model of one case: what plant and SC do, as terms over the states.
 
 Purpose: `CaseModel`: for one combination of parameter values the driven topics, the commands of SC,
 the predicates, and the derivative or the next state, each read off the checked tree.

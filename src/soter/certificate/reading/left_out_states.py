@@ -1,4 +1,4 @@
-"""Which states and equations a claim need not look at: states left out, rates defined everywhere.
+"""Checked again: states that a claim need not look at, and rates that are defined everywhere.
 
 Purpose: `leave_out` (the problem without the states that a certificate leaves out), `refuse_read`
 (their right to be left out: nothing that is asked depends on them). `rates_are_defined`: every

@@ -1,4 +1,4 @@
-"""Linear flows, solved: x' = A x + B u + c + W w with |w| <= 1, over any span of time.
+"""Linear flows solved in Arb: x' = A x + B u + c + W w with |w| <= 1, over any span of time.
 
 Purpose: read A, B, c, W off the derivatives of a group of states; enclose e^{At}, its integrals and
 what measurable disturbances can add; the scheme's own error, as one more disturbance.

@@ -1,4 +1,4 @@
-"""Maps: a period of SC, and free phases, as so many steps of the plants.
+"""The re-checker's maps: a period of SC, and free phases, as so many steps of the plants.
 
 Purpose: `map_step`, `map_free`: compiled steps for `sc_chains.py`.
 Non-goals: flows, delays (a map has none).

@@ -1,4 +1,4 @@
-"""What the program says about one module, as `problem.py` reads it.
+"""What the program says about one module, read again for `problem.py`.
 
 Purpose: `Facts`: inputs with their ranges, axes, times; and small questions about them.
 Non-goals: reading them off the program (`problem.py`, `verification_system.py`, `module_times.py`).

@@ -1,4 +1,4 @@
-"""An SC with locals, or that looks at modes of other modules: an extra.
+"""An SC with locals, or that looks at modes of other modules, read again: an extra.
 
 Purpose: every step that SC may take (`every_step`), one combination of modes and values of its
 locals after the other, and a term for whatever one of several steps publishes (`one_of`). Who

@@ -1,4 +1,4 @@
-"""What code means on paper: values, with numbers where known and terms where not, and operations.
+"""The re-checker's values, numbers where known and terms where not, and operations on them.
 
 Purpose: the parts of a value: its leaves, its type, whether it is whole or decided; operators,
 built-in functions, choices and look-ups in tables: computed where all numbers are known, a term
@@ -154,19 +154,19 @@ class Operations:
         self.terms.oblige(truth_of(what))
 
     def negation(self, a: Value) -> Value:
-        """Not a."""
+        """The truth "not `a`"."""
         return plain(negation(truth_of(a)))
 
     def both(self, a: Value, b: Value) -> Value:
-        """A and b."""
+        """The truth "`a` and `b`"."""
         return plain(both(truth_of(a), truth_of(b)))
 
     def one_of(self, a: Value, b: Value) -> Value:
-        """A or b."""
+        """The truth "`a` or `b`"."""
         return plain(either(truth_of(a), truth_of(b)))
 
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
-        """C ? a : b, leaf by leaf; NotRecheckedError for lists of two lengths."""
+        """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
         if isinstance(a, tuple):
             if len(a) != len(b):
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
@@ -178,13 +178,13 @@ class Operations:
         return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
 
     def negated(self, x: Value) -> Value:
-        """Minus x."""
+        """The number `-x`."""
         if isinstance(x, Linear):
             return self._like(self.terms.combine(((-ONE, x),)), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     def compared(self, op: str, a: Value, b: Value) -> Value:
-        """Two scalars compared."""
+        """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
             equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
             return plain(equal if op == "==" else negation(equal))
@@ -194,7 +194,7 @@ class Operations:
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Value, b: Value) -> Value:
-        """+ - * / % on scalars; on real numbers where this reader does not round.
+        """`+ - * / %` of scalars; of real numbers where this reader does not round.
 
         NotRecheckedError for `/` and `%` of ints that depend on inputs.
         """
@@ -283,7 +283,7 @@ class Operations:
         return self.terms.function("floor", x)
 
     def _truncated(self, x: Linear) -> Value:
-        """Towards zero."""
+        """The whole number towards zero."""
         if self._is_floor(x):
             return self.whole(x)
         down = self.terms.function("floor", x)
@@ -310,7 +310,7 @@ class Operations:
         return tuple(self.selected([row[k] for row in rows.elements], rows.index) for k in width)
 
     def narrowed(self, x: Value, low: int, high: int) -> Value:
-        """X, which faults unless it lies there."""
+        """`x`, which faults unless it lies between `low` and `high`."""
         if not isinstance(x, Linear):
             return arith.narrow(x, low, high)
         for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):

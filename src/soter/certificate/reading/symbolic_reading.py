@@ -1,4 +1,4 @@
-"""A second reading of the checked tree: steps and predicates become values.
+"""The re-checker's reading of the checked tree: steps and predicates become values.
 
 Purpose: evaluate typed expressions and statements once, with numbers where numbers are known and
 terms where inputs are involved. Loops are unrolled, functions inlined, both sides of a branch that

@@ -1,4 +1,4 @@
-"""Modules that are proved on an abstraction of their plants (`abstracts`): an extra.
+"""Modules proved on an abstraction of their plants (`abstracts`), read again: an extra.
 
 Purpose: `abstracted`: the system of the module and its `abstracts` plants; `as_it_runs`: that the
 module is the same there as in the system that flies; where runs of it begin.

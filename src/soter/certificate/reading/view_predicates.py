@@ -1,4 +1,4 @@
-"""One view of a module: the parts of its predicates that its plants show, and that states decide.
+"""One view of a module, read again: the parts of its predicates that its plants show.
 
 Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
 view of a certificate shows), `without_ages` (`ttf` without the parts that ask for an age).

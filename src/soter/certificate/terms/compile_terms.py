@@ -1,4 +1,4 @@
-"""Terms become straight-line programs over Arb balls: one call encloses a step over a whole cell.
+"""The re-checker's terms become straight-line programs over Arb balls: a step over a whole cell.
 
 Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
 makes of it, with the ranges wanted and the propositions that must hold; `compile_lines`: to rows

@@ -1,4 +1,4 @@
-"""Straight-line programs over balls: their operations, and the walk along them.
+"""The re-checker's straight-line programs over balls: operations, and the walk along them.
 
 Purpose: `OPERATIONS`: by name, functions of balls, of truths as bits (0: may be false, 1: may be
 true), products of intervals, tables, states between two instants; each is an enclosure of what it

@@ -1,4 +1,4 @@
-"""Terms: what a piece of a program computes, as linear forms over inputs and nonlinear atoms.
+"""The re-checker's terms: what code computes, as linear forms over inputs and nonlinear atoms.
 
 Purpose: `Linear` (a linear form with a radius for the rounding of the program), `Proposition` (a
 proposition about linear forms), and `Terms`, which builds them. Linear combinations cancel here,
@@ -99,7 +99,7 @@ FALSE = Proposition("constant", value=False)
 
 
 def negation(a: Proposition) -> Proposition:
-    """Not a."""
+    """The proposition "not `a`", simplified where `a` is known."""
     if a.kind == "constant":
         return FALSE if a.value else TRUE
     if a.kind == "not":
@@ -108,7 +108,7 @@ def negation(a: Proposition) -> Proposition:
 
 
 def both(a: Proposition, b: Proposition) -> Proposition:
-    """A and b."""
+    """The proposition "`a` and `b`", simplified where one is known."""
     if a.kind == "constant":
         return b if a.value else a
     if b.kind == "constant":
@@ -117,7 +117,7 @@ def both(a: Proposition, b: Proposition) -> Proposition:
 
 
 def either(a: Proposition, b: Proposition) -> Proposition:
-    """A or b."""
+    """The proposition "`a` or `b`", simplified where one is known."""
     if a.kind == "constant":
         return a if a.value else b
     if b.kind == "constant":
@@ -126,7 +126,7 @@ def either(a: Proposition, b: Proposition) -> Proposition:
 
 
 def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposition:
-    """C ? a : b."""
+    """The proposition `c ? a : b`, simplified where one is known."""
     if a.kind == "constant":
         return either(c, b) if a.value else both(negation(c), b)
     if b.kind == "constant":
@@ -246,17 +246,17 @@ class Terms:
         x.low, x.high = larger(low, x.low), smaller(high, x.high)
 
     def add(self, a: Linear, b: Linear) -> Linear:
-        """A + b."""
+        """The sum `a + b`."""
         total = self.combine(((ONE, a), (ONE, b)))
         total.nonnegative = a.nonnegative and b.nonnegative
         return total
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """A - b."""
+        """The difference `a - b`."""
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
-        """A * b; what is not negative, times such a number, is not, also once it is rounded."""
+        """`a * b`; what is not negative, times such a number, is not, also once it is rounded."""
         kept = a.nonnegative and b.nonnegative
         if a.is_constant and a.radius.is_zero():
             return replace(self.combine(((a.const, b),)), nonnegative=kept)
@@ -330,7 +330,7 @@ class Terms:
         return self._atom(atom, nonnegative=total.nonnegative)
 
     def choose(self, c: Proposition, a: Linear, b: Linear) -> Linear:
-        """C ? a : b."""
+        """The term `c ? a : b`."""
         if c.kind == "constant":
             return a if c.value else b
         if same(a, b):
@@ -384,7 +384,7 @@ class Terms:
     # ------------------------------------------------------------ propositions
 
     def below(self, x: Linear, *, strict: bool = True) -> Proposition:
-        """X < 0, or x <= 0."""
+        """Whether `x < 0`; with `strict=False` whether `x <= 0`."""
         if self.excluded and self._beside_zero(x, 1 if strict else -1):
             return TRUE if strict else FALSE
         if x.high < 0 or (not strict and x.high <= 0):
@@ -405,7 +405,7 @@ class Terms:
         return beside and bool(most <= 0)
 
     def compare(self, op: str, a: Linear, b: Linear) -> Proposition:
-        """A op b of two machine numbers."""
+        """Whether `a op b` holds of two machine numbers."""
         if op in (">", ">="):
             return self.compare({">": "<", ">=": "<="}[op], b, a)
         if op == "!=":

@@ -1,4 +1,4 @@
-"""The times of a manifest against those of the program.
+"""The times that a manifest claims, checked against those of the program.
 
 Purpose: `compare_times`; their names.
 Non-goals: deriving them (`module_times.py`, `derived_times.py`).

@@ -1,4 +1,4 @@
-"""Ages, delays and waiting of a module, from the definitions alone.
+"""Ages, delays and waiting of a module, derived again from the definitions alone.
 
 Purpose: `derive`: A, A_sc, d, j, H*, h_0 and what else the claims count on, by going through the
 releases of a hyperperiod, with intervals for lateness, response and latency. `Ways`: the sensors of

@@ -1,4 +1,4 @@
-"""The times of one module, read off the program and derived by `derived_times.py`.
+"""The times of one module, read again off the program and derived by `derived_times.py`.
 
 Purpose: declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
 on the way, and from it every time of the manifest.

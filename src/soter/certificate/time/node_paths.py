@@ -1,4 +1,4 @@
-"""Nodes between the plants and a module, in the system that runs: an extra.
+"""Nodes between the plants and a module in the system that runs, checked again: an extra.
 
 Purpose: `NodeWays`: the nodes from a sensor to what DM and SC read, and from what SC publishes to
 the plant, with their declared times; `NodePath`, `NodeEffect`: what they add to ages and delays.

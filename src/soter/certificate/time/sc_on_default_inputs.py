@@ -1,4 +1,4 @@
-"""An SC that steps before anything was published: it must not fault, or it never steps again.
+"""Checked again: an SC that steps before anything was published does not fault.
 
 Purpose: `survives_the_start`: SC's step on the default values of its topics, or, where not all that
 it reads is published at once, on anything that may be published, publishes values in their sets and

@@ -1,4 +1,4 @@
-"""Whether the thread of the trusted part keeps the times that a certificate counts with.
+"""Checked again: whether the trusted thread keeps the times that a certificate counts with.
 
 Purpose: `check_thread`: from the execution times that the flying system declares, by itself, that
 nobody in the thread starts or ends later than the `TimingSetting` of the module says.

@@ -1,4 +1,4 @@
-"""The claims of a certificate of a module with `rest`, one by one.
+"""The claims of a certificate of a module with `rest`, each checked again.
 
 Purpose: `recheck_rest`: every constant that its decision module is made of against the program,
 then P1, P2a and `start`; what is decided in flight is not confirmed, and said to be so.

@@ -1,4 +1,4 @@
-"""Whether an estimate is good, by a tube in Arb.
+"""Whether an estimate of a flight is good, checked again by a tube in Arb.
 
 Purpose: `ModuleTube`: a module, read once; `good` follows SC from an estimate as
 "Decisions by tubes" (proof-flight.md) has it, and gives a reason where it is not certain that SC

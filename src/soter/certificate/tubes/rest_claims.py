@@ -1,4 +1,4 @@
-"""What is claimed of a module with `rest` before anything flies, shown by another tube.
+"""What a module with `rest` claims before anything flies, checked again by another tube.
 
 Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", proof-flight.md):
 `keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says; `slope`:

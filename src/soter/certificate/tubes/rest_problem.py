@@ -1,4 +1,4 @@
-"""What a module with `rest` is, as "Decisions by tubes" (docs/proof-flight.md) has it.
+"""The problem of a module with `rest`, read again: "Decisions by tubes" (docs/proof-flight.md).
 
 Purpose: `RestProblem`: which states are followed, in which leaf the DM sees each and how far that
 may be off, the sets of states, what `moves` says, and every time constant, from the program alone.
@@ -276,12 +276,12 @@ def _refuse(facts: Facts) -> None:
 def shield_of(problem: RestProblem) -> dict[str, int] | None:
     """How commands are judged, by the program; None: they are not.
 
-    NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns`: a state
-    that is read is A old at most, and a command acts L after the one in its place was published at
-    most; that it was replaced is noted for the release of the step that replaced it, which may have
-    published later, but before SC began its next one. `any_command_ns`: what SC publishes passes
-    once the next verdict is in force, so Delta after the last good one at the earliest, and acts
-    L_min after that; the output that is complete in time is so H* - A after that verdict.
+    NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns` (W): a
+    command replaced longer before a release acts on no state read there. The state is A old at
+    most. A command acts up to L after the next one was published; of that its release alone is
+    known, so a period of SC and the latest end of its step are added. `any_command_ns`: what SC
+    publishes passes once the next verdict is in force, Delta after the last good one at the
+    earliest, and acts L_min later; the first output that is surely in time acts at H* - A.
     """
     facts = problem.facts
     if facts.symbol.shield is None:

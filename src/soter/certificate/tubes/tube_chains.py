@@ -1,4 +1,4 @@
-"""A tube: sets of states as generators, one step of a chain after the other, and what holds in it.
+"""The re-checker's tubes: sets of states as generators, carried step by step, and what holds.
 
 Purpose: `Body`, a set of states with the commands that still act; `TubeChain`: holds of SC, spans
 of any command, the states at any instant of a window, each from a body to a body. `Truths`: which
@@ -50,7 +50,7 @@ class TubeFlow(LocalFlow):
     apart = True
 
     def steps(self, span: Fraction) -> int:
-        """One."""
+        """A span is never cut: the tube says where."""
         del span
         return 1
 

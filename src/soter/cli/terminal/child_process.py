@@ -2,9 +2,9 @@
 
 Purpose: a command that runs externs ends with the exit code that a parent saw, in which no extern
 runs. The child does the command and leaves its words and exit code in a file without a name
-(`verdict.py`); the parent passes signals on, waits, and tells what it finds there. Where it finds
-nothing that is X011, never success, however the child ended. What externs have started ends with
-the run, and the child with its parent.
+(`ResultPipe` of `console.py`); the parent passes signals on, waits, and tells what it finds there.
+Where it finds nothing that is X011, never success, however the child ended. What externs have
+started ends with the run, and the child with its parent.
 Non-goals: isolation. Externs run in the child with all its rights: one that means to may find the
 file, write a verdict of its own, or change the engine's memory. That takes `workers/`.
 """

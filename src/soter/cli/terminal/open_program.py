@@ -38,7 +38,7 @@ def bound(program: Program, args: argparse.Namespace) -> Program:
 
 
 def loaded(args: argparse.Namespace, console: Console) -> Program:
-    """Both."""
+    """The program that the arguments name, with their bindings."""
     return bound(opened(args, console), args)
 
 

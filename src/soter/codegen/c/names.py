@@ -133,7 +133,7 @@ def has_meaning(name: str) -> bool:
 def program_prefix(stem: str) -> str:
     """What all names of a program's files begin with, from the name of its source file.
 
-    It is never the run-time's (`soter.soter` would make a second `soter.h`) nor a header's of C.
+    It is never the run-time's (it would make a second `runtime/soter.h`) nor a header's of C.
     """
     prefix = legal(stem)
     if prefix in HEADERS or prefix.lower().startswith("soter"):

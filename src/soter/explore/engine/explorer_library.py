@@ -136,14 +136,14 @@ class SearchResult(Generic[S]):
     states: int = 0
     transitions: int = 0
     combined: int = 0
-    """Of these: combinations of what groups of actors do in an instant, no step was run."""
+    """How many of `transitions` combine what groups of actors do, so that no step was run."""
     runs: int = 0
     table_bytes: int = 0
     frontier_bytes: int = 0
     depth: int = 0
     seconds: float = 0.0
     covered_ns: int = 0
-    """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
+    """All that is observed before this time was judged; `TIME_MAX`: all there is; 0: sampling."""
     closed_ns: int = 0
     """Whatever comes after this time was there before; 0: that is not known."""
     closable: bool = False

@@ -398,9 +398,9 @@ class Search:
             yield t.text, judged[len(system.properties) + t.index]
 
     def met(self) -> list[tuple[bool, bool]]:
-        """Of properties, then of timed ones: whether it was judged, and whether it was put to it.
+        """For each property, then each timed one: was it judged, and was it put to the test.
 
-        To it: the premise of an `always` held, an `eventually` was owed when time passed.
+        That is: the premise of an `always` held, or an `eventually` was still owed as time passed.
         """
         put = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
         return [(once, to_it) for (_, once), to_it in zip(self._judged(), put, strict=False)]

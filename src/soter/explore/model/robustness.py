@@ -319,9 +319,9 @@ class _Body(Body):
 
 
 def _apart(e: core.Expr, op: str) -> list[core.Expr]:
-    """The conditions of which each alone can be violated: followed together they hide each other.
+    """The operands of a chain of `op`, to be followed one by one: the nearest would hide others.
 
-    All in one where they are too many.
+    The whole condition where there are more than `APART`.
     """
     conditions, todo = [], [e]
     while todo:

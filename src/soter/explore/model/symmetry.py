@@ -2,9 +2,9 @@
 
 Purpose: a renaming of components, topics, modules and locals is accepted if everything that a
 search of the test looks at is the same after it as before: calendars, first values, sets, faults,
-what every step and decision computes (`terms.py`), what is judged, and the fields of a packed
-configuration. Names decide nothing. docs/testing.md says why configurations that differ by such a
-renaming alone behave alike ("Equal instances").
+what every step and decision computes (`symbolic_terms.py`), what is judged, and the fields of a
+packed configuration. Names decide nothing. docs/testing.md says why configurations that differ by
+such a renaming alone behave alike ("Equal instances").
 Non-goals: finding renamings that may be accepted (`symmetric_blocks.py`).
 """
 

@@ -3,7 +3,7 @@
 Purpose: every engine computes with the processor's floats, whose rounding is a setting that any
 library of the process may change. Loading one that was built with `-ffast-math` or `-Ofast` is
 enough: from then on numbers below 2e-308 are zero, and a violation may be none.
-Non-goals: what flags do to a package (`soter_self_test.c`); other threads, which have their own.
+Non-goals: flags and a package (`runtime/soter_self_test.c`); other threads, which have their own.
 """
 
 from __future__ import annotations

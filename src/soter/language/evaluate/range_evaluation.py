@@ -2,7 +2,7 @@
 
 Purpose: one method for each kind of expression and statement of `typed.py`, over `Range`s:
 sound bounds of its value, and whether judging it may fault.
-Non-goals: which ranges (`explore/vacuous_tests.py`), deciding with them (`constant_truth.py`); what
+Non-goals: ranges, deciding by them (`explore/vacuous_tests.py`, `explore/constant_truth.py`). What
 is too hard for it, such as what happens in lists, is anything of its type.
 """
 

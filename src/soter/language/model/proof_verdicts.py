@@ -1,4 +1,4 @@
-"""What was proved of a module, as runs tell it.
+"""The record of what was proved of a module, below `verify/` and `simulate/`, for runs to tell.
 
 Purpose: `Proof`: verdicts by property, and what they rest on.
 Non-goals: proving (`verify/`), and where a proof is kept (`verify/proof_cache.py`).

@@ -234,11 +234,11 @@ class Module:
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
     unshown: str = ""
-    """Of one with `rest` whose AC may have control: what its decisions rest on and is not shown."""
+    """What decisions of a module with `rest` are based on, and nothing shows; "" with any other."""
     looks: int = 1
-    """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
+    """For how many periods of its DM AC keeps control after a look that found `safer` true."""
     looked: int | None = None
-    """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
+    """The topic that says what the DM saw last; None where nobody reads the module's `margin`."""
     latch: int | None = None
     """Where its DM does not give control back by itself: the topic in which it remembers why not
     (`elaborate/topics.py`)."""

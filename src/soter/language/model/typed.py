@@ -961,7 +961,7 @@ class TypedProgram(Shown):
     damaged: set[object] = field(default_factory=set)
     """Symbols whose declarations have errors: what they lack is no error of others."""
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
-    """Components and levels of a system, once counted (`measure.py`)."""
+    """Components and levels of a system, once counted (`SizeCounter`)."""
     doubted: set[object] = field(default_factory=set)
     """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
     trials: dict[tuple[object, ...], list[Any]] = field(default_factory=dict)

@@ -160,10 +160,10 @@ def _patience() -> float:
 
 def _problem(given: object, span: Span) -> Diagnostic:
     told: dict[str, Any] = given if isinstance(given, dict) else {}
-    codes = [code for code in LOADING if code == told.get("code")]
+    code = next((code for code in LOADING if code == told.get("code")), LOADING[0])
     lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
     return Diagnostic(
-        (*codes, LOADING[0])[0],
+        code,
         visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
         Label(span, "declared here") if told.get("placed") else None,
         notes=tuple(map(visible, lines[0])),

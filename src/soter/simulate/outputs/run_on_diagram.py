@@ -116,7 +116,7 @@ def control_of(
     modes: Iterable[tuple[float, bool]],
     saw: Iterable[tuple[float, Sequence[bool]]],
 ) -> Control:
-    """A module; `modes` and what the DM `saw` (as `SAW`) at times in s, changes or all."""
+    """Who had control, and what the DM `saw` (`SAW`): (time in s, value), all or the changes."""
     names = [word for _, word in SAW]
     told = ((t, " ".join(n for n, on in zip(names, row, strict=True) if on)) for t, row in saw)
     return Control(

@@ -1,4 +1,4 @@
-"""A board: one C file with a memory map and the functions of `soter_board.h`.
+"""A board: one C file with a memory map and the functions of `runtime/cortex_m/soter_board.h`.
 
 Purpose: find the file, read its numbers, refuse a map that cannot be.
 Non-goals: what its functions do; linking (`cortex_m_package.py`).

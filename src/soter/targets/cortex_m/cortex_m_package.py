@@ -61,7 +61,7 @@ class Replay:
     seed: int
     sha256: str = ""
     recording: str = ""
-    """Values of topics from outside, as `soter_recording.h` says; "" where there are none."""
+    """Values of topics from outside, as text (`recording_text`); "" where there are none."""
 
 
 def replayed_until(system: System) -> int:

@@ -190,7 +190,7 @@ def refined(case: Case) -> tuple[Group, ...] | None:
 
 
 def _failing(case: Case) -> dict[int, Bools] | None:
-    """By identity of a group's proof the cells on which some claim fails; None: also elsewhere."""
+    """By `id` of a group's proof the cells on which claims fail; None: not on a few cells alone."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:

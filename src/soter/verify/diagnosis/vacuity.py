@@ -140,9 +140,9 @@ def _of_case(case: Case) -> Iterator[Vacuity]:
 
 
 def _apart(case: Case) -> Iterator[Vacuity]:
-    """Where `safer` gives control `ttf` takes it: each may hold often, and both hardly anywhere.
+    """Whether `ttf` takes control back wherever, or almost wherever, `safer` gives it.
 
-    By cells on which `safer` may be true and `ttf` may be false: none of them is none at all.
+    By cells on which `safer` may be true and `ttf` false: if there is none, AC never keeps control.
     """
     for proof in case.proofs:
         share, anything = proof.both or (1.0, True)
@@ -173,7 +173,7 @@ def _never(case: Case, predicate: str, *, empty: bool, of: str = "everywhere") -
 
 
 def _hardly(predicate: str, share: float) -> str:
-    """In words; `found` may be of states drawn: then none of them is not nothing."""
+    """What hardly ever happens; a share of 0 is one of states drawn, and no proof of nothing."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     what = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"

@@ -110,7 +110,7 @@ def _longer(found: NotProved) -> Iterator[Change]:
 
 
 def _ends(found: NotProved, part: float) -> Ends:
-    """Such ends, `part` of the axis further out: where a run leaves the grid only that one."""
+    """By state new ends, `part` of the axis further out: those where K is lost, or a run leaves."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:

@@ -156,7 +156,7 @@ class EnclosureOperations:
         return Form(self.emitter.emit("form", function, *arguments))
 
     def unary(self, op: str, v: Item) -> Item:
-        """neg, abs, floor, sqrt of a float."""
+        """The operations neg, abs, floor and sqrt of a float."""
         if op == "neg" and isinstance(v, Form) and v.turns:
             return self._turned(self.unary(op, Form(v.place)), v.turns, v.sums)
         if isinstance(v, FloatRange):
@@ -166,7 +166,7 @@ class EnclosureOperations:
         return self._form(f"soter_n_{op}", self.form(v))
 
     def binary(self, op: str, a: Item, b: Item) -> Item:
-        """+ - * / of floats."""
+        """The operations `+`, `-`, `*` and `/` of floats."""
         if op in "+-" and (turned := self._sum_of_turns(op, a, b)) is not None:
             return turned
         if isinstance(a, FloatRange) and isinstance(b, FloatRange):
@@ -185,7 +185,7 @@ class EnclosureOperations:
         return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
 
     def _sum_of_turns(self, op: str, a: Item, b: Item) -> Form | None:
-        """+ - of what may be turns off, and knows how many; None where it is too many, or none."""
+        """A sum or difference with angles that may be turns off; None: with none, or too many."""
         turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
         turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
         if not turning or turns > TURNS_MAX or sums > SUMS_MAX:

@@ -339,11 +339,11 @@ class GridProof(GroupProof):
         return Estimates(part.levels[0], part.levels[-1], commands)
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Tables of bytes."""
+        """The group in a certificate; its tables of bytes are put into `files`."""
         return entry(problem, self.found, stem, files)
 
     def figures(self, note: str) -> list[RegionFigure]:
-        """One."""
+        """The one figure of a grid."""
         return [figure(self.found, note)]
 
 

@@ -1,4 +1,4 @@
-"""What may happen in a stretch of time: steps in every order that their windows allow.
+"""What a stretch of time may do, for inductions: steps in every order their windows allow.
 
 Purpose: one `Stretch` is hyperperiods from the start of a run, or from any state: the effects of
 every step as terms, what is seen when time passes, and whether `safe`, the lemmas and the steps

@@ -5,7 +5,7 @@ sensor to module and from module to plant, and from it A, A_sc, d, j, H*, h_0, R
 with its derivation (docs/proof.md, "The model of time"). An exhaustive enumerator that knows the
 definitions only (tests/generators/schedule_systems.py) says whether the figures hold and are
 reached.
-Non-goals: where the numbers come from (`timing.py`), sets.
+Non-goals: where the numbers come from (`problem_times.py`), sets.
 
 Throughout, g is the gcd of two periods: the differences between releases of one and of the other
 are the numbers o + k g, o the difference of the phases modulo g, and each of them occurs.

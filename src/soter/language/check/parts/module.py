@@ -1,6 +1,6 @@
 """Check RTA modules: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-Purpose: `rta` declarations -> `ModuleSymbol`; `verify.py` adds the `verify` block.
+Purpose: `rta` declarations -> `ModuleSymbol`; `verify_block.py` adds the `verify` block.
 Non-goals: P1a and P1b (`wellformed.py`), P2 and P3 (`verify/`).
 """
 

@@ -1,4 +1,4 @@
-"""Which values of topics somebody in a tested system can tell apart.
+"""As a test is elaborated: which values of topics somebody in its system can tell apart.
 
 Purpose: of what a stand-in publishes, values between which no step, predicate, contract or property
 can tell do the same, so one of them stands for all (docs/testing.md, "Values that nobody can tell

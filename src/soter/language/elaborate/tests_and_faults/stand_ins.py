@@ -69,7 +69,7 @@ class ContractStandIn:
 class EndlessError(Exception):
     """A topic has values that cannot be tried one by one; the message says which.
 
-    `where` is read what tells them apart, which is `part` of the topic.
+    `part`: what of the topic it is; `where`: the read for which they have to be told apart, if any.
     """
 
     def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:

@@ -1,7 +1,7 @@
 """Files that hold a log, as columns: CSV, MCAP, bags of ROS 1 and 2.
 
-`read_columns` is the way in, `log_columns` what comes out. `csv_log` reads tables; `message_log`
-reads messages, of `mcap_messages` or `ros_bags` (over `bounded_rosbag_reader`), whose fields are
-found by `message_parts`; `ros_messages` decodes. `other_formats` says what is none of them. All of
-it within bounds (`bounded_gzip`, `report/bounded_unpack`).
+`read_columns.py` is the way in, `log_columns.py` what comes out. `csv_log.py` reads tables;
+`message_log.py` reads messages, of `mcap_messages.py` or `ros_bags.py` (over
+`bounded_rosbag_reader.py`), and finds their fields; `ros_messages.py` decodes; `whole_bags.py` says
+whether a bag is whole. All of it within bounds (`csv_log.py`, `report/bounded_unpack.py`).
 """
