@@ -50,8 +50,8 @@ test: $(VENV)/.dev  ## the quick tests, before a commit; says how many it left o
 test-changed: $(VENV)/.dev  ## SINCE=main: quick tests of what has changed since that revision, HEAD unless said
 	$(PY) -m pytest $(PARALLEL) --changed-since $(or $(SINCE),HEAD)
 
-test-all: $(VENV)/.dev  ## every test but those of real time: proofs, toolchains, what the pages do and show
-	$(PY) -m pytest $(PARALLEL) --all
+test-all: $(VENV)/.dev  ## every test but those of real time; BUT=long: not those marked so, as CI does
+	$(PY) -m pytest $(PARALLEL) --all $(if $(BUT),-m "not $(BUT)")
 
 test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after the other; a busy one may fail them
 	$(PY) -m pytest -n 0 -m real_time
