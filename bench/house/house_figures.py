@@ -1,10 +1,8 @@
-"""The figures of the house, and what the recut did to the time of commands.
+"""The figures of the house.
 
-    .venv/bin/python bench/house/house_figures.py [--against COMMIT] [--assertions] [--runs 5]
+    .venv/bin/python bench/house/house_figures.py
 
-Purpose: counts over src/ as the tests assert them; with `--against` the same commands on that
-commit and on this one, in turns, medians of CPU time; with `--assertions` the same commands with
-the assertions of the C engines compiled out and in.
+Purpose: counts over src/ as the tests assert them, and the files that commands enter.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
@@ -12,8 +10,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -28,28 +24,21 @@ from unit import test_c_figures as c_figures  # noqa: E402 - needs the path
 from unit import test_docstrings as docstrings  # noqa: E402 - needs the path
 from unit import test_house_figures as figures  # noqa: E402 - needs the path
 
-COMMANDS = {
-    "verify, cart": ("verify", "examples/wall/cart.soter", "--no-refute"),
-    "test, two modules": ("test", "examples/testing/two_modules.soter"),
-    "run, drone, 60 s": ("run", "examples/drone/motion_primitive.soter", "--until", "60s"),
-    "check, drone": ("check", "examples/drone/motion_primitive.soter"),
-}
-
-ENGINES = {
-    "verify, cart": ("verify", "examples/wall/cart.soter", "--no-refute"),
-    "verify, drone": ("verify", "examples/drone/motion_primitive.soter", "--no-refute"),
-    "test, two modules": ("test", "examples/testing/two_modules.soter", "--reduction", "sleep"),
-}
-UNCHECKED = """
+ENTERED = """
 import sys
-from soter.explore.engine import engine
-from soter.verify.enclose import library
-for module in (engine, library):
-    module.FLAGS = (*module.FLAGS, "-DSOTER_UNCHECKED")
+entered = set()
+def see(frame, event, _):
+    if event == "call" and frame.f_code.co_name not in ("<module>", "<lambda>", "<genexpr>"):
+        name = frame.f_code.co_filename.replace("\\\\", "/")
+        if "/soter/" in name and not frame.f_code.co_name.startswith("<"):
+            entered.add(name)
+sys.setprofile(see)
 from soter.cli.main import main
-sys.exit(main(sys.argv[1:]))
+main(sys.argv[1:])
+sys.setprofile(None)
+print("entered", len(entered), file=sys.stderr)
 """
-"""The command line with engines that assert nothing."""
+"""A command line that counts the files of which a function is called."""
 
 
 def counts() -> dict[str, object]:
@@ -63,7 +52,19 @@ def counts() -> dict[str, object]:
         if path.name != "soter_check.h"
     )
     sources = docstrings.SOURCES
+    rooms_of, sums = figures.sizes().values(), figures.sums()
+    python, lines, everything = (
+        sum(r[k] for r in rooms_of) for k in ("statements", "lines", "all")
+    )
+    complex_ones = figures.complex_functions()
     return {
+        "files of Python in src": len(figures.trees()),
+        "statements of Python": f"{python:,}",
+        "lines of Python; of all that is written by hand": f"{lines:,}; {everything:,}",
+        "lines of Python in the core, without add-ons": f"{sums['core_rooms']['lines']:,}",
+        "functions with complexity over 15 by radon; worst": (
+            f"{len(complex_ones)}; {complex_ones[0][0]}"
+        ),
         "import circles, annotations included": len(figures.circles(figures.imports())),
         "files in the widest room": f"{size} ({widest})",
         "files over 500 lines": len(list(figures.long_files())),
@@ -82,78 +83,33 @@ def counts() -> dict[str, object]:
     }
 
 
-def cpu(
-    command: tuple[str, ...],
-    root: Path,
-    cache: str,
-    started: tuple[str, ...] = ("-m", "soter.cli.main"),
-) -> float:
-    """CPU seconds of a command with the sources of a checkout."""
-    environment = {**os.environ, "PYTHONPATH": str(root / "src"), "XDG_CACHE_HOME": cache}
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    words = [sys.executable, *started, *command]
-    done = subprocess.run(words, cwd=root, env=environment, capture_output=True, check=False)
-    assert done.returncode in {0, 3, 4}, done.stderr.decode()
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-
-def against(commit: str, runs: int) -> None:
-    """Medians of both, in turns; the first run of each fills its cache."""
+def entered(*words: str) -> int:
+    """Of how many files of Soter a command calls a function of, threads aside."""
     with tempfile.TemporaryDirectory() as at:
-        old = Path(at) / "old"
-        git = ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run([*git, "add", "-q", "--detach", str(old), commit], check=True)
-        try:
-            for root in (old, ROOT):
-                words = [sys.executable, "-m", "compileall", "-q", str(root / "src")]
-                subprocess.run(words, check=True)
-            for name, command in COMMANDS.items():
-                timings: list[list[float]] = [[], []]
-                for run in range(runs + 1):
-                    for times, root in zip(timings, (old, ROOT), strict=True):
-                        took = cpu(command, root, str(Path(at) / f"cache-{root.name}"))
-                        if run:
-                            times.append(took)
-                a, b = (statistics.median(times) for times in timings)
-                print(f"{name:20} CPU {a:6.2f} s before, {b:6.2f} s now, ratio {b / a:.2f}")
-        finally:
-            subprocess.run([*git, "remove", "--force", str(old)], check=True)
-
-
-def assertions(runs: int) -> None:
-    """What the assertions of the engines cost, in turns; the first run of each compiles.
-
-    Sets that were computed before are not reused: every run begins with the compiled engines only.
-    """
-    with tempfile.TemporaryDirectory() as at:
-        for name, command in ENGINES.items():
-            timings: list[list[float]] = [[], []]
-            for run in range(runs + 1):
-                for k, started in enumerate((("-c", UNCHECKED), ("-m", "soter.cli.main"))):
-                    cache = Path(at) / f"cache-{k}"
-                    for kept in cache.glob("**/*.npz"):
-                        kept.unlink()
-                    took = cpu(command, ROOT, str(cache), started)
-                    if run:
-                        timings[k].append(took)
-            a, b = (statistics.median(times) for times in timings)
-            print(f"{name:20} CPU {a:6.2f} s unchecked, {b:6.2f} s checked, ratio {b / a:.2f}")
+        given = [at if word == "DIR" else word for word in words]
+        done = subprocess.run(
+            [sys.executable, "-c", ENTERED, *given],
+            cwd=ROOT,
+            env={**os.environ, "XDG_CACHE_HOME": at, "SOTER_CACHE": f"{at}/cache"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    return int(done.stderr.rsplit("entered", 1)[1])
 
 
 def main() -> int:
-    """Print the counts, and the times where there is a commit to compare with."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--against", help="a commit to compare times with")
-    parser.add_argument("--assertions", action="store_true", help="compare with and without")
-    parser.add_argument("--runs", type=int, default=5)
-    arguments = parser.parse_args()
-    for what, figure in counts().items():
+    """Print the counts."""
+    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    cart = "examples/wall/cart.soter"
+    commands = (
+        ("check", cart),
+        ("build", cart, "--target", "c", "-o", "DIR"),
+        ("verify", cart, "--no-refute"),
+    )
+    named = {f"files that `soter {c[0]}` of the cart enters": entered(*c) for c in commands}
+    for what, figure in (counts() | named).items():
         print(f"{what:50} {figure}")
-    if arguments.against:
-        against(arguments.against, arguments.runs)
-    if arguments.assertions:
-        assertions(arguments.runs)
     return 0
 
 

@@ -254,7 +254,7 @@ def _apart() -> Path:
 
 
 def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Zeros that a copy of this process writes for this one, too."""
+    """Zeros of this shape that a copy of this process writes for this one, too."""
     count = prod(shape)
     memory = mmap.mmap(-1, max(1, count * np.dtype(dtype).itemsize))
     return np.frombuffer(memory, dtype, count).reshape(shape)

@@ -55,7 +55,7 @@ class Group(ABC):
 
     @property
     def cells(self) -> list[NDArray[np.uint8]]:
-        """Tables of K, where it is a set of cells."""
+        """Tables of K, where it is a set of cells, shaped as the grid."""
         return []
 
     @abstractmethod
@@ -97,7 +97,7 @@ class Group(ABC):
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
         """Why AC has, or keeps, no control by what the DM holds; why that was not looked at; or "".
 
-        `drawn`: states in K of this group, others anywhere; none where none is known.
+        `drawn`: numbers, one a state, in K as for this group; none where none is known.
         """
 
     @abstractmethod

@@ -337,7 +337,10 @@ def unshown(
 def uncovered(
     todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
 ) -> Iterator[Block]:
-    """The same where what holds of a block holds of its cells, all of which have to be wanted."""
+    """As `unshown`, where what holds of a block holds of its cells, which all have to be wanted.
+
+    `todo`: shaped as the grid.
+    """
 
     def whole(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return wanted if wanted.all() and attempt(at) else np.zeros_like(wanted)

@@ -232,7 +232,10 @@ class AdmitCheck:
 
 
 def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterator[Block]:
-    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC.
+
+    `free`: shaped as the grid.
+    """
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:

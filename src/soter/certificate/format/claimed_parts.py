@@ -61,7 +61,10 @@ def refuse_unclaimed(groups: Sequence[Any], claims: set[str], *, computed: bool)
 
 
 def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: object) -> None:
-    """`RejectedError` for cells of K of which nothing is claimed, or a time to return."""
+    """`RejectedError` for cells of K of which nothing is claimed, or a time to return.
+
+    `cores`: K, one a group, of any shape.
+    """
     if not claims & OF_SETS and any(core.any() for core in cores):
         raise RejectedError("K holds cells, and nothing is claimed of them")
     if not claims & RETURN and recover_ns is not None:

@@ -92,7 +92,7 @@ def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 def levels_hold(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of estimates, some state behind which is not certainly inside."""
+    """Cells of estimates (`claimed`: shaped as the grid), some state behind which is outside."""
 
     def attempt(at: Block) -> bool:
         return inside.contains(around(model, group, group.grid.box(at)))
@@ -103,7 +103,10 @@ def levels_hold(
 def drifts(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of estimates, some state behind which may be driven out of `within` in time."""
+    """Cells of estimates, some state behind which may be driven out of `within` in time.
+
+    `claimed`: shaped as the grid.
+    """
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:

@@ -103,7 +103,7 @@ class GridGroup(Group):
 
     @property
     def cells(self) -> list[NDArray[np.uint8]]:
-        """The one table of K."""
+        """The one table of K, shaped as the grid."""
         return [self.tables.core]
 
     def part(self, *, errors: bool) -> Axes:
@@ -164,7 +164,7 @@ class GridGroup(Group):
         return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Asked of the table of the DM alone."""
+        """Asked of the table of the DM alone; `drawn` (one a state) is not needed."""
         del drawn
         given, levels = self.tables.given_back, self.tables.levels
         if given is not None and not given.any():
@@ -246,7 +246,10 @@ class GridCheck(GroupCheck):
         return True
 
     def core(self) -> Iterable[Task]:
-        """From each cell of K SC leads back to K, after as many holds as the cell says."""
+        """From each cell of K SC leads back to K, after as many holds as the cell says.
+
+        RejectedError where `safe` is not certain on a cell of K.
+        """
         what = "`safe`"
         if self.lawful is not None:
             what = f"{what}, or what the law keeps,"

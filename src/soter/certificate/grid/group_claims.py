@@ -352,7 +352,7 @@ class FreeCheck:
 def free(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of `claimed` that some command may drive out of `within`."""
+    """Cells of `claimed` (shaped as the grid) that some command may drive out of `within`."""
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:

@@ -245,7 +245,7 @@ def rests(
 ) -> partial[Iterator[Block]]:
     """What gives the marked cells of a block that are not shown; NotRecheckedError as `Resting`.
 
-    RejectedError where one of them is none of `c`.
+    `marked`: shaped as the grid. RejectedError where one of them is none of `c`.
     """
     if not (marked <= c.members).all():
         raise RejectedError("K has cells at rest on which `safe` is not certain")

@@ -218,7 +218,10 @@ class PolytopeCheck(GroupCheck):
         return self.tables.periods
 
     def home(self, calm: Cells | None) -> list[Task]:
-        """`calm` has to be all of the target's box; without it the DM's half-spaces are asked."""
+        """`calm` has to be all of the target's box; without it the DM's half-spaces are asked.
+
+        RejectedError where it is not.
+        """
         if calm is None:
             return [*self._show_home(), *self._show_given_back()]
         if not calm.members.all():

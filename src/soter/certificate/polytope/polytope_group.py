@@ -111,7 +111,7 @@ class PolytopeGroup(Group):
         report.half_spaces += len(self.tables.core.bounds)
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Asked of the half-spaces of the DM, on states that are drawn."""
+        """Asked of the half-spaces of the DM, on states that are drawn (one number a state)."""
         tables, states = self.tables, list(drawn)
         if not states:
             return "", "no state of K was drawn"
@@ -130,7 +130,7 @@ class PolytopeGroup(Group):
         return "", ""
 
     def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[NDArray[np.float64]]:
-        """States of K by hit and run, from one of them; none where none is found."""
+        """States of K (one number a state) by hit and run; none where none is found."""
         p = self.tables
         faces, limits = (np.array(part) for part in p.core.faces)
         middle = [facts.states[s].low / 2 + facts.states[s].high / 2 for s in p.states]

@@ -120,7 +120,7 @@ def mesh_of(
 ) -> list[list[int] | None]:
     """On each axis the cells that hold its interval; None where there are none.
 
-    `turns`: whether an axis wraps around.
+    `spans`: edges, (n_cells + 1,) of each axis; `turns`: whether an axis wraps around.
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):

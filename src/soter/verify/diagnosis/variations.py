@@ -320,7 +320,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
 
 
 def extended(edges: Floats, low: float, high: float) -> Floats:
-    """The same cells, and more of the size of the outermost beyond."""
+    """The same cells, and more of the size of the outermost beyond; edges: (n_cells + 1,)."""
     width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
     below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]
     above = np.arange(edges[-1] + width[1], high + width[1] / 2, width[1])

@@ -212,7 +212,7 @@ class GridProof(GroupProof):
             ).cells = wrong
 
     def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
-        """The cells of the initial states; None where the grid does not hold all of them."""
+        """The cells of the initial states, one index an axis; None where the grid lacks some."""
         starts = [case.problem.initial[s] for s in self.engine.axes]
         box = mesh_of(self.engine.spans, self.engine.turns, starts)
         at = [b for b in box if b is not None]

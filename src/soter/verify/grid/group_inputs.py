@@ -139,7 +139,7 @@ class BorderedModel(Protocol):
         """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
 
     def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
-        """Whether the rate of a state is another one at other states of these ranges."""
+        """Whether the rate of a state hangs on states in these ranges (one a number)."""
 
 
 @dataclass(eq=False)

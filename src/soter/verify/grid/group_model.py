@@ -304,7 +304,7 @@ class GridModel:
         return np.asarray(out[: len(self.inputs.states), :2])
 
     def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
-        """Whether the rate of a state is another one at other states (or may be: a fault)."""
+        """Whether the rate of a state hangs on states in ranges (one a number), or may: a fault."""
         found = self._rate_forms(low, high)
         return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
 

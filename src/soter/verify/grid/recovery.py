@@ -54,7 +54,7 @@ class FinerHome:
     home: NDArray[np.uint8]
 
     def declared(self, cells: Bools) -> Bools:
-        """The declared cells that some of these smaller ones are part of."""
+        """The declared cells that some of these smaller ones are part of; shaped as their grids."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
         return found
@@ -97,13 +97,13 @@ def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
 def target_on(
     case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
 ) -> Bools:
-    """The smaller cells of C every estimate of which the DM gives back."""
+    """The smaller cells of C every estimate of which the DM gives back; shaped as their grid."""
     assert part.deployed is not None
     return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
 
 
 def led_back(part: GroupSets) -> Bools:
-    """The declared cells all of which W holds."""
+    """The declared cells all of which W holds; shaped as their grid."""
     assert part.rank is not None
     if part.finer is None:
         return part.rank > 0
@@ -113,7 +113,7 @@ def led_back(part: GroupSets) -> Bools:
 
 
 def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
-    """As an index of a set of declared cells: that set on the cells of `group`, parts of them."""
+    """As an index of a set of declared cells: that set shaped as the cells of `group`."""
     return np.ix_(
         *(_origin(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
     )

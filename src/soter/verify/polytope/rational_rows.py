@@ -20,7 +20,10 @@ F = Fraction
 
 
 def pivots_of(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
-    """Independent rows, and an input for each that the row can be solved for."""
+    """Independent rows, and an input for each that the row can be solved for.
+
+    `gain`: a row a state, a column an input; `radius`: one an input.
+    """
     work = [[F(x) for x in row] for row in gain]
     rows: list[int] = []
     pivots: list[int] = []
