@@ -123,6 +123,8 @@ def main() -> int:
     parser.add_argument("--only", default="")
     given = parser.parse_args()
     before = given.before.resolve()
+    if not (before / "examples").is_dir():
+        parser.error(f"{before} is no checkout of Soter")
     compared = differing = 0
     for path in sorted((ROOT / "examples").rglob("*.soter")):
         name = path.relative_to(ROOT / "examples").as_posix()
