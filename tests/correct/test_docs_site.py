@@ -191,7 +191,7 @@ def test_the_search_of_a_page_finds_headings(tmp_path: Path, site: Any) -> None:
         assert page.errors == []
         page.size(420, 900)
         page.open((tmp_path / "benchmarks.html").as_uri())
-        page.wait("document.readyState === 'complete' && document.querySelector('.stacks')")
+        page.wait("document.readyState === 'complete' && !!document.querySelector('.stacks')")
         wider = "e => e.scrollWidth > e.clientWidth"
         for element in ("'html'", "'.stacks'"):
             assert not page.value(f"[...document.querySelectorAll({element})].some({wider})")
