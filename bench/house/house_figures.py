@@ -25,13 +25,14 @@ from unit import test_docstrings as docstrings  # noqa: E402 - needs the path
 from unit import test_house_figures as figures  # noqa: E402 - needs the path
 
 ENTERED = """
+import inspect
 import sys
 entered = set()
 def see(frame, event, _):
-    if event == "call" and frame.f_code.co_name not in ("<module>", "<lambda>", "<genexpr>"):
-        name = frame.f_code.co_filename.replace("\\\\", "/")
-        if "/soter/" in name and not frame.f_code.co_name.startswith("<"):
-            entered.add(name)
+    code = frame.f_code
+    function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
+    if event == "call" and function and "/soter/" in code.co_filename:
+        entered.add(code.co_filename)
 sys.setprofile(see)
 from soter.cli.main import main
 main(sys.argv[1:])

@@ -187,7 +187,7 @@ class BodyParser(StatementParser):
         if meant is not None and self._reads_as(meant):
             self._taken_for(meant, message, parts, items)
             return
-        if self._at_statement():
+        if self._at_loose_statement():
             self._loose_statements(message, items)
             return
         elsewhere = at_word_of_elsewhere(self)
@@ -205,7 +205,7 @@ class BodyParser(StatementParser):
         notes = (_listed(what.partition(" `")[0], items),)
         raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
 
-    def _at_statement(self) -> bool:
+    def _at_loose_statement(self) -> bool:
         """Whether a statement begins here, and not a list of topics."""
         kind = self.kinds[self.i]
         return kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names())
