@@ -135,6 +135,7 @@ class BodyParser(StatementParser):
                         self._item(item, parts)
                     else:
                         self._unknown_item(what, parts, items)
+                assert self.i > before, "whoever reads an item goes on"
             except Panic:
                 self.damaged = True
                 self.depth = self.blocks = 0
