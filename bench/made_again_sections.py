@@ -415,6 +415,7 @@ ELSEWHERE = "its figures stand in docs/benchmarks.md alone"
 SESSION = f"{HELD}correct/test_"
 
 EXCEPT: dict[tuple[str, str], str] = {
+    ("architecture.md", "| what | new | touched |"): DEFINED,
     ("assure.md", "| question"): DEFINED,
     ("autopilot.md", "| a quiet flight, from"): f"{MEASURED_ONCE}: a body without J",
     ("campaigns.md", "| violation"): DEFINED,

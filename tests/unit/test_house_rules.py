@@ -86,10 +86,10 @@ def test_files_that_docstrings_and_pages_name_are_there() -> None:
     there = {f"/{p.relative_to(ROOT).as_posix()}" for p in _tracked()}
     names = {p.rpartition("/")[2] for p in there}
     of_rooms: dict[str, set[str]] = {}
-    for path in there:
-        if path.startswith("/src/soter/"):
-            room, _, name = path.removeprefix("/src/soter/").partition("/")
-            of_rooms.setdefault(room if name else "", set()).add(path.rpartition("/")[2])
+    for listed in there:
+        if listed.startswith("/src/soter/"):
+            room, _, name = listed.removeprefix("/src/soter/").partition("/")
+            of_rooms.setdefault(room if name else "", set()).add(listed.rpartition("/")[2])
     of_users = re.compile(r"NAME|PREFIX|^(externs|actuate)\.c$|^(math|string)\.h$|^out/")
     missing = []
     for path in _tracked():
