@@ -243,6 +243,11 @@ class Diagnostics:
             del self._items[items:]
             self._seen, self._errors, self._names_left = seen, errors, names
 
+    def may_look_at(self, names: int) -> bool:
+        """Whether a help that looks at so many names more will be read; they are counted."""
+        self._names_left -= names
+        return self._names_left >= 0 and len(self._items) <= KEPT_MAX
+
     def did_you_mean(
         self, name: str, candidates: Iterable[str], span: Span | None = None
     ) -> tuple[Help, ...]:
@@ -250,11 +255,10 @@ class Diagnostics:
 
         With the `span` of the name it is an edit.
         """
-        if self._names_left <= 0 or len(self._items) > KEPT_MAX:
+        if not self.may_look_at(0):
             return ()
         known = list(islice(candidates, self._names_left + 1))
-        self._names_left -= len(known)
-        near = likely(name, known) if self._names_left >= 0 else None
+        near = likely(name, known) if self.may_look_at(len(known)) else None
         if near is None:
             return ()
         title = f"did you mean `{near}`?"

@@ -46,6 +46,7 @@ PROGRAMS = (
         for name in (
             "C001_late_by_nothing",
             "N001_drawn_in_a_step",
+            "N001_unknown_type",
             "D004_nan",
             "E009_faults_unknown",
             "E015_several_messages",
@@ -53,6 +54,8 @@ PROGRAMS = (
             "M005_without_a_system",
             "M013_invariant_of_a_node",
             "S005_unit_behind_the_set",
+            "S010_until_in_a_loop",
+            "S015_slice_of_a_list",
             "T003_wrong_arguments_are_checked_too",
             "W010_set_of_what_nobody_reads",
             "W034_ageless_scan",

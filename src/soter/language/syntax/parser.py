@@ -280,6 +280,8 @@ class Parser(BodyParser):
                 helps=(f"write `import {self.texts[at]} as{guess};`",),
             )
             if self.kinds[self.i] == NAME and not self.new_line():
+                if self.kinds[self.i + 1] == NAME:  # another word than `as`
+                    self.i += 1
                 name = self.declare("a name")
             else:
                 name = self.declared = tree.Name(stem, self.token_span(at))
