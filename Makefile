@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PY := $(BIN)/python
 comma := ,
 # where the machine has no C compiler, one comes as a Python package
-ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
+ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,compiler)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 LINTED := src tests bench examples docs/site
 # a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
