@@ -25,6 +25,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
 from soter.report.atomic_write import require_no_links
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -364,7 +365,7 @@ def require_parquet() -> None:
     """SoterError D007 where the package that writes Parquet is not installed."""
     if find_spec("pyarrow") is None:
         message = "Parquet is written with the package `pyarrow`, which is not installed"
-        helps = ("install it: pip install 'soter[parquet]'; `flights.csv` says the same",)
+        helps = (f"install it: {pip_install('cluster')}; `flights.csv` says the same",)
         raise SoterError((Diagnostic("D007", message, helps=helps),))
 
 

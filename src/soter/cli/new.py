@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shlex
 import shutil
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +21,7 @@ from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.render import safe
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     import argparse
@@ -38,7 +41,7 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 EXAMPLES = """\
   soter new rover
-  cd rover && soter run rover.soter
+  soter run rover/rover.soter
 """
 
 
@@ -103,22 +106,25 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
 
 
 def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
-    program = f"{name}.soter"
+    """What to type where `soter new` was typed, in this order, and what it does."""
+    at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
+    proof = shlex.quote(str(folder / "proof"))
+    learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")
+    missing = [(pip_install("prove"), "what re-checks: it is not here")] * (not find_spec("flint"))
     return [
-        (f"cd {folder}", ""),
-        (f"soter check {program}", ""),
-        (f"soter verify {program}", "proves that it does, under what it prints"),
-        (f"soter test {program}", "tries every schedule of its `test` block"),
-        (f"soter run {program} --report", "the policy, guarded: stays on the rail"),
+        *missing,
+        (f"soter verify {program} --cert {proof}", "proves it, under what it prints"),
+        (f"soter recheck {proof}", "checks the proof again, by other code"),
+        (f"soter run {program}", "the policy, guarded: stays on the rail"),
         (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
-        (f"soter run {program} --bind Learned=c:policy.c:policy_step", "the same policy in C"),
-        ("python -m unittest", "its tests; pytest runs them too"),
+        (f"soter test {program}", "tries every schedule of its `test` block"),
+        (f"soter run {program} --bind {learned}", "the same policy in C"),
+        (f"python -m unittest discover {at}", "its tests; pytest runs them too"),
     ]
 
 
 def _say(folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console) -> None:
     console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")
-    width = max(len(c) for c, about in commands if about)
+    width = max(len(c) for c, _ in commands)
     for command, about in commands:
-        text = f"  {command:<{width}}  {console.paint('muted', about)}" if about else f"  {command}"
-        console.say(text)
+        console.say(f"  {command:<{width}}  {console.paint('muted', about)}")

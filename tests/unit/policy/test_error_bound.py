@@ -132,8 +132,8 @@ def test_what_float32_tanh_is_assumed_to_do_numpy_does() -> None:
 
 
 def test_what_float32_tanh_is_assumed_to_do_onnxruntime_does() -> None:
-    runtime = pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
-    helper = pytest.importorskip("onnx", reason="the extra is absent: soter[policy]").helper
+    runtime = pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
+    helper = pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]").helper
     values = [helper.make_tensor_value_info(n, 1, [None]) for n in "xy"]
     graph = helper.make_graph([helper.make_node("Tanh", ["x"], ["y"])], "t", *[[v] for v in values])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

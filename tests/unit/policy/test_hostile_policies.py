@@ -298,8 +298,8 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
     ],
 )
 def test_an_onnx_file_that_cannot_be_read_says_why(name: str) -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
     from soter.policy.onnx_file import OnnxSession, read_onnx
 
     data, read, asked = _onnx(name)

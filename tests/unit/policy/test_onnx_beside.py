@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @pytest.fixture(autouse=True)
 def _extra() -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
 
 
 def moved(
@@ -284,7 +284,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
     from soter import load
     from soter.report.mcap_reading import metadata
 
-    pytest.importorskip("mcap", reason="the extra is absent: soter[log]")
+    pytest.importorskip("mcap", reason="the extra is absent: soter-rta[logs]")
     monkeypatch.chdir(tmp_path)
     model = onnx_of(random_layers(3, 2, 1), "Relu")
     raw = moved(model)

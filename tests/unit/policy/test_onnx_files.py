@@ -33,8 +33,8 @@ REFUSED: dict[str, tuple[tuple[str, dict[str, Any]], str]] = {
 
 @pytest.fixture(autouse=True)
 def _extra() -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
 
 
 def file_of(folder: Path, model: Any) -> Path:
@@ -126,4 +126,4 @@ def test_a_package_that_is_absent_is_named(
         (read_onnx if package == "onnx" else OnnxSession)(path)
     (problem,) = caught.value.diagnostics
     assert (problem.code, f"`{package}`" in problem.message) == ("D007", True)
-    assert problem.helps == ("install it: pip install 'soter[policy]'",)
+    assert problem.helps == ("install it: pip install 'soter-rta[learn]'",)

@@ -2,7 +2,7 @@
 
 Purpose: one file of ROS 1, one SQLite file of ROS 2. Records that point to one another in circles,
 chunks that unpack to gigabytes and databases that compute their rows end with an error.
-Non-goals: folders (`ros_bags.py`). Imports the extra `soter[ros]`.
+Non-goals: folders (`ros_bags.py`). Imports the extra `logs`.
 """
 
 from __future__ import annotations

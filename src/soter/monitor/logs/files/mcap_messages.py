@@ -26,6 +26,7 @@ from soter.monitor.logs.files.ros_messages import (
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
 from soter.report.mcap_reading import DamagedMcapError, McapRecords, damaged, require_log_package
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -133,7 +134,7 @@ def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # n
             f"messages of `{channel.topic}` are protobuf, which the package "
             "`mcap-protobuf-support` reads; it is not installed"
         )
-        help_ = "install it: pip install 'soter[protobuf]'"
+        help_ = f"install it: {pip_install('logs')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
     from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - an extra
 

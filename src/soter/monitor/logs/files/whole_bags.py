@@ -3,7 +3,7 @@
 Purpose: of a bag of ROS 1 its chunks, read in the order of the file, against its index; of a bag of
 ROS 2 its databases against SQLite's own checks, what lies beside them, and the counts of metadata.
 Non-goals: values: neither kind has checksums, so one that was changed in its place is not seen.
-Imports the extra `soter[ros]`.
+Imports the extra `logs`.
 """
 
 from __future__ import annotations
