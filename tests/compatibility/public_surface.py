@@ -37,7 +37,10 @@ HEADERS = (
 """What docs/deploy.md, real-time.md and bare-metal.md tell somebody to include or to define."""
 OF_SOTER_H = ("enum soter_fault:", "enum soter_mode:")
 """What these need of `soter.h`; the rest of it is between generated C and its run-time."""
-EXITS = "FINE DIAGNOSTICS USAGE VIOLATED UNDECIDED NOT_RECHECKED INTERNAL INTERRUPTED".split()
+EXITS = (
+    *("FINE", "DIAGNOSTICS", "USAGE", "VIOLATED", "UNDECIDED", "NOT_RECHECKED"),
+    *("INTERNAL", "INTERRUPTED"),
+)
 FORMATS = {
     "certificate": "soter.certificate.format.folder.FORMAT",
     "trace": "soter.explore.trace.SCHEMA",
@@ -59,7 +62,7 @@ KEYS = {
 }
 
 
-def named(path: str) -> Any:  # noqa: ANN401 - whatever stands there
+def named(path: str) -> Any:
     """What a module has under a name."""
     module, _, name = path.rpartition(".")
     return getattr(import_module(module), name)
@@ -99,7 +102,7 @@ def of_class(path: str, cls: type) -> Iterator[str]:
             yield f"{path}.{name}"
 
 
-def of_function(path: str, function: Any) -> Iterator[str]:  # noqa: ANN401 - any callable
+def of_function(path: str, function: Any) -> Iterator[str]:
     """A function, a line for it and one for each parameter; `*`: by its name alone."""
     yield f"{path}()"
     for parameter in inspect.signature(function).parameters.values():
@@ -121,7 +124,7 @@ def parameter_text(parameter: inspect.Parameter) -> str:
 def commands() -> Iterator[str]:
     """Every option and argument of every command, as its parser has it."""
     for name in (n for n in COMMANDS if n != "help"):
-        for action in parser_of(name)._actions:  # noqa: SLF001 - argparse tells it nowhere else
+        for action in parser_of(name)._actions:
             what = "/".join(action.option_strings) or str(action.dest).upper()
             takes = "" if action.nargs is None else f" nargs {action.nargs}"
             among = f" {{{','.join(map(str, action.choices))}}}" if action.choices else ""
@@ -150,7 +153,7 @@ def documents() -> Iterator[str]:
         yield from of_schema(name.removesuffix(".json"), resolved(parts[name], parts))
 
 
-def resolved(schema: Any, parts: dict[str, Any]) -> Any:  # noqa: ANN401 - any JSON
+def resolved(schema: Any, parts: dict[str, Any]) -> Any:
     """A schema with what it refers to in its place."""
     if isinstance(schema, list):
         return [resolved(one, parts) for one in schema]

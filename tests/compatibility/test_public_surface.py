@@ -11,8 +11,8 @@ import re
 from pathlib import Path
 
 import pytest
-
 from public_surface import RECORD, ROOT, SECTIONS, recorded, surface, text_of
+
 from soter.version import VERSION
 
 HERE = Path(__file__).parent
