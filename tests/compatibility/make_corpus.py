@@ -11,6 +11,7 @@ Non-goals: reading any of it (`test_files_of_released_versions.py`); every examp
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import subprocess
 import sys
@@ -64,16 +65,31 @@ def main() -> int:
     for name in ("certificates", "documents", "logs", "times"):
         (args.folder / name).mkdir(exist_ok=True)
     for name, command in COMMANDS.items():
-        words = [sys.executable, "-m", "soter", *command.split(), "--json"]
-        done = subprocess.run(words, cwd=args.folder, capture_output=True, text=True, check=False)
-        sys.stdout.write(f"{done.returncode} {command}\n")
-        (args.folder / "documents" / f"{name}.json").write_text(done.stdout, encoding="utf-8")
+        text = asked(args.folder, *command.split())
+        (args.folder / "documents" / f"{name}.json").write_text(text, encoding="utf-8")
+    write_hashes(args.folder)
     (args.folder / "channels").mkdir(exist_ok=True)
     shutil.copyfile(args.folder / "package" / "channels.json", args.folder / CHANNELS)
     for pattern in UNREAD:
         for path in args.folder.glob(pattern):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     return 0
+
+
+def asked(folder: Path, *words: str) -> str:
+    """The document of a command."""
+    words = (sys.executable, "-m", "soter", *words, "--json")
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    sys.stdout.write(f"{done.returncode} {' '.join(words[3:6])}\n")
+    return done.stdout
+
+
+def write_hashes(folder: Path) -> None:
+    """`programs.json`: the hash of every program that is right; some are parts of others."""
+    programs = sorted(p.relative_to(folder).as_posix() for p in folder.glob("programs/**/*.soter"))
+    checked = json.loads(asked(folder, "check", *programs))["files"]
+    hashes = {entry["file"]: entry["program_sha256"] for entry in checked if entry["exit"] == 0}
+    (folder / "programs.json").write_text(json.dumps(hashes, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":
