@@ -36,6 +36,7 @@ SECONDS_MAX = 10**12
 DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
 KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
+TIME_KEYS = ("from", "unit", "scale", "since", "until")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -195,7 +196,7 @@ class _MappingReader:
             return None
 
     def _time(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
-        self.problems.only(given, ("from", "unit", "scale", "since", "until"), "`time`")
+        self.problems.only(given, TIME_KEYS, "`time`")
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.add(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")

@@ -1,0 +1,96 @@
+"""What others rely on is what is recorded, and what goes stands in the changelog.
+
+`public_surface.py` reads the surface off the package; its record is `public_surface.txt`, and that
+of a release lies in the folder of its version. Grammar, and the versions of files, are promised by
+what is read (`test_files_of_released_versions.py`), not by their words.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from public_surface import RECORD, ROOT, SECTIONS, recorded, surface, text_of
+
+from soter.version import VERSION
+
+HERE = Path(__file__).parent
+RELEASES = sorted(path.parent.name for path in HERE.glob("*/public_surface.txt"))
+BY_READING = {"grammar", "versions of files"}
+REMEDY = """
+Where nothing is gone or changed: `python tests/compatibility/public_surface.py` writes the record.
+Where something is: it was promised (docs/stability.md). Keep it, or say under "What you must do" of
+CHANGELOG.md what whoever used it has to do, raise the version, and write the record then."""
+
+
+@pytest.fixture(scope="module")
+def now() -> dict[str, list[str]]:
+    pytest.importorskip("gymnasium", reason="`soter.gym` is a part of the surface")
+    return surface()
+
+
+def changes(before: dict[str, list[str]], after: dict[str, list[str]]) -> list[str]:
+    """What is gone and what is new, a sentence each."""
+    told = []
+    for kind in SECTIONS:
+        then, today = before.get(kind, []), after.get(kind, [])
+        told += [f"{kind}: gone or changed: {line}" for line in then if line not in set(today)]
+        told += [f"{kind}: new or changed: {line}" for line in today if line not in set(then)]
+    return told
+
+
+def name_of(line: str) -> str:
+    """What a line is about, without its type, default or value."""
+    without_default = re.split(r" = |: | nargs ", line.replace("?:", ":"))[0]
+    return re.sub(r"\(\*, ", "(", without_default).strip()
+
+
+def gone(before: dict[str, list[str]], after: dict[str, list[str]]) -> list[str]:
+    """Names that a released surface had; those of grammar and files are held by reading them."""
+    return [
+        name
+        for kind in SECTIONS.keys() - BY_READING
+        for name in sorted({*map(name_of, before[kind])} - {*map(name_of, after[kind])})
+    ]
+
+
+def test_the_surface_is_the_recorded_one(now: dict[str, list[str]]) -> None:
+    told = changes(recorded(RECORD.read_text(encoding="utf-8")), now)
+    assert not told, "\n".join(("the public surface is another one:", *told, REMEDY))
+
+
+def test_a_record_is_read_as_it_was_written(now: dict[str, list[str]]) -> None:
+    assert recorded(text_of(now)) == now
+    assert all(now.values())
+
+
+@pytest.mark.parametrize("kind", SECTIONS)
+def test_a_change_of_every_kind_is_told(now: dict[str, list[str]], kind: str) -> None:
+    """A line less, a line more and another line are each told, with the line and its kind."""
+    first, *others = now[kind]
+    less, other = {**now, kind: others}, {**now, kind: [f"{first} other", *others]}
+    assert changes(now, less) == [f"{kind}: gone or changed: {first}"]
+    assert changes(less, now) == [f"{kind}: new or changed: {first}"]
+    assert [told.rpartition(": ")[0] for told in changes(now, other)] != []
+    assert len(changes(now, other)) == 2
+
+
+@pytest.mark.parametrize("release", RELEASES)
+def test_what_went_since_a_release_stands_in_the_changelog(
+    release: str, now: dict[str, list[str]]
+) -> None:
+    """Names that a release had are there, or the changelog says what became of them."""
+    then = recorded((HERE / release / "public_surface.txt").read_text(encoding="utf-8"))
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newer, heading, _ = changelog.partition(f"\n## {release}\n")
+    lost = gone(then, now)
+    untold = [name for name in lost if name not in newer]
+    assert not untold, f"gone since {release}, and not in CHANGELOG.md: {untold}{REMEDY}"
+    if heading and lost:
+        assert version(VERSION) > version(release), f"{lost} went: raise the version"
+
+
+def version(text: str) -> tuple[int, ...]:
+    """The numbers of a version."""
+    return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
