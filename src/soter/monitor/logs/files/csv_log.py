@@ -125,7 +125,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
     choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
     facts = FileFacts(notes=columns.notes)
-    rows = _rows(path, list(needed), mapping.time, facts)
+    rows = csv_rows(path, list(needed), mapping.time, facts)
     for line, clock, row in facts.readable(path, rows, partial=partial):
         if not choice.takes(row.__getitem__):
             continue
@@ -167,7 +167,18 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
     return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
 
 
-def _rows(
+def csv_head(path: Path) -> list[str]:
+    """What its columns are called; SoterError D016."""
+    try:
+        with opened(path) as data, _text(path, data) as file:
+            return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
+        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+
+
+def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
     """Line, the cells of its time and those that are needed of each row."""

@@ -122,6 +122,7 @@ class _Reading:
         self.formats: dict[str, str] = {}
         self.topics: dict[int, _Topic] = {}
         self.appended: list[int] = []
+        self.times_us: dict[str, int] = {}
         self.lost, self.lost_ms, self.unknown = 0, 0, 0
 
     def messages(self) -> Iterator[Arrived]:
@@ -130,7 +131,7 @@ class _Reading:
             kind, body = found
             try:
                 if kind == ord("D"):
-                    yield self._data(body)
+                    yield from self._data(body)
                 else:
                     self._other(kind, body)
             except (ValueError, KeyError, IndexError, struct.error) as error:
@@ -162,16 +163,23 @@ class _Reading:
             raise damaged(self.path, f"at byte {at:,} stands no message")
         return kind, body
 
-    def _data(self, body: bytes) -> Arrived:
+    def _data(self, body: bytes) -> Iterator[Arrived]:
+        """A message; of a topic nobody wants one that says no later time does not say when it was.
+
+        Some say 0 all the time, or once a time of long ago or long after.
+        """
         topic = self.topics[int.from_bytes(body[:2], "little")]
         if not topic.layout.size <= len(body) - 2 <= topic.longest:
             raise ValueError
         self.facts.there[topic.name] = self.facts.there.get(topic.name, 0) + 1
         (time_us,) = struct.unpack_from("<Q", body, 2 + topic.time_at)
-        content = None
+        before = self.times_us.get(topic.name, time_us)
+        self.times_us[topic.name] = time_us
         if topic.name in self.wanted:
             content = _content(topic.fields, iter(topic.layout.unpack_from(body, 2)))
-        return time_us * 1000, None, topic.name, content
+            yield time_us * 1000, None, topic.name, content
+        elif time_us > before:
+            yield time_us * 1000, None, topic.name, None
 
     def _other(self, kind: int, body: bytes) -> None:
         if kind == ord("F"):
