@@ -71,19 +71,23 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     """
     facts.unchecked = True
     writers = Writers()
-    unpacking = BoundedUnpacking(path.stat().st_size)
+    facts.size = path.stat().st_size
+    unpacking = BoundedUnpacking(facts.size)
     bounded = {
         decompressors["none"]: unpacking.plain,
         decompressors["bz2"]: unpacking.bz2,
         decompressors["lz4"]: unpacking.lz4,
     }
     with _BoundedReader1(path) as reader:
+        file = reader.bio
+        assert file is not None
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
         decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
         nodes = {k: _node_of(c) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
+            facts.at_byte = file.tell()
             content = None
             if connection in chosen:
                 content = decoders[connection](data)

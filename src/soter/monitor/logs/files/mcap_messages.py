@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.files.log_columns import Writers, remedies, unusable
+from soter.monitor.logs.files.log_columns import Writers, damaged, remedies, unusable
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
@@ -25,7 +25,8 @@ from soter.monitor.logs.files.ros_messages import (
 )
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
-from soter.report.mcap_reading import DamagedMcapError, McapRecords, damaged, require_log_package
+from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
+from soter.report.mcap_reading import damaged as words_of_damage
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -60,11 +61,11 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     except (TooLargeError, UndecodableError) as error:
         raise unusable(path, str(error)) from error
     except DamagedMcapError as error:
-        raise unusable(path, str(error), error.remedy) from error
+        raise damaged(path, str(error), error.remedy) from error
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        raise unusable(path, damaged(error)) from error
+        raise damaged(path, words_of_damage(error)) from error
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
@@ -84,7 +85,9 @@ class _Reading:
 
     def messages(self, records: McapRecords) -> Iterator[Arrived]:
         """Log time, channel and content."""
+        self.facts.size = records.size
         for channel, schema, message in records.messages():
+            self.facts.at_byte = records.file.tell()
             self.facts.there[channel.topic] = self.facts.there.get(channel.topic, 0) + 1
             content = None
             if channel.topic in self.wanted:
