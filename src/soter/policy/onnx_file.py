@@ -265,7 +265,7 @@ def read_onnx(path: Path) -> Policy:
         "file": f"ONNX, operators of version {versions}",
         "observation": f"`{given}`, {in_numbers(network.inputs)}",
         "answer": f"`{answered}`, "
-        + ("the index of the largest" if network.choice else in_numbers(network.outputs)),
+        + ("the index of the largest" if network.choices else in_numbers(network.outputs)),
     }
     if content.beside:
         told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
@@ -291,7 +291,9 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     for node in chain:
         network = Network(size, tuple(layers))
         layers += _maker_of(node)(node, constants, network.outputs)
-    return given[0].name, answered, Network(size, tuple(layers), choice)
+    network = Network(size, tuple(layers))
+    choices = (network.outputs,) if choice else ()
+    return given[0].name, answered, Network(size, tuple(layers), choices)
 
 
 def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 NAMED = ("python", "c")
 """Kinds with a name inside of the file."""
+NO_STATISTICS = "none"
+"""In the place of a file of statistics: there is none, whatever lies beside the policy."""
 POLICIES = ("onnx", "sb3")
 """Kinds of files that hold a learned policy."""
 FORMS = {
@@ -44,11 +46,17 @@ class BindingText(NamedTuple):
     @property
     def files(self) -> tuple[str, ...]:
         """All files that are named."""
-        return (self.file, self.name) if self.is_policy and self.name else (self.file,)
+        return (self.file, self.name) if self.statistics else (self.file,)
+
+    @property
+    def statistics(self) -> str:
+        """The file of a policy's statistics; "" where none is named."""
+        named = self.kind == "sb3" and self.name != NO_STATISTICS
+        return self.name if named else ""
 
     def beside(self, folder: Path) -> BindingText:
         """The same with its files looked for in a folder."""
-        name = str(folder / self.name) if self.is_policy and self.name else self.name
+        name = str(folder / self.name) if self.statistics else self.name
         return BindingText(self.kind, str(folder / self.file), name)
 
     def __str__(self) -> str:
