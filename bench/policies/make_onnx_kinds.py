@@ -62,7 +62,12 @@ def network(activation: nn.Module, *between: nn.Module) -> nn.Module:
 
 
 def exported(
-    folder: Path, model: nn.Module, given: tuple[Any, ...], ins: list[str], outs: list[str], **more: Any
+    folder: Path,
+    model: nn.Module,
+    given: tuple[Any, ...],
+    ins: list[str],
+    outs: list[str],
+    **more: Any,
 ) -> None:
     torch.manual_seed(3)
     for weight in model.parameters():
@@ -124,7 +129,9 @@ def learnt(kind: str) -> Callable[[Path, Any, Any], Any]:
         wanted = np.stack([np.sin(seen[:, 0]), seen[:, 1] * seen[:, 2]], axis=1)
         rows = slice(0, 500)
         if kind == "regressor":
-            model = MLPRegressor(hidden_layer_sizes=(16, 16), activation="tanh", max_iter=30, random_state=1)
+            model = MLPRegressor(
+                hidden_layer_sizes=(16, 16), activation="tanh", max_iter=30, random_state=1
+            )
             model.fit(seen[rows], wanted[rows])
             options = None
         else:

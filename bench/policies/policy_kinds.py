@@ -63,7 +63,9 @@ def main() -> int:
             print(f"{'':38}   {line}")
     words = [row[2] for row in rows]
     good, refused = words.count("as its library"), words.count("refused")
-    print(f"\n{len(rows)} kinds: {good} as their library, {refused} refused with a way out, ", end="")
+    print(
+        f"\n{len(rows)} kinds: {good} as their library, {refused} refused with a way out, ", end=""
+    )
     print(f"{len(rows) - good - refused} neither (target 0)")
     return int(good + refused < len(rows))
 

@@ -25,7 +25,8 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.policy.network import answering, in_numbers, standardised
-from soter.policy.onnx_file import OnnxSession, onnx_content
+from soter.policy.onnx_file import onnx_content
+from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, content_of
 from soter.policy.sb3_file import read_sb3
 from soter.policy.vec_normalize import statistics_beside
@@ -56,8 +57,8 @@ class PolicyExtern(FilePolicy):
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
         path = Path(binding.file)
         asked, self._run, self._forget, assumed = _asked(binding, path)
-        if assumed.policy is not None and assumed.policy.keys:
-            reads = _by_name(path, assumed.policy.keys, reads)
+        if assumed.keys:
+            reads = _by_name(path, assumed, reads)
         places = [p for name, t in reads for p in _places(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -65,7 +66,7 @@ class PolicyExtern(FilePolicy):
         self._build = [_builder(path, name, t) for name, t in answers]
         self._observation = asked
         frames = asked.size // count if count and asked.size % count == 0 else 0
-        if not frames or (frames > 1 and not assumed.stacks):
+        if not frames or (frames > 1 and assumed.keys):
             names = ", ".join(f"`{name}`" for name, _ in reads)
             why = f"it takes {in_numbers(asked.size)}, the node reads {count} ({names})"
             raise bad_policy(
@@ -121,7 +122,7 @@ class _Assumed:
     def __init__(self, texts: tuple[str, ...], outputs: int, policy: Policy | None) -> None:
         self.texts, self.outputs, self.policy = texts, outputs, policy
         self.whole = policy is not None and bool(policy.network.choices)
-        self.stacks = policy is None or not policy.keys
+        self.keys = policy.keys if policy is not None else ()
 
 
 def _asked(
@@ -129,10 +130,10 @@ def _asked(
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
     """Where the observation is written, what answers it, what forgets, and what is assumed."""
     if binding.kind == "onnx":
-        session = OnnxSession(path)
+        session = OnnxSession(path, binding.name)
         assumed = _Assumed(session.assumed, len(session.run()), None)
-        assumed.whole = session.is_whole
-        return session.observation, session.run, lambda: None, assumed
+        assumed.whole, assumed.keys = session.is_whole, session.keys
+        return session.observation, session.run, session.reset, assumed
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     network = policy.network
     asked = answering(network)
@@ -143,8 +144,9 @@ def _asked(
     return asked.observation, run, asked.reset, _Assumed(policy.assumed, network.answers, policy)
 
 
-def _by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes) -> Shapes:
+def _by_name(path: Path, assumed: _Assumed, reads: Shapes) -> Shapes:
     """What is read, in the order of the names of observations; X014 where a name is missing."""
+    keys = assumed.keys
     by_name: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     if len(reads) == 1 and isinstance(reads[0][1], RecordType):
         (record,) = reads
@@ -152,8 +154,8 @@ def _by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes) -> Shap
     if set(by_name) != {key for key, _ in keys}:
         names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
         why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in by_name)}"
-        help_ = "name topics like that, or one topic that is a record with these fields"
-        raise bad_policy(path, why, help_)
+        helps = ["name topics like that, or one topic that is a record with these fields"]
+        raise bad_policy(path, why, *helps, *([SAY] if assumed.policy is None else []))
     for key, count in keys:
         given = sum(n for _, n in _places(path, *by_name[key]))
         if given != count:
