@@ -28,7 +28,8 @@ EXAMPLES = """\
   soter policy rush.onnx --within 10,6,50 -o rush.soter     a function: import it, call `rush.act`
 
 A node is answered by the file itself with `extern node X ... from "onnx:rush.onnx"`, or from
-"sb3:ppo.zip" or "sb3:ppo.zip:vecnormalize.pkl". What `-o` writes needs no file and no Python: a
+"sb3:ppo.zip" or "sb3:ppo.zip:vecnormalize.pkl". Statistics that lie beside the zip are found;
+`none` in their place says that there are none. What `-o` writes needs no file and no Python: a
 small network of linear layers, ReLU and tanh, in C, with a cost that `soter check` tells.
 
 exit codes: 0 told or written, 1 diagnostics, 2 usage
@@ -53,7 +54,7 @@ class Options:
 
     file: str = file_option(words="an ONNX file, or a zip of Stable-Baselines3")
     statistics: str | None = option(
-        "--statistics FILE", None, "what VecNormalize saved, where observations are"
+        "--statistics FILE", None, "what VecNormalize saved, or `none`; else what lies beside"
     )
     within: list[float] | None = option(
         "--within LIST",
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "facts": told,
         "assumed": list(policy.assumed),
         "inputs": policy.network.inputs,
-        "outputs": 1 if policy.network.choice else policy.network.outputs,
+        "outputs": policy.network.answers,
         "bound": bound,
         "output": args.output,
     }
@@ -125,7 +126,10 @@ def _layers(policy: Policy) -> str:
 
 def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
     from soter.policy.network import Tanh  # noqa: PLC0415 - as above
+    from soter.policy.soter_source import not_written  # noqa: PLC0415 - as above
 
+    if unwritten := not_written(policy.network):
+        return f"no bound: it has {unwritten}, not written as a function"
     if box is None or bound is None:
         return "no bound: the file does not say how large observations are (--within)"
     if not math.isfinite(bound):

@@ -78,7 +78,7 @@ def network_of(seed: int) -> Network:
     layers: list[Layer] = []
     if seed % 3 == 0:
         mean, deviation = rng.normal(size=sizes[0]), rng.uniform(0.1, 3.0, sizes[0])
-        layers.append(Standardised(mean, deviation, 2.0))
+        layers.append(Standardised(mean, deviation, np.full_like(mean, 2.0)))
     for weight, bias in random_layers(seed, *sizes):
         layers += [Affine(weight * np.float32(rng.uniform(0.2, 6.0)), bias)]
         layers.append((Tanh(), Relu())[int(rng.integers(2))])

@@ -169,7 +169,7 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
     answer = server.step(bytes(request))
     assert answer is not None
     (sent,) = [m for m in exchange.answer.members if m.name == "push"]
-    given, run = answering(read_sb3(tmp_path / "sac.zip").network)
+    given, run, _ = answering(read_sb3(tmp_path / "sac.zip").network)
     given[:] = 0.5, -0.25, 3.0
     assert decode_from(bytearray(answer), sent.offset, sent.type) == float(run()[0])
 
