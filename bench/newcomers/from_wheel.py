@@ -95,9 +95,8 @@ def tools(wheel: Path, at: Path) -> Iterator[tuple[str, int, float]]:
     }
     told(sys.executable, "-m", "venv", at / "venv")
     told(at / "venv" / "bin" / "python", "-m", "pip", "install", "--quiet", "pipx", "uv")
-    new = ("soter", "new", "a")
     lines: Sequence[tuple[str, tuple[str | Path, ...]]] = (
-        ("pipx run --spec WHEEL soter new a", ("pipx", "run", "--spec", wheel, *new)),
+        ("pipx run WHEEL new a", ("pipx", "run", wheel, "new", "a")),
         ("uv tool install WHEEL", ("uv", "tool", "install", "--quiet", wheel)),
         ("soter check a/a.soter", (at / "bin" / "soter", "check", "a/a.soter")),
     )

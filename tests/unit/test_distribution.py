@@ -50,6 +50,7 @@ def wrong(text: str) -> list[str]:
 
 def test_the_name_and_the_version_stand_in_one_place_each() -> None:
     assert (PROJECT["name"], PROJECT["version"]) == (DISTRIBUTION, VERSION)
+    assert PROJECT["entry-points"]["pipx.run"] == {DISTRIBUTION: PROJECT["scripts"]["soter"]}
     named = [
         p.relative_to(ROOT).as_posix()
         for p in sorted((ROOT / "src").rglob("*.py"))
