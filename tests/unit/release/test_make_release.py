@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from soter.version import VERSION
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 sys.path.insert(0, str(ROOT))
 from release import make_release  # noqa: E402 - needs the path
 
