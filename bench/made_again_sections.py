@@ -102,6 +102,7 @@ SMALL = {
     "The mountain car: Gymnasium against the proved map": Small("--steps 5000 --jobs 1"),
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
+    "From the wheel to proved, re-checked, flown": Small(machine=CLOCK),
     "Honest modules of other kinds": Small("--only tank altitude", part=True, times=SHARE),
     "The surveillance drone, proved": Small(apart=MINUTES, times=SHARE),
     "The surveillance drone: stacks that must not be proved": Small("--quick"),

@@ -148,6 +148,10 @@ BENCHMARKS = (
     ),
     Benchmark("What people wait for", "bench/quick.py"),
     Benchmark(
+        "From the wheel to proved, re-checked, flown",
+        "bench/newcomers/from_wheel.py --everything --tools",
+    ),
+    Benchmark(
         "Honest modules of other kinds",
         "bench/verify/generality.py --recheck",
         heads="verdict|wall|recheck",

@@ -183,7 +183,7 @@ def bill(python: Path) -> None:
 def notes(changelog: str, version: str) -> str:
     """The section of a version, under any heading that ends with it; "" where there is none."""
     sections = re.split(r"^(?=## )", changelog, flags=re.MULTILINE)
-    heading = re.compile(rf"## (?:.* )?{re.escape(version)}\b[^\n]*\n")
+    heading = re.compile(rf"## (?:.* )?{re.escape(version)}(?![\w.])[^\n]*\n")
     found = next((s for s in sections if heading.match(s)), "")
     return heading.sub("", found, count=1).strip() + "\n" if found else ""
 

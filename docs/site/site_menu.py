@@ -65,6 +65,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("what-runs.md", "What each command executes"),
             ("newcomers.md", "Newcomers"),
             ("architecture.md", "The house"),
+            ("release.md", "A release"),
             ("decisions.md", "Decisions"),
         ),
     ),

@@ -16,11 +16,11 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 OF_DEVELOPERS = {"docs", "test", "lint", "release"}
-HISTORY = {"docs/decisions.md", "CHANGELOG.md", "tests/unit/test_distribution.py"}
+HISTORY = {"docs/decisions.md", "CHANGELOG.md", "tests/unit/release/test_distribution.py"}
 """What says how it was, and this file."""
 WITH_EXTRAS = re.compile(r"""(?<![\w.])(?:(soter[\w-]*)\\?|['"]\.)\[([a-z]+(?:,[a-z]+)*)\\?\]""")
 INSTALLED = re.compile(r"\b(?:pipx? install|pipx inject|uv tool install|uv add)\b[^\n`;|&#]*")
@@ -50,6 +50,7 @@ def wrong(text: str) -> list[str]:
 
 def test_the_name_and_the_version_stand_in_one_place_each() -> None:
     assert (PROJECT["name"], PROJECT["version"]) == (DISTRIBUTION, VERSION)
+    assert PROJECT["entry-points"]["pipx.run"] == {DISTRIBUTION: PROJECT["scripts"]["soter"]}
     named = [
         p.relative_to(ROOT).as_posix()
         for p in sorted((ROOT / "src").rglob("*.py"))
