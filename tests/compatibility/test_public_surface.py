@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 
 import pytest
-from public_surface import RECORD, ROOT, SECTIONS, recorded, surface, text_of
+from public_surface import HEADERS, RECORD, ROOT, SECTIONS, recorded, surface, text_of
 
 from soter.version import VERSION
 
@@ -92,6 +92,22 @@ def test_what_went_since_a_release_stands_in_the_changelog(
     assert not untold, f"gone since {release}, and not in CHANGELOG.md: {untold}{REMEDY}"
     if heading and lost:
         assert version(VERSION) > version(release), f"{lost} went: raise the version"
+
+
+def test_the_page_says_what_is_recorded(now: dict[str, list[str]]) -> None:
+    """Headers and versions of files on docs/stability.md are those of today."""
+    page = (ROOT / "docs" / "stability.md").read_text(encoding="utf-8")
+    assert [name for name in HEADERS if f"`{Path(name).name}`" not in page] == []
+    numbers = dict(line.split(": ") for line in now["versions of files"])
+    rows = {
+        "certificate": "Certificates",
+        "trace": "Traces",
+        "campaign.json": "Folders of campaigns",
+    }
+    rows |= {"channels.json": "Files of times, channels.json", "JSON documents": "JSON documents"}
+    for file, row in rows.items():
+        (said,) = (line for line in page.splitlines() if line.startswith(f"| **{row}**"))
+        assert said.endswith(f"{numbers[file]} |"), file
 
 
 def version(text: str) -> tuple[int, ...]:
