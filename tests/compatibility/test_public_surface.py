@@ -11,15 +11,15 @@ import re
 from pathlib import Path
 
 import pytest
-from public_surface import HEADERS, RECORD, ROOT, SECTIONS, recorded, surface, text_of
 
+from public_surface import HEADERS, RECORD, ROOT, SECTIONS, recorded, surface, text_of
 from soter.version import VERSION
 
 HERE = Path(__file__).parent
 RELEASES = sorted(path.parent.name for path in HERE.glob("*/public_surface.txt"))
 BY_READING = {"grammar", "versions of files"}
 REMEDY = """
-Where nothing is gone or changed: `python tests/compatibility/public_surface.py` writes the record.
+Where nothing is gone or changed: `python tests/public_surface.py` writes the record.
 Where something is: it was promised (docs/stability.md). Keep it, or say under "What you must do" of
 CHANGELOG.md what whoever used it has to do, raise the version, and write the record then."""
 

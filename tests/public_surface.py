@@ -1,6 +1,6 @@
 """Everything that somebody else's programs, scripts and firmware may rely on, a line each.
 
-    .venv/bin/python tests/compatibility/public_surface.py          writes public_surface.txt
+    .venv/bin/python tests/public_surface.py          writes public_surface.txt
 
 Purpose: the public surface of Soter as docs/stability.md promises it, read off the package: what
 `import soter`, `soter.gym` and `soter.remote` give, command lines, exit codes, JSON documents, the
@@ -27,9 +27,9 @@ from soter.language.syntax.parser import EDITION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-ROOT = Path(__file__).resolve().parents[2]
-HERE = Path(__file__).resolve().parent
-RECORD = HERE / "public_surface.txt"
+ROOT = Path(__file__).resolve().parents[1]
+CORPUS = ROOT / "tests" / "compatibility"
+RECORD = CORPUS / "public_surface.txt"
 SCHEMAS = ROOT / "docs" / "schemas"
 RUNTIME = ROOT / "src" / "soter" / "runtime"
 HEADERS = (
@@ -40,7 +40,7 @@ HEADERS = (
 """What docs/deploy.md, real-time.md and bare-metal.md tell somebody to include or to define."""
 OF_SOTER_H = ("enum soter_fault:", "enum soter_mode:")
 """What these need of `soter.h`; the rest of it is between generated C and its run-time."""
-BUILT = HERE / "0.1.0" / "programs" / "wall"
+BUILT = CORPUS / "0.1.0" / "programs" / "wall"
 GENERATED = {
     ("shuttle_firmware", "c"): ("Vehicle_firmware.h", "shuttle_firmware_lease.h"),
     ("remote", "posix"): ("remote_channels.h",),
@@ -123,8 +123,9 @@ def of_function(path: str, function: Any) -> Iterator[str]:
 
 def parameter_text(parameter: inspect.Parameter) -> str:
     """A parameter with its default."""
-    by_name = "*, " if parameter.kind is parameter.KEYWORD_ONLY else ""
-    stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+    by_name = "*, " if parameter.kind == parameter.KEYWORD_ONLY else ""
+    kind = parameter.kind
+    stars = "*" * (1 if kind == kind.VAR_POSITIONAL else 2 if kind == kind.VAR_KEYWORD else 0)
     default = "" if parameter.default is parameter.empty else f" = {parameter.default!r}"
     return f"{by_name}{stars}{parameter.name}{default}"
 
