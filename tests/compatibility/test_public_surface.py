@@ -34,9 +34,9 @@ def changes(before: dict[str, list[str]], after: dict[str, list[str]]) -> list[s
     """What is gone and what is new, a sentence each."""
     told = []
     for kind in SECTIONS:
-        then, today = before.get(kind, []), after.get(kind, [])
-        told += [f"{kind}: gone or changed: {line}" for line in then if line not in set(today)]
-        told += [f"{kind}: new or changed: {line}" for line in today if line not in set(then)]
+        then, today = dict.fromkeys(before.get(kind, ())), dict.fromkeys(after.get(kind, ()))
+        told += [f"{kind}: gone or changed: {line}" for line in then if line not in today]
+        told += [f"{kind}: new or changed: {line}" for line in today if line not in then]
     return told
 
 
@@ -50,12 +50,10 @@ def promise(kind: str, line: str) -> str:
 
 def gone(before: dict[str, list[str]], after: dict[str, list[str]]) -> list[str]:
     """What a released surface promised; grammar and files are held by reading what is written."""
-    return [
-        words
-        for kind in SECTIONS.keys() - BY_READING
-        for words in dict.fromkeys(promise(kind, line) for line in before[kind])
-        if words not in {promise(kind, line) for line in after[kind]}
-    ]
+    kinds = SECTIONS.keys() - BY_READING
+    kept = {kind: {promise(kind, line) for line in after[kind]} for kind in kinds}
+    promised = {kind: dict.fromkeys(promise(kind, line) for line in before[kind]) for kind in kinds}
+    return [words for kind in kinds for words in promised[kind] if words not in kept[kind]]
 
 
 def test_the_surface_is_the_recorded_one(now: dict[str, list[str]]) -> None:
