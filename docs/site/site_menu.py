@@ -82,6 +82,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("commands.md", "The command line"),
             ("mapping.md", "The mapping"),
             ("json.md", "JSON documents"),
+            ("stability.md", "What stays as it is"),
             ("benchmarks.md", "Benchmarks"),
         ),
     ),

@@ -1,6 +1,6 @@
 """Everything that somebody else's programs, scripts and firmware may rely on, a line each.
 
-    .venv/bin/python tests/compatibility/public_surface.py          writes public_surface.txt
+    .venv/bin/python tests/public_surface.py          writes public_surface.txt
 
 Purpose: the public surface of Soter as docs/stability.md promises it, read off the package: what
 `import soter`, `soter.gym` and `soter.remote` give, command lines, exit codes, JSON documents, the
@@ -16,8 +16,10 @@ import re
 import sys
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import soter
 from soter.cli.main import COMMANDS, parser_of
 from soter.cli.terminal import command_line
 from soter.language.syntax.parser import EDITION
@@ -25,8 +27,9 @@ from soter.language.syntax.parser import EDITION
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-ROOT = Path(__file__).resolve().parents[2]
-RECORD = Path(__file__).with_name("public_surface.txt")
+ROOT = Path(__file__).resolve().parents[1]
+CORPUS = ROOT / "tests" / "compatibility"
+RECORD = CORPUS / "public_surface.txt"
 SCHEMAS = ROOT / "docs" / "schemas"
 RUNTIME = ROOT / "src" / "soter" / "runtime"
 HEADERS = (
@@ -37,6 +40,14 @@ HEADERS = (
 """What docs/deploy.md, real-time.md and bare-metal.md tell somebody to include or to define."""
 OF_SOTER_H = ("enum soter_fault:", "enum soter_mode:")
 """What these need of `soter.h`; the rest of it is between generated C and its run-time."""
+BUILT = CORPUS / "0.1.0" / "programs" / "wall"
+GENERATED = {
+    ("shuttle_firmware", "c"): ("Vehicle_firmware.h", "shuttle_firmware_lease.h"),
+    ("remote", "posix"): ("remote_channels.h",),
+}
+"""By program and target, the generated headers that somebody includes: each stands for its kind."""
+OF_A_BUILD = re.compile(r"_LAYOUT|[0-9a-f]{16}")
+"""What is another one with every version: hashes of how a state lies in memory."""
 EXITS = (
     *("FINE", "DIAGNOSTICS", "USAGE", "VIOLATED", "UNDECIDED", "NOT_RECHECKED"),
     *("INTERNAL", "INTERRUPTED"),
@@ -112,8 +123,9 @@ def of_function(path: str, function: Any) -> Iterator[str]:
 
 def parameter_text(parameter: inspect.Parameter) -> str:
     """A parameter with its default."""
-    by_name = "*, " if parameter.kind is parameter.KEYWORD_ONLY else ""
-    stars = {parameter.VAR_POSITIONAL: "*", parameter.VAR_KEYWORD: "**"}.get(parameter.kind, "")
+    by_name = "*, " if parameter.kind == parameter.KEYWORD_ONLY else ""
+    kind = parameter.kind
+    stars = "*" * (1 if kind == kind.VAR_POSITIONAL else 2 if kind == kind.VAR_KEYWORD else 0)
     default = "" if parameter.default is parameter.empty else f" = {parameter.default!r}"
     return f"{by_name}{stars}{parameter.name}{default}"
 
@@ -180,13 +192,14 @@ def of_schema(path: str, schema: dict[str, Any]) -> Iterator[str]:
 def type_text(schema: dict[str, Any]) -> str:
     """What a value is."""
     if "anyOf" in schema:
-        return " or ".join(map(type_text, schema["anyOf"]))
+        return " or ".join(dict.fromkeys(map(type_text, schema["anyOf"])))
     if "enum" in schema or "const" in schema:
         return " | ".join(map(json.dumps, schema.get("enum", [schema.get("const")])))
     given = schema.get("type", "anything")
-    kind = given if isinstance(given, str) else " or ".join(given)
     inner = schema.get("items", schema.get("additionalProperties"))
-    return f"{kind} of {type_text(inner)}" if isinstance(inner, dict) else kind
+    of = f" of {type_text(inner)}" if isinstance(inner, dict) else ""
+    kinds = [given] if isinstance(given, str) else given
+    return " or ".join(f"{k}{of}" if k in ("array", "object") else k for k in kinds)
 
 
 def grammar() -> Iterator[str]:
@@ -220,6 +233,13 @@ def c() -> Iterator[str]:
         yield from (f"{name}: {line}" for line in of_header(text))
     own = of_header((RUNTIME / "soter.h").read_text(encoding="utf-8"))
     yield from (f"soter.h: {line}" for line in own if line.startswith(OF_SOTER_H))
+    for (program, target), names in GENERATED.items():
+        with TemporaryDirectory() as folder:
+            soter.load(BUILT / f"{program}.soter").build(target, folder)
+            for name in names:
+                text = (Path(folder) / name).read_text(encoding="utf-8")
+                lines = (line for line in of_header(text) if not OF_A_BUILD.search(line))
+                yield from (f"generated {name}: {line}" for line in lines)
 
 
 def of_header(text: str) -> Iterator[str]:
@@ -229,7 +249,7 @@ def of_header(text: str) -> Iterator[str]:
     for line in re.findall(r"^#define (?!\w+_H$).*$", text, flags=re.MULTILINE):
         yield " ".join(line.split())
     text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"(\binline\b[^;{]*)\{(?:[^{}]|\{[^{}]*\})*\}", r"\1;", text)
+    text = re.sub(r"(\b(?:inline|SOTER_INLINE)\b[^;{]*)\{(?:[^{}]|\{[^{}]*\})*\}", r"\1;", text)
     for found in re.finditer(r"([^;{}]*)(?:\{([^{}]*)\}([^;{}]*))?;", text):
         head, body, tail = (" ".join((part or "").split()) for part in found.groups())
         if not body:
