@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.render import safe
 from soter.language.model.durations import write_ns
 from soter.language.syntax.tokens import RESERVED
+from soter.mapping.message_types import EMPTY_MEMBER
 from soter.monitor.logs.files.csv_log import csv_head, csv_rows, is_table
 from soter.monitor.logs.files.log_columns import FileFacts, Wanted, decimal_of, unusable
 from soter.monitor.logs.files.message_log import NoPartError, NoTimeError, messages_of, part_of, time_ns_of
@@ -35,7 +36,7 @@ LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
 NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
-TIME_COLUMN = re.compile(r"(time|timestamp|stamp|t)([_ .\[(]?(s|sec|ms|us|usec|ns)?[\])]?)?", re.I)
+TIME_COLUMN = re.compile(r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.I)
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
 """In what a time since 1970 is that is larger than this: 2001 in seconds has ten digits."""
 
@@ -47,7 +48,10 @@ class _Every(dict[str, Wanted]):
         return True
 
     def __missing__(self, channel: str) -> Wanted:
-        return Wanted()
+        return Wanted(unnamed=True)
+
+
+EVERY = _Every()
 
 
 @dataclass
@@ -123,9 +127,10 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
         facts = FileFacts()
         if len(paths) > 1 and not is_table(path):
             raise unusable(path, "of several files that are one log each is a CSV, and this is none")
-        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, _Every(), facts)
+        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
         for now_ns, _, name, content in facts.readable(path, rows, partial=partial):
-            found.channels.setdefault(name, Channel()).note(now_ns, content)
+            if content is not None:
+                found.channels.setdefault(name, Channel()).note(now_ns, content)
         found.notes += facts.notes
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
@@ -182,7 +187,8 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
     if isinstance(content, (list, tuple)) and len(content) <= ELEMENTS_MAX:
         return [(str(i), value) for i, value in enumerate(content)]
     if hasattr(content, "__msgtype__"):
-        names = [n for n in type(content).__dataclass_fields__ if n != "__msgtype__"]
+        without = "__msgtype__", EMPTY_MEMBER
+        names = [n for n in type(content).__dataclass_fields__ if n not in without]
         return [(n, getattr(content, n)) for n in names]
     if hasattr(content, "DESCRIPTOR"):
         return [(f.name, value) for f, value in content.ListFields()]

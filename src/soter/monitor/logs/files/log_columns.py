@@ -140,13 +140,15 @@ class Wanted:
     """What a mapping asks of a channel.
 
     `optional`: of `names`, those that go through a list that may be too short. `message`: the type
-    that its messages have to be of, None for any.
+    that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
+    particular: where its messages cannot be decoded that is told, and they are left out.
     """
 
     names: tuple[str, ...] = ()
     stamps: tuple[StampSource, ...] = ()
     optional: frozenset[str] = frozenset()
     message: MessageType | None = None
+    unnamed: bool = False
 
     def columns(self) -> Columns:
         """None of its rows yet."""
