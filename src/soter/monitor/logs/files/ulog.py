@@ -126,7 +126,8 @@ class _Reading:
         self.lost, self.lost_ms, self.unknown = 0, 0, 0
 
     def messages(self) -> Iterator[Arrived]:
-        self.file.seek(HEADER_BYTES)
+        if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
+            raise damaged(self.path, f"its head has no end: {NO_END}")
         while (found := self._next()) is not None:
             kind, body = found
             try:
