@@ -69,7 +69,9 @@ class _Field:
 
 
 def _content(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
-    return {f.name: f.read(values) for f in fields}
+    """Its fields by name; those that only fill room are read over."""
+    read = {f.name: f.read(values) for f in fields}
+    return {name: value for name, value in read.items() if not name.startswith("_padding")}
 
 
 @dataclass(frozen=True)
