@@ -65,8 +65,8 @@ def log_judged(
 
     `flat_of`: a fresh flat system by name and parameters. `log`: a file, or several CSVs that are
     one log. `mapping`: a file or what it says; `where`: rows that count, beside its own; `partial`:
-    of a damaged log what stands before the damage, which is no verdict. SoterError D015, D016, U001, U003; D017 where no
-    module can be decided.
+    of a damaged log what stands before the damage, which is no verdict. SoterError D015, D016,
+    U001, U003; D017 where no module can be decided.
     """
     paths = _paths(log)
     require_utf8(*paths, mapping)
@@ -130,9 +130,7 @@ def log_explained(
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
     damage = next((c.damage for c in columns.values() if c.damage), None)
-    return [
-        replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made
-    ]
+    return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
 
 
 def _paths(log: str | Path | Sequence[str | Path]) -> list[Path]:

@@ -117,7 +117,7 @@ EXAMPLES = """\
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
   soter monitor drone.soter flight.bag --map ros.toml   the same: bags of ROS 1 and 2, any MCAP
-  soter monitor drone.soter flight.ulg --map px4.toml   PX4; .bin, .log of ArduPilot, .tlog of MAVLink
+  soter monitor drone.soter flight.ulg --map px4.toml   of PX4, .bin and .log of ArduPilot, .tlog
   soter monitor drone.soter pose.csv battery.csv --map two.toml    several CSVs that are one log
   soter monitor drone.soter crash.bin --map ap.toml --partial      what stands before a damage
   soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it

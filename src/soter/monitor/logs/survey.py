@@ -19,9 +19,16 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.render import safe
 from soter.language.model.durations import write_ns
 from soter.language.syntax.tokens import RESERVED
+from soter.mapping.message_types import EMPTY_MEMBER
 from soter.monitor.logs.files.csv_log import csv_head, csv_rows, is_table
 from soter.monitor.logs.files.log_columns import FileFacts, Wanted, decimal_of, unusable
-from soter.monitor.logs.files.message_log import NoPartError, NoTimeError, messages_of, part_of, time_ns_of
+from soter.monitor.logs.files.message_log import (
+    NoPartError,
+    NoTimeError,
+    messages_of,
+    part_of,
+    time_ns_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -35,7 +42,9 @@ LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
 NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
-TIME_COLUMN = re.compile(r"(time|timestamp|stamp|t)([_ .\[(]?(s|sec|ms|us|usec|ns)?[\])]?)?", re.I)
+TIME_COLUMN = re.compile(
+    r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
+)
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
 """In what a time since 1970 is that is larger than this: 2001 in seconds has ten digits."""
 
@@ -47,7 +56,10 @@ class _Every(dict[str, Wanted]):
         return True
 
     def __missing__(self, channel: str) -> Wanted:
-        return Wanted()
+        return Wanted(unnamed=True)
+
+
+EVERY = _Every()
 
 
 @dataclass
@@ -60,12 +72,17 @@ class Numbers:
     kind: str = "bool"
 
     def note(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
+        """One more."""
         if not isfinite(value):
             self.kind = "float"
             return
         if not isinstance(value, bool) and self.kind != "float":
             self.kind = "int" if isinstance(value, int) and abs(value) < 2**63 else "float"
-        self.low, self.high, self.count = min(self.low, value), max(self.high, value), self.count + 1
+        self.low, self.high, self.count = (
+            min(self.low, value),
+            max(self.high, value),
+            self.count + 1,
+        )
 
 
 @dataclass
@@ -78,6 +95,7 @@ class Channel:
     left_out: set[str] = field(default_factory=set)
 
     def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
+        """A message."""
         self.times_ns.append(now_ns)
         for path, value in _leaves(content, "", DEPTH_MAX):
             if value is None or (path not in self.fields and len(self.fields) >= LEAVES_MAX):
@@ -122,10 +140,13 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
     for path in paths:
         facts = FileFacts()
         if len(paths) > 1 and not is_table(path):
-            raise unusable(path, "of several files that are one log each is a CSV, and this is none")
-        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, _Every(), facts)
+            raise unusable(
+                path, "of several files that are one log each is a CSV, and this is none"
+            )
+        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
         for now_ns, _, name, content in facts.readable(path, rows, partial=partial):
-            found.channels.setdefault(name, Channel()).note(now_ns, content)
+            if content is not None:
+                found.channels.setdefault(name, Channel()).note(now_ns, content)
         found.notes += facts.notes
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
@@ -182,7 +203,8 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
     if isinstance(content, (list, tuple)) and len(content) <= ELEMENTS_MAX:
         return [(str(i), value) for i, value in enumerate(content)]
     if hasattr(content, "__msgtype__"):
-        names = [n for n in type(content).__dataclass_fields__ if n != "__msgtype__"]
+        without = "__msgtype__", EMPTY_MEMBER
+        names = [n for n in type(content).__dataclass_fields__ if n not in without]
         return [(n, getattr(content, n)) for n in names]
     if hasattr(content, "DESCRIPTOR"):
         return [(f.name, value) for f, value in content.ListFields()]
@@ -194,21 +216,31 @@ def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - th
 
 def program_of(survey: LogSurvey, log: str, name: str) -> str:
     """The head of a program: a type and a topic for each channel, and what the log says of it."""
-    lines = ["soter 1;", "", f"// What {_shown(log)} holds, to begin a program with: keep what your"]
+    lines = [
+        "soter 1;",
+        "",
+        f"// What {_shown(log)} holds, to begin a program with: keep what your",
+    ]
     lines += [f"// modules read. Figures are of this log, and `{name}.toml` is its mapping:"]
     lines += [f"// `soter monitor {name}.soter LOG --map {name}.toml`, once a module is written."]
+    lines += ["// A topic is an `input` until a plant, whose proof is about it, drives it."]
     lines += [f"// {_shown(note)}" for note in survey.notes]
     for channel, topic, of_type, fields in _named(survey):
         found = survey.channels[channel]
         lines += ["", f"// {_shown(channel)}: {_rate(found)}"]
         if found.left_out:
-            lines.append(f"// Left out, as no single number: {_shown(', '.join(sorted(found.left_out)))}")
+            lines.append(
+                f"// Left out, as no single number: {_shown(', '.join(sorted(found.left_out)))}"
+            )
         lines.append(f"type {of_type} = {{")
         for path, called in fields.items():
             n = found.fields[path]
             lines.append(f"  {called}: {n.kind},  // {_figure(n.low)} to {_figure(n.high)}")
         age = _first_max_age(found)
-        lines += ["};", f"topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};"]
+        lines += [
+            "};",
+            f"input topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -162,7 +162,9 @@ class _Reading:
                 raw = form.layout.unpack(body)
                 yield self._arrived(form, raw, form.content, f"at byte {at:,}")
             except (struct.error, ValueError) as error:
-                told = f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
+                told = (
+                    f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
+                )
                 raise damaged(self.path, f"{told} what its fields need") from error
 
     def _require_padding(self, head: bytes, file: BinaryIO, at: int) -> None:
@@ -183,8 +185,8 @@ class _Reading:
             number, line = number + 1, raw
             self.facts.at_byte = file.tell() - len(raw)
             where = f"line {number}"
-            if len(raw) > LINE_MAX:
-                raise damaged(self.path, f"{where} is longer than any is")
+            if len(raw) > LINE_MAX or b"\0" in raw:
+                raise damaged(self.path, f"{where} is longer than any is, or no text")
             name, *cells = (c.strip() for c in _text(raw).rstrip().split(","))
             if name not in by_name:
                 begun = len(by_name) > 1 and name

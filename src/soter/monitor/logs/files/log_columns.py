@@ -2,9 +2,10 @@
 
 Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
 D016 and says where. `RowChoice`: whether a cell is what a `where` says, however its file writes it,
-and what stood there where none was. `remedies`: help for whoever has a file of
-MATLAB, or one under a wrong name. `FileFacts.readable`: what stands before a damage. `Writers`: where several nodes, or several channels of one name,
-give a topic its values, that is told with how many each gave, as they are read as one stream.
+and what stood there where none was. `remedies`: help for whoever has a file of MATLAB, or one under
+a wrong name. `FileFacts.readable`: what stands before a damage. `Writers`: where several nodes, or
+several channels of one name, give a topic its values, that is told with how many each gave, as they
+are read as one stream.
 Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`typed_samples.py`), a
 choice by time (`LogMap.counts`), sources of a mapping, of which each has a channel.
 """
@@ -113,8 +114,8 @@ class FileFacts:
                 yield row
         except DamagedLogError as error:
             if given and not partial:
-                (told,) = error.diagnostics
-                helped = replace(told, helps=(*told.helps, READABLE))
+                (problem,) = error.diagnostics
+                helped = replace(problem, helps=(*problem.helps, READABLE))
                 raise DamagedLogError((helped,)) from error
             if not given:
                 raise
@@ -131,7 +132,9 @@ class Damage:
     share: float | None
 
     def __str__(self) -> str:
-        before = "what stands before that" if self.share is None else f"{self.share:.1%} of its bytes"
+        before = (
+            "what stands before that" if self.share is None else f"{self.share:.1%} of its bytes"
+        )
         return f"no verdict: the log is damaged, and {before} could be read"
 
 
@@ -140,13 +143,15 @@ class Wanted:
     """What a mapping asks of a channel.
 
     `optional`: of `names`, those that go through a list that may be too short. `message`: the type
-    that its messages have to be of, None for any.
+    that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
+    particular: where its messages cannot be decoded that is told, and they are left out.
     """
 
     names: tuple[str, ...] = ()
     stamps: tuple[StampSource, ...] = ()
     optional: frozenset[str] = frozenset()
     message: MessageType | None = None
+    unnamed: bool = False
 
     def columns(self) -> Columns:
         """None of its rows yet."""

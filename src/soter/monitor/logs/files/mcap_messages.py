@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -19,6 +20,7 @@ from soter.monitor.logs.files.log_columns import Writers, damaged, remedies, unu
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
+    decoder_made,
     definitions_in,
     known_definitions,
     require_type,
@@ -93,7 +95,9 @@ class _Reading:
             if channel.topic in self.wanted:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
-                    decode = self.decoders[channel.id] = self._made_decoder(channel, schema)
+                    make = partial(self._made_decoder, channel, schema)
+                    decode = decoder_made(make, self.wanted[channel.topic], self.facts)
+                    self.decoders[channel.id] = decode
                     offered = channel.metadata.get("offered_qos_profiles", "")
                     self.writers.offer(channel.topic, len(PROFILE.findall(offered)))
                 node = channel.metadata.get("callerid") or f"channel {channel.id}"

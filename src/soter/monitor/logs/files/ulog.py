@@ -69,7 +69,9 @@ class _Field:
 
 
 def _content(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
-    return {f.name: f.read(values) for f in fields}
+    """Its fields by name; those that only fill room are read over."""
+    read = {f.name: f.read(values) for f in fields}
+    return {name: value for name, value in read.items() if not name.startswith("_padding")}
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,8 @@ class _Reading:
         self.lost, self.lost_ms, self.unknown = 0, 0, 0
 
     def messages(self) -> Iterator[Arrived]:
-        self.file.seek(HEADER_BYTES)
+        if len(self.file.read(HEADER_BYTES)) < HEADER_BYTES:
+            raise damaged(self.path, f"its head has no end: {NO_END}")
         while (found := self._next()) is not None:
             kind, body = found
             try:
