@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
     from soter.campaign.compiled_unit import Recipe
     from soter.core.core import CoreSystem
-from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 APART = BATCH.with_name("soter_apart.c")
