@@ -1,4 +1,4 @@
-"""Makes a policy of each kind with the libraries, and what each library answers; for another Python.
+"""Makes a policy of each kind with its library, and what that answers; run by another Python.
 
     python bench/policies/make_kinds.py FOLDER [--observations 10000] [--only NAME]
 
@@ -9,6 +9,8 @@ are any; none is good.
 Non-goals: comparing (`policy_kinds.py`).
 """
 
+# mypy: ignore-errors
+# ruff: noqa: ANN401, ARG002, D102, PLC0415 - libraries without types
 from __future__ import annotations
 
 import argparse
@@ -221,7 +223,7 @@ def shake(module: nn.Module) -> None:
     with torch.no_grad():
         for weight in module.parameters():
             size = 1.0 / np.sqrt(weight.shape[-1]) if weight.ndim > 1 else 0.2
-            weight += size * torch.randn(weight.shape, generator=generator)
+            weight.add_(size * torch.randn(weight.shape, generator=generator))
 
 
 # ---------------------------------------------------------------- observations and answers

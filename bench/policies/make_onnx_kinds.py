@@ -5,6 +5,8 @@ scikit-learn (skl2onnx). Used by `make_kinds.py`, in an environment without Sote
 Non-goals: comparing (`policy_kinds.py`).
 """
 
+# mypy: ignore-errors
+# ruff: noqa: ANN401, D102, PLC0415 - libraries without types
 from __future__ import annotations
 
 import warnings

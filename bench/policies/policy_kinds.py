@@ -9,9 +9,9 @@ space; what keeps memory, and stacked frames, in episodes of 1 to 200 steps. Sot
 same files without those libraries and answers as a node does, episode by episode, what VecNormalize
 saved found beside the file.
 
-A kind is *as its library* where every answer is within 1e-6 of max(1, the largest value of a layer),
-an index the same but where the two are tied within that; or it is refused, with what to do instead.
-Target: every kind is one of the two.
+A kind is *as its library* where every answer is within 1e-6 of max(1, the largest value of a
+layer), every index the same; or it is refused, with what to do instead. Target: every kind is one
+of the two.
 """
 
 from __future__ import annotations

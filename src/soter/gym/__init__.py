@@ -2,7 +2,8 @@
 
 Purpose: `Protected`, `SafetyWrapper` and `make_protected` put the module of any Soter program
 between an agent and its environment; `ProtectedVector` and `make_vec` step thousands of worlds of a
-program in one call; `conformance` compares an environment with the plant of a proof (docs/gym.md).
+program in one call, `make_sb3_vec` for Stable-Baselines3; `conformance` compares an environment
+with the plant of a proof (docs/gym.md).
 Non-goals: learning; anything that Gymnasium has already. Needs the extra `learn`.
 """
 
@@ -18,6 +19,7 @@ except ImportError as error:
 from soter.gym.plant_conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected
 from soter.gym.safety_warning import SafetyWarning
+from soter.gym.sb3_vector import make_sb3_vec
 from soter.gym.vector import ProtectedVector, make_vec
 
 __all__ = [
@@ -28,5 +30,6 @@ __all__ = [
     "SafetyWrapper",
     "conformance",
     "make_protected",
+    "make_sb3_vec",
     "make_vec",
 ]

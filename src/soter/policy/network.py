@@ -336,7 +336,8 @@ def _remember(layer: Lstm, x: Floats, kept: Floats, out: Floats) -> None:
 
 
 def _softplus(x: Floats) -> Floats:
-    return np.logaddexp(np.float32(0.0), x)
+    made: Floats = np.logaddexp(np.float32(0.0), x)
+    return made
 
 
 def _elu(x: Floats) -> Floats:

@@ -58,7 +58,7 @@ class PolicyExtern(FilePolicy):
         path = Path(binding.file)
         asked, self._run, self._forget, assumed = _asked(binding, path)
         if assumed.keys:
-            reads = _by_name(path, assumed, reads)
+            reads = by_name(path, assumed.keys, reads, *([SAY] if assumed.policy is None else []))
         places = [p for name, t in reads for p in _places(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
@@ -144,23 +144,22 @@ def _asked(
     return asked.observation, run, asked.reset, _Assumed(policy.assumed, network.answers, policy)
 
 
-def _by_name(path: Path, assumed: _Assumed, reads: Shapes) -> Shapes:
+def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
     """What is read, in the order of the names of observations; X014 where a name is missing."""
-    keys = assumed.keys
-    by_name: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
+    known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     if len(reads) == 1 and isinstance(reads[0][1], RecordType):
         (record,) = reads
-        by_name = {field: (f"{record[0]}.{field}", t) for field, t in record[1].fields}
-    if set(by_name) != {key for key, _ in keys}:
+        known = {field: (f"{record[0]}.{field}", t) for field, t in record[1].fields}
+    if set(known) != {key for key, _ in keys}:
         names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
-        why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in by_name)}"
-        helps = ["name topics like that, or one topic that is a record with these fields"]
-        raise bad_policy(path, why, *helps, *([SAY] if assumed.policy is None else []))
+        why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"
+        help_ = "name topics like that, or one topic that is a record with these fields"
+        raise bad_policy(path, why, help_, *helps)
     for key, count in keys:
-        given = sum(n for _, n in _places(path, *by_name[key]))
+        given = sum(n for _, n in _places(path, *known[key]))
         if given != count:
             raise bad_policy(path, f"its `{key}` is {in_numbers(count)}, the node reads {given}")
-    return [by_name[key] for key, _ in keys]
+    return [known[key] for key, _ in keys]
 
 
 def sha256_of_files(binding: BindingText) -> dict[str, str]:

@@ -114,7 +114,10 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
             for f, a, b in zip(finite, layer.decimals, (low, high), strict=True)
         ]
         return _Numbers(ends[0], ends[1], x.single, x.double + np.maximum(*moved))
-    return _standardised(layer, x) if isinstance(layer, Standardised) else _elementwise(layer, x)
+    if isinstance(layer, Standardised):
+        return _standardised(layer, x)
+    assert isinstance(layer, Elementwise)  # others are not written (`not_written`)
+    return _elementwise(layer, x)
 
 
 def _gamma(roundings: int, unit: float) -> float:
