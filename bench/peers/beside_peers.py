@@ -20,72 +20,48 @@ import argparse
 import math
 import subprocess
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import gymnasium
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.peers.worlds import Cart, Copter, Docking, Rover, World  # noqa: E402 - needs the path
+from bench.peers.worlds import LEAST, Cart, Copter, Docking, Filter, Rover, World, fly  # noqa: E402
 
 from soter.gym import Protected  # noqa: E402
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 FILTERS = Path(__file__).parent / "peer_filters.py"
 EXAMPLES = ROOT / "examples"
-Filter = Callable[[Any, Any], Any]
 
 
-@dataclass(frozen=True)
-class Flown:
-    """What flights came to."""
+class Environment(gymnasium.Env[Any, Any]):
+    """A world as Gymnasium wants it."""
 
-    violated: int
-    flights: int
-    shares: list[float]
-    """Of each flight: how much of its time the wish acted as it was."""
+    def __init__(self, world: World) -> None:
+        """Spaces."""
+        self.world = world
+        ends = np.array(world.bound)
+        self.action_space = gymnasium.spaces.Box(-ends, ends, dtype=np.float64)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (world.states,), np.float64)
 
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:  # noqa: ANN401
+        """Flight number `seed`."""
+        super().reset(seed=seed, options=options)
+        self.world.reset(seed or 0)
+        return self.world.seen(), {}
 
-class Child:
-    """A filter in a Python of its own."""
-
-    def __init__(self, command: list[str]) -> None:
-        """Start it and wait until it is ready."""
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        assert self.process.stdout is not None
-        if self.process.stdout.readline().strip() != "ready":
-            raise RuntimeError(f"`{' '.join(command)}` did not start")
-
-    def begin(self) -> Filter:
-        """A new flight."""
-        self.write("reset")
-        return self.answer
-
-    def write(self, line: str) -> None:
-        """A line to it."""
-        assert self.process.stdin is not None
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
-
-    def answer(self, state: Any, wish: Any) -> Any:  # noqa: ANN401
-        """What acts."""
-        self.write(
-            " ".join(map(repr, map(float, state))) + ";" + " ".join(map(repr, map(float, wish)))
-        )
-        assert self.process.stdout is not None
-        return np.array([float(x) for x in self.process.stdout.readline().split()])
-
-    def close(self) -> None:
-        """End it."""
-        assert self.process.stdin is not None
-        self.process.stdin.close()
-        self.process.wait()
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
+        """A tick."""
+        self.world.step(action)
+        return self.world.seen(), 0.0, False, False, {}
 
 
 def zones(stop: float, slow: float) -> Callable[[], Filter]:
@@ -114,135 +90,133 @@ def braking_way(speed: float) -> float:
     return 0.5 * speed * (2.0 * ramps + full) + 0.2 * speed
 
 
-def fence(radius: float, high: float, ahead: bool) -> Callable[[], Filter]:
+def fence(ends: tuple[float, float, float], ahead: bool) -> Callable[[], Filter]:
     """PX4, the documented rule: Return (GF_ACTION 3) once a check every 200 ms finds a breach.
 
-    docs.px4.io, "Safety", "Geofence"; GEOFENCE_CHECK_INTERVAL_US. `ahead`: GF_PREDICT, a breach of
-    the point where the vehicle would come to rest, with Hold there. The pilot gets the sticks back
-    within 6 m of home, or once the vehicle holds for 2 s.
+    docs.px4.io, "Safety", "Geofence"; GEOFENCE_CHECK_INTERVAL_US. `ahead`: GF_PREDICT, a breach by
+    the point where the vehicle would come to rest. A pilot has to switch modes to get the sticks
+    back; here that happens within 6 m of home.
     """
+    home = np.array([0.0, 0.0, 15.0])
+    gains, most = np.array([-0.3, -0.3, -0.5]), np.array([5.0, 5.0, 2.0])
 
     def begin() -> Filter:
-        state_of = {"calls": 0, "back": False, "held": 0}
+        calls, acting = 0, False
 
         def answer(state: Any, wish: Any) -> Any:  # noqa: ANN401
-            x, y, z, vx, vy, vz = state
-            if state_of["calls"] % 4 == 0:
-                speed, out = math.hypot(vx, vy), math.hypot(x, y)
-                if ahead:
-                    way = braking_way(speed) / max(speed, 0.1)
-                    out = max(out, math.hypot(x + way * vx, y + way * vy))
-                    z += math.copysign(braking_way(abs(vz)), vz)
-                if out > radius or z > high:
-                    state_of["back"], state_of["held"] = True, 0
-            state_of["calls"] += 1
-            state_of["held"] += 1
-            if (math.hypot(x, y) < 6.0 and z < 18.0) or (ahead and state_of["held"] > 40):
-                state_of["back"] = False
-            if not state_of["back"]:
-                return wish
-            if ahead:
-                return np.zeros(3)
-            return np.clip([-0.3 * x, -0.3 * y, 0.5 * (15.0 - z)], (-5, -5, -2), (5, 5, 2))
+            nonlocal calls, acting
+            place, speed = state[:3], state[3:]
+            if calls % 4 == 0:
+                ways = np.array([math.copysign(braking_way(abs(v)), v) for v in speed])
+                at = place + (ways if ahead else 0.0)
+                if abs(at[0]) > ends[0] or abs(at[1]) > ends[1] or at[2] > ends[2]:
+                    acting = True
+            calls += 1
+            acting = acting and bool(np.any(abs(place - home) > 6.0))
+            return np.clip(gains * (place - home), -most, most) if acting else wish
 
         return answer
 
     return begin
 
 
-def fly(world: World, begin: Callable[[], Filter], flights: int, seconds: float) -> Flown:
-    """Flights behind a filter: state and wish in, command out."""
-    violated, shares = 0, []
+def protected(world: World, program: Path, flights: int, seconds: float) -> list[float]:
+    """Flights behind a module, its compiled C: what `fly` gives."""
+    env = Protected(program, Environment(world))
+    violated, deepest, asked, steps = 0, 0.0, 0, 0
     for seed in range(flights):
-        state, _ = world.reset(seed=seed)
-        answer = begin()
-        ticks = round(seconds / world.tick)
-        asked = 0
-        for _ in range(ticks):
-            wish = world.wish()
-            command = answer(state, wish)
-            asked += bool(np.allclose(command, wish, atol=1e-6))
-            state, *_ = world.step(command)
-        violated += world.broken
-        shares.append(asked / ticks)
-    return Flown(violated, flights, shares)
-
-
-def protected(world: World, program: Path, flights: int, seconds: float) -> Flown:
-    """Flights behind a module, its compiled C."""
-    env = Protected(program, world)
-    violated, shares = 0, []
-    for seed in range(flights):
-        _, info = env.reset(seed=seed)
-        steps = asked = 0
+        env.reset(seed=seed)
         while world.time < seconds - 1e-9:
             *_, info = env.step(world.wish())
             steps += 1
             asked += info["taken_by"] == "AC" and not info["intervened"]
-        violated += world.broken
-        shares.append(asked / steps)
+        violated += world.deepest > LEAST
+        deepest = max(deepest, world.deepest)
     env.close()
-    return Flown(violated, flights, shares)
+    return [violated, deepest, asked / steps]
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Somebody else's filter: in a Python of its own, or a documented rule, which is flown here."""
+
+    name: str
+    command: list[str]
+    rule: Callable[[], Filter] | None = None
+
+    def flown(self, world: World, flights: int, seconds: float) -> list[float]:
+        """What `fly` gives."""
+        if self.rule:
+            return fly(world, self.rule, flights, seconds)
+        how = "exact" if world.exact else "declared"
+        words = [type(world).__name__, how, str(flights), str(seconds), *self.command[1:]]
+        ran = subprocess.run(
+            [self.command[0], str(FILTERS), *words], stdout=subprocess.PIPE, text=True, check=True
+        )
+        return [float(x) for x in ran.stdout.splitlines()[-1].split()]
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """A world, our program for it, how long a flight is, and who else filters there."""
+    """A world, our program for it, how long and how many flights, and who else filters there."""
 
     name: str
     world: type[World]
     program: Path
     seconds: float
-    peers: list[tuple[str, Callable[[], Any]]]
+    flights: int
+    peers: list[Peer]
 
 
-def child(python: str, *words: str) -> Callable[[], Child]:
-    """Starts a filter in a Python of its own, when it is asked."""
-    return lambda: Child([python, str(FILTERS), *words])
+def installed(given: argparse.Namespace) -> tuple[list[Peer], list[Peer]]:
+    """Those that run here: of docking, and of the cart."""
+    docking, cart = [], []
+    if given.rta:
+        kinds = ("ExplicitSwitching", "ExplicitOptimization")
+        docking += [Peer(f"run-time-assurance, {k}RTA", [given.rta, k]) for k in kinds]
+    else:
+        print("skipped: run-time-assurance, no --rta")
+    if given.gatekeeper:
+        python = given.rta or given.hj or sys.executable
+        docking.append(Peer("safe_control, Gatekeeper", [python, "gatekeeper", given.gatekeeper]))
+    else:
+        print("skipped: gatekeeper of safe_control, no --gatekeeper")
+    if given.hj:
+        name = "hj_reachability, its optimal control where the value is < {} m"
+        cart += [Peer(name.format(m), [given.hj, "reachable", m]) for m in ("0.0", "0.3")]
+    else:
+        print("skipped: hj_reachability, no --hj")
+    return docking, cart
 
 
 def scenarios(given: argparse.Namespace) -> list[Scenario]:
     """All, with the peers that are there."""
-    docking: list[tuple[str, Callable[[], Any]]] = []
-    if given.rta:
-        kinds = ("ExplicitSwitching", "ImplicitSwitching", "ExplicitOptimization")
-        docking += [(f"run-time-assurance, {k}RTA", child(given.rta, k)) for k in kinds]
-    else:
-        print("skipped: run-time-assurance, no --rta")
-    if given.gatekeeper:
-        keeper = child(given.rta or given.hj or sys.executable, "gatekeeper", given.gatekeeper)
-        docking.append(("safe_control, Gatekeeper", keeper))
-    else:
-        print("skipped: gatekeeper of safe_control, no --gatekeeper")
-    cart: list[tuple[str, Callable[[], Any]]] = []
-    if given.hj:
-        name = "hj_reachability, its optimal control where the value is < {} m"
-        cart += [(name.format(m), child(given.hj, "reachable", m)) for m in ("0.0", "0.3")]
-    else:
-        print("skipped: hj_reachability, no --hj")
-    rover: list[tuple[str, Callable[[], Any]]] = [
-        ("Nav2's documented rule, the tutorial's zones (0.4, 0.6 m)", lambda: zones(0.4, 0.6)),
-        ("Nav2's documented rule, approach 2 s", lambda: lambda: approach),
-        ("Nav2's documented rule, a zone for the worst (1.5, 2 m)", lambda: zones(1.5, 2.0)),
+    docking, cart = installed(given)
+    rover = [
+        Peer("Nav2's documented rule, the tutorial's zones, 0.4 and 0.6 m", [], zones(0.4, 0.6)),
+        Peer("Nav2's documented rule, approach, 2 s", [], lambda: approach),
+        Peer("Nav2's documented rule, zones for the worst, 1.5 and 2 m", [], zones(1.5, 2.0)),
     ]
-    copter: list[tuple[str, Callable[[], Any]]] = [
-        ("PX4's documented rule, fence 50 m, 30 m", lambda: fence(50.0, 30.0, ahead=False)),
-        ("PX4's documented rule, fence 42 m, 27 m", lambda: fence(42.0, 27.0, ahead=False)),
-        ("PX4's documented rule, GF_PREDICT, 50 m, 30 m", lambda: fence(50.0, 30.0, ahead=True)),
+    ends, smaller = (50.0, 40.0, 30.0), (42.0, 32.0, 27.0)
+    copter = [
+        Peer("PX4's documented rule, the fence itself", [], fence(ends, ahead=False)),
+        Peer("PX4's documented rule, a fence 8 and 3 m smaller", [], fence(smaller, ahead=False)),
+        Peer("PX4's documented rule, GF_PREDICT", [], fence(ends, ahead=True)),
     ]
     here = EXAMPLES / "migration"
     return [
-        Scenario("docking on a line", Docking, here / "docking.soter", 15.0, docking),
-        Scenario("a cart in the wind", Cart, EXAMPLES / "wall" / "cart.soter", 15.0, cart),
-        Scenario("a rover among people", Rover, here / "stop_zone.soter", 30.0, rover),
-        Scenario("a copter in a fence", Copter, here / "geofence.soter", 60.0, copter),
+        Scenario("docking on a line", Docking, here / "docking.soter", 10.0, 12, docking),
+        Scenario("a cart in the wind", Cart, EXAMPLES / "wall" / "cart.soter", 10.0, 30, cart),
+        Scenario("a rover among people", Rover, here / "stop_zone.soter", 30.0, 60, rover),
+        Scenario("a copter in a fence", Copter, here / "geofence.soter", 60.0, 60, copter),
     ]
 
 
-def row(name: str, flown: Flown) -> None:
+def row(name: str, flown: list[float], flights: int, unit: str) -> None:
     """A line of the table."""
-    share = sum(flown.shares) / len(flown.shares)
-    print(f"  {name:60} {flown.violated:4} of {flown.flights:<4} {share:6.1%}", flush=True)
+    violated, deepest, share = flown
+    beyond = f"{deepest:.3g} {unit}" if violated else "-"
+    print(f"  {name:64} {violated:3.0f} of {flights:<3} {beyond:>10} {share:7.1%}", flush=True)
 
 
 def main() -> int:
@@ -252,24 +226,23 @@ def main() -> int:
     parser.add_argument("--hj", default="", help="a Python with hj-reachability")
     parser.add_argument("--gatekeeper", default="", help="a folder with safe_control")
     parser.add_argument("--only", default="", help="scenarios whose name has this in it")
-    parser.add_argument("-n", "--flights", type=int, default=60)
+    parser.add_argument("-n", "--flights", type=int, default=60, help="of a row, at most")
     given = parser.parse_args()
-    ours = 0
+    ours = 0.0
     for one in scenarios(given):
         if given.only not in one.name:
             continue
+        flights = min(one.flights, given.flights)
         for exact in (True, False):
-            print(f"\n{one.name}, {'exact' if exact else 'as declared'}"
-                  f"{'':36}violated     the wish acted")  # fmt: skip
-            flown = protected(one.world(exact), one.program, given.flights, one.seconds)
-            ours += flown.violated
-            row(f"soter, {one.program.relative_to(ROOT).as_posix()}", flown)
-            for name, start in one.peers:
-                filtering = start()
-                begin = filtering.begin if isinstance(filtering, Child) else filtering
-                row(name, fly(one.world(exact), begin, given.flights, one.seconds))
-                if isinstance(filtering, Child):
-                    filtering.close()
+            head = f"{one.name}, {'exact' if exact else 'as declared'}"
+            print(f"\n{head:66} violated  at most by    wish")
+            flown = protected(one.world(exact), one.program, flights, one.seconds)
+            ours += flown[0]
+            name = f"soter, {one.program.relative_to(ROOT).as_posix()}"
+            row(name, flown, flights, one.world.unit)
+            for peer in one.peers:
+                flown = peer.flown(one.world(exact), flights, one.seconds)
+                row(peer.name, flown, flights, one.world.unit)
     return 1 if ours else 0
 
 

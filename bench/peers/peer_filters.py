@@ -1,21 +1,25 @@
-"""A filter of somebody else in its own Python: a line in is state and wish, one out what acts.
+"""Flights behind a filter of somebody else, in its own Python: a line of three numbers comes out.
 
-    PEER/bin/python bench/peers/peer_filters.py NAME [FOLDER]
+    PEER/bin/python bench/peers/peer_filters.py WORLD exact|declared FLIGHTS SECONDS NAME [WHAT]
 
 Purpose: beside_peers.py starts this file with the peer's interpreter, as JAX is heavy and versions
-differ. `reset` begins a flight. Each function makes one filter as the peer's own documents use it.
+differ. Each function makes one filter as the peer's own documents use it.
 Non-goals: needing anything of Soter.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-Filter = Callable[[Any, Any], Any]
+sys.path.insert(0, str(Path(__file__).parent))
+from worlds import WORLDS, Filter, fly
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 
 def zoo(name: str) -> Callable[[], Filter]:
@@ -65,7 +69,7 @@ def gatekeeper(folder: str) -> Callable[[], Filter]:
     def begin() -> Filter:
         wanted = np.zeros(2)
         keeper = Gatekeeper(
-            Line(), {"model": "DoubleIntegrator2D", "radius": 0.0}, dt=0.02, backup_horizon=5.0,
+            Line(), {"model": "DoubleIntegrator2D", "radius": 0.0}, dt=0.02, backup_horizon=4.0,
             event_offset=0.02, nominal_horizon=0.1, horizon_discount=0.04,
         )  # fmt: skip
         keeper.visualize_backup = False
@@ -130,22 +134,15 @@ def reachable(margin: float) -> Callable[[], Filter]:
 
 
 def main() -> None:
-    """Answer until the input ends."""
-    name, *rest = sys.argv[1:]
+    """Fly."""
+    world, how, flights, seconds, name, *rest = sys.argv[1:]
     if name == "gatekeeper":
         begin = gatekeeper(rest[0])
     elif name == "reachable":
         begin = reachable(float(rest[0]))
     else:
         begin = zoo(name)
-    print("ready", flush=True)
-    answer = begin()
-    for line in sys.stdin:
-        if line.startswith("reset"):
-            answer = begin()
-            continue
-        state, wish = (np.array([float(x) for x in part.split()]) for part in line.split(";"))
-        print(*(repr(float(x)) for x in np.ravel(answer(state, wish))), flush=True)
+    print(*fly(WORLDS[world](how == "exact"), begin, int(flights), float(seconds)))
 
 
 if __name__ == "__main__":

@@ -1,25 +1,29 @@
 """Worlds in which a filter of ours and a filter of somebody else fly, and who asks for too much.
 
 Purpose: one world, one seed, one adversary for both sides: the same disturbances, errors of sensors
-and wishes. `exact` has neither errors nor disturbances, as filters assume that say nothing of them.
-The adversary knows the true state. A violation is judged on the truth, between the ticks as well.
-Non-goals: filters (beside_peers.py, peer_filters.py); delays, which only our side declares.
+and wishes. It needs NumPy alone, as peers fly it in their own Python (peer_filters.py). `exact` has
+neither errors nor disturbances, as filters assume that say nothing of them. The adversary knows the
+true state. What violates is judged on the truth, between the ticks as well.
+Non-goals: filters; delays, which only our side declares.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
+
+Filter = Callable[[Any, Any], Any]
+"""State as the sensors say it, and wish: what acts."""
 
 RUSH, RESTLESS, HOVER = range(3)
 """Towards the border always; full for random times; as near to the border as it can be."""
 PARTS = 4  # of a tick, after each of which the property is judged
 
 
-class World(gymnasium.Env[Any, Any]):
+class World:
     """A plant that a filter steers. Subclasses say what moves, what is wished, what must not be."""
 
     tick: ClassVar[float]
@@ -27,54 +31,42 @@ class World(gymnasium.Env[Any, Any]):
     errors: ClassVar[tuple[float, ...]]
     bound: ClassVar[tuple[float, ...]]
     """What may be commanded, a number each."""
+    unit: ClassVar[str] = "m"
+    """Of what `beyond` says."""
 
     def __init__(self, exact: bool) -> None:
         """`exact`: the sensors do not err and nothing disturbs."""
         self.exact = exact
-        ends = np.array(self.bound)
-        self.action_space = gymnasium.spaces.Box(-ends, ends, dtype=np.float64)
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (self.states,), np.float64)
 
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:  # noqa: ANN401
+    def reset(self, seed: int) -> None:
         """Flight number `seed`."""
-        super().reset(seed=seed, options=options)
         self.random = np.random.default_rng(seed)
-        self.errs = np.random.default_rng([seed or 0, 1])
-        self.kind = (seed or 0) % 3
+        self.errs = np.random.default_rng([seed, 1])
+        self.kind = seed % 3
         self.truth = self.start()
         self.time = 0.0
         self.until = 0.0
         self.held = np.zeros(len(self.bound))
         self.push = np.zeros(8)
-        self.broken = False
-        return self.seen(), {}
+        self.deepest = 0.0
 
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:  # noqa: ANN401
+    def step(self, action: Any) -> None:  # noqa: ANN401
         """A tick under one command."""
-        command = np.clip(np.asarray(action, dtype=float), self.low(), self.high())
+        command = np.clip(np.asarray(action, dtype=float), -np.array(self.bound), self.bound)
         if self.exact:
             self.push = np.zeros(8)
         elif self.errs.random() < self.tick / 0.5:
             self.push = self.errs.choice([-1.0, 1.0], 8)
         for _ in range(PARTS):
             self.move(command, self.tick / PARTS)
-            self.broken |= self.bad()
+            self.deepest = max(self.deepest, self.beyond())
         self.time += self.tick
-        return self.seen(), 0.0, False, False, {}
 
     def seen(self) -> Any:  # noqa: ANN401
         """What the sensors say."""
         if self.exact:
             return self.truth.copy()
         return self.truth + np.array(self.errors) * self.errs.uniform(-1.0, 1.0, self.states)
-
-    def low(self) -> Any:  # noqa: ANN401
-        """The least that may be commanded."""
-        return -np.array(self.bound)
-
-    def high(self) -> Any:  # noqa: ANN401
-        """The most."""
-        return np.array(self.bound)
 
     def wish(self) -> Any:  # noqa: ANN401
         """What the adversary asks for now."""
@@ -97,8 +89,8 @@ class World(gymnasium.Env[Any, Any]):
         """So long under that command."""
         raise NotImplementedError
 
-    def bad(self) -> bool:
-        """Whether what must not be is."""
+    def beyond(self) -> float:
+        """How far beyond what may be; 0 where it is not."""
         raise NotImplementedError
 
     def rush(self) -> Any:  # noqa: ANN401
@@ -125,9 +117,9 @@ class Docking(World):
         x, v = self.truth
         self.truth = np.array([x + v * time + 0.5 * rate * time * time, v + rate * time])
 
-    def bad(self) -> bool:
-        """Whether what must not be is."""
-        return bool(self.truth[0] >= 0.0)
+    def beyond(self) -> float:
+        """How far beyond what may be; 0 where it is not."""
+        return max(0.0, float(self.truth[0]))
 
     def rush(self) -> Any:  # noqa: ANN401
         """Towards the border, with all it has."""
@@ -155,9 +147,9 @@ class Cart(World):
         x, v = self.truth
         self.truth = np.array([x + v * time + 0.5 * rate * time * time, v + rate * time])
 
-    def bad(self) -> bool:
-        """Whether what must not be is."""
-        return bool(abs(self.truth[0]) >= 10.0)
+    def beyond(self) -> float:
+        """How far beyond what may be; 0 where it is not."""
+        return max(0.0, float(abs(self.truth[0]) - 10.0))
 
     def rush(self) -> Any:  # noqa: ANN401
         """Towards the border, with all it has."""
@@ -173,6 +165,7 @@ class Rover(World):
     """A rover, and who is nearest: walks up to it, stands, and goes again (stop_zone.soter)."""
 
     tick, states, errors, bound = 0.05, 2, (0.05, 0.02), (1.0,)
+    unit = "m/s"  # at the touch
     lag, walk, rest = 0.25, 1.0, 0.15
 
     def start(self) -> Any:  # noqa: ANN401
@@ -192,9 +185,10 @@ class Rover(World):
         fast = (command[0] - v) / self.lag + (0.0 if self.exact else 0.1 * self.push[0])
         self.truth = np.array([gap - (v + comes) * time, v + fast * time])
 
-    def bad(self) -> bool:
-        """Whether what must not be is."""
-        return bool(self.truth[0] <= 0.0 and abs(self.truth[1]) >= self.rest)
+    def beyond(self) -> float:
+        """How far beyond what may be; 0 where it is not."""
+        gap, v = self.truth
+        return float(abs(v)) if gap <= 0.0 and abs(v) >= self.rest else 0.0
 
     def rush(self) -> Any:  # noqa: ANN401
         """Towards the border, with all it has."""
@@ -206,11 +200,11 @@ class Rover(World):
 
 
 class Copter(World):
-    """A multicopter in a cylinder about home (examples/migration/geofence.soter)."""
+    """A multicopter in a box about home (examples/migration/geofence.soter)."""
 
     tick, states, bound = 0.05, 6, (5.0, 5.0, 2.0)
     errors = (0.2, 0.2, 0.2, 0.1, 0.1, 0.1)
-    lag, radius, high = 0.8, 50.0, 30.0
+    lag, ends = 0.8, (50.0, 40.0, 30.0)
 
     def start(self) -> Any:  # noqa: ANN401
         """Where it begins."""
@@ -223,10 +217,11 @@ class Copter(World):
         p, v = self.truth[:3], self.truth[3:]
         self.truth = np.concatenate([p + v * time, v + ((command - v) / self.lag + gust) * time])
 
-    def bad(self) -> bool:
-        """Whether what must not be is."""
+    def beyond(self) -> float:
+        """How far beyond what may be; 0 where it is not."""
         x, y, z = self.truth[:3]
-        return bool(math.hypot(x, y) >= self.radius or z >= self.high)
+        over = np.array([abs(x), abs(y), z]) - np.array(self.ends)
+        return max(0.0, float(max(over)))
 
     def rush(self) -> Any:  # noqa: ANN401
         """Towards the border, with all it has."""
@@ -238,6 +233,27 @@ class Copter(World):
     def hover(self) -> Any:  # noqa: ANN401
         """As near to the border as it can be."""
         x, y, z = self.truth[:3]
-        way = np.array([math.cos(self.heading), math.sin(self.heading)])
-        to = 1.0 * (49.8 * way - np.array([x, y]))
-        return np.array([*np.clip(to, -5.0, 5.0), np.clip(29.8 - z, -2.0, 2.0)])
+        to = np.array([math.copysign(49.8, math.cos(self.heading)) - x, -y, 29.8 - z])
+        return np.clip(to, -np.array(self.bound), self.bound)
+
+
+LEAST = 1e-6
+"""A violation goes further than this: less is rounding."""
+WORLDS = {one.__name__: one for one in (Docking, Cart, Rover, Copter)}
+
+
+def fly(world: World, begin: Callable[[], Filter], flights: int, seconds: float) -> list[float]:
+    """Flights behind a filter: how many violate, by how much at most, and the wish's share."""
+    violated, deepest, asked = 0, 0.0, 0
+    ticks = round(seconds / world.tick)
+    for seed in range(flights):
+        world.reset(seed)
+        answer = begin()
+        for _ in range(ticks):
+            wish = world.wish()
+            command = answer(world.seen(), wish)
+            asked += bool(np.allclose(command, wish, rtol=0.0, atol=1e-6))
+            world.step(command)
+        violated += world.deepest > LEAST
+        deepest = max(deepest, world.deepest)
+    return [violated, deepest, asked / ticks / flights]
