@@ -120,6 +120,12 @@ BENCHMARKS = (
         "A decision and its gate, against run-time-assurance",
         "bench/running/simplex_peer.py --peer peer/bin/python",
     ),
+    Benchmark(
+        "Filters of others on the same flights",
+        "bench/peers/beside_peers.py --rta rta/bin/python --hj hj/bin/python"
+        " --gatekeeper safe_control",
+        last=r"^ *soter",
+    ),
     Benchmark("Images for a Cortex-M", "bench/bare_metal/cortex_m.py"),
     Benchmark("What a check of rest costs", "bench/tubes/check_cost.py", last="mean"),
     Benchmark(
