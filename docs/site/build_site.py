@@ -39,9 +39,9 @@ SHOWN_MAX_BYTES = 300_000
 PLAYGROUND = "playground.html"
 PLACE = "<!-- playground -->"
 IN_PLACE = (
-    f'<details class="try"><summary>Open the playground here</summary><iframe src="{PLAYGROUND}" '
-    f'loading="lazy" title="playground"></iframe></details><p><a href="{PLAYGROUND}">On a page of '
-    "its own</a>.</p>"
+    '<details class="try"><summary>Open the playground here</summary><iframe title="playground" '
+    f'data-src="{PLAYGROUND}"></iframe></details><p><a href="{PLAYGROUND}">On a page of its own</a>'
+    " (9 MB, some seconds).</p>"
 )
 NOT_MADE = "<p>This copy of the site was made without it: it needs npm.</p>"
 
@@ -115,8 +115,9 @@ class Site:
         for page in (*self.pages.values(), *self.codes):
             assert page.done is not None
             for (_, anchor, heading), text in zip(page.done.headings, page.done.texts, strict=True):
-                at = page.menu if page.target == "codes.html" else anchor
-                entries.append((page.menu, f"{page.target}#{at}", heading, text))
+                of_code = page.target == "codes.html"
+                name, at = ("Diagnostic codes", page.menu) if of_code else (page.menu, anchor)
+                entries.append((name, f"{page.target}#{at}", heading, text))
         return entries
 
     # ------------------------------------------------------------ links

@@ -20,7 +20,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 import browser  # noqa: E402 - needs the path
 
 PICTURES = {
-    "report.png": ("examples/drone/demo.py", 1280, ".top, .arms, .key"),
+    "report.png": ("examples/drone/demo.py --seconds 30", 1280, ".top, .arms, .arms + .key"),
     "proof.png": (
         "-m soter.cli.main verify examples/wall/cart.soter --report",
         760,
@@ -67,7 +67,7 @@ def take(name: str, folder: Path) -> Path:
 def main() -> int:
     """Take them and say how large they are."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("names", nargs="*", choices=[*PICTURES, []], help="files of docs/img")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="files of docs/img")
     with tempfile.TemporaryDirectory() as folder:
         for name in parser.parse_args().names or PICTURES:
             path = take(name, Path(folder))

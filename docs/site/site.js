@@ -1,4 +1,4 @@
-// The search of the docs, over all of their words, and a menu that is closed on a phone.
+// The search of the docs, over all of their words; what is closed until somebody opens it.
 // Purpose: parts of pages that hold the words asked for, the best first, with what stands around it. The words are
 // a script of this folder, read when somebody first looks for something: a page from a disk may ask for nothing else.
 "use strict";
@@ -24,16 +24,17 @@
     document.head.append(script);
   }
 
-  // How well a part fits: words that it lacks, and its score; words of its heading count most, then how often they come.
+  // How well a part fits: a word counts as much as it is rare, in a heading most, then as often as it comes.
   function fits(part, words) {
-    const asked = words.join(" ");
-    let lacks = 0, score = part.head.includes(asked) ? 20 : part.body.includes(asked) ? 5 : 0;
-    for (const word of words) {
+    const asked = words.map(({ word }) => word).join(" ");
+    let has = 0, score = part.head.includes(asked) ? 20 : part.body.includes(asked) ? 5 : 0;
+    for (const { word, rare } of words) {
       const times = part.body.split(word).length - 1;
-      if (!times && !part.head.includes(word)) lacks += 1;
-      score += (` ${part.head}`.includes(` ${word}`) ? 10 : part.head.includes(word) ? 5 : 0) + Math.min(times, 4);
+      const begins = ` ${part.head}`.includes(` ${word}`) ? 10 : part.head.includes(word) ? 5 : 0;
+      has += times || begins ? rare : 0;
+      score += rare * (begins + Math.min(times, 4));
     }
-    return { part, lacks, score };
+    return { part, has, score: score + 12 * has };
   }
 
   function around(part, words) {
@@ -51,11 +52,16 @@
   function show() {
     const words = find.value.toLowerCase().split(/\s+/).filter(Boolean);
     if (!words.length || !parts) return found.replaceChildren();
-    const tried = parts.map((part) => fits(part, words)).sort((a, b) => a.lacks - b.lacks || b.score - a.score);
-    const least = tried[0].lacks;
-    const hits = tried.filter((hit) => hit.lacks === least && least < words.length);
+    const weighed = words.map((word) => {
+      const having = parts.filter((p) => p.head.includes(word) || p.body.includes(word)).length;
+      return { word, rare: Math.log(1 + parts.length / (1 + having)) };
+    });
+    const all = weighed.reduce((sum, { rare }) => sum + rare, 0);
+    const hits = parts.map((part) => fits(part, weighed)).filter(({ has }) => has > 0.6 * all);
+    hits.sort((a, b) => b.score - a.score);
     const told = document.createElement("li");
-    told.textContent = `${hits.length} parts of pages have ${least ? words.length - least + " of these words" : "it"}`;
+    const count = hits.length === 1 ? "1 part of a page" : `${hits.length} parts of pages`;
+    told.textContent = hits.length > MOST ? `the best ${MOST} of ${count}` : count;
     const lines = hits.slice(0, MOST).map(({ part }) => {
       const line = document.createElement("li");
       const link = document.createElement("a");
@@ -84,6 +90,11 @@
       event.preventDefault();
       find.focus();
     }
+  });
+  // The playground is large: it comes when somebody opens it.
+  document.querySelector(".try")?.addEventListener("toggle", (event) => {
+    const frame = event.target.querySelector("iframe");
+    frame.src ||= frame.dataset.src;
   });
   if (window.matchMedia("(max-width: 1000px)").matches) {
     document.querySelector(".menu").open = false;
