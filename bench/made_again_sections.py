@@ -312,6 +312,72 @@ PAGES = (
         r"the four collide (\d+) times in a minute",
         "-m soter run examples/fleet/junction.soter --system Unprotected",
     ),
+    Made("for-learning-researchers.md", "| driver | |", "@The mountain car: four drivers, alone and with RTA"),
+    Made(
+        "for-learning-researchers.md",
+        r"twice: (\d+) falls without the module and (\d+) with it, in (\d+) and (\d+) steps",
+        "@The mountain car: training with and without the module",
+        spread=True,
+    ),
+    Made(
+        "for-learning-researchers.md",
+        r"Of ([\d,]+) steps\nof Gymnasium's own code (\d+) lay outside",
+        "@The mountain car: Gymnasium against the proved map",
+        spread=True,
+    ),
+    Made(
+        "for-learning-researchers.md",
+        r"A protected\nstep took ([\d.]+) times a bare one",
+        "@What people wait for",
+    ),
+    Made(
+        "for-robotics-engineers.md",
+        r"Of ([\d,]+) seeded laps the fast controller alone ended (\d+) with a violation, "
+        r"(?:.|\n)*? it ended (\d+)\. (?:.|\n)*?\n([\d.]+) % of the time, and a lap took ([\d.]+) times "
+        r"(?:.|\n)*? needs ([\d.]+) times",
+        "@The drone's laps",
+        given="1,000",
+        spread=True,
+    ),
+    Made("for-robotics-engineers.md", "| before the wheels", "@A ground robot among walls"),
+    Made(
+        "for-robotics-engineers.md",
+        r"there after ([\d.]+) ms at most \(bound ([\d.]+)\), the wheels' fail-safe after\n"
+        r"([\d.]+) ms \(bound ([\d.]+)\)",
+        "@ROS 1: who dies, and what the wheels are told",
+        spread=True,
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"on purpose: (\d+) modules; (\d+) were proved",
+        "@Wrong modules that must not be proved without a word",
+        spread=True,
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"against (\d+) modules that are proved, for ([\d,]+) steps: (\d+) violations",
+        "@A closed-loop adversary against proved modules",
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"into the prover: (\d+) of (\d+) found",
+        "@Holes put back into the prover",
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"and run: (\d+) contradiction in (\d+)",
+        "@Verify, recheck and run against each other",
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"certificates, 1,800: (\d+) false ones accepted, (\d+) right ones rejected",
+        "@Forged certificates of every kind of proof",
+    ),
+    Made(
+        "for-safety-engineers.md",
+        r"tests noticed (\d+) of (\d+) \(target: (\d+) %",
+        "@Mutants of the re-checker's core",
+    ),
     Made("gallery.md", "| file | test | verdict", GALLERY),
     Made("ground-robot.md", "| | `/cmd_vel_nav`", "@A ground robot among walls"),
     Made(

@@ -107,9 +107,10 @@ class Page:
                 ticks += int(fields[11]) + int(fields[12])
         return ticks / os.sysconf("SC_CLK_TCK")
 
-    def picture(self, path: Path) -> None:
-        """A PNG of all of the page."""
-        shown = self._ask("Page.captureScreenshot", captureBeyondViewport=True)
+    def picture(self, path: Path, clip: dict[str, float] | None = None) -> None:
+        """A PNG of all of the page, or of a part: `x`, `y`, `width`, `height`, `scale`."""
+        part = {} if clip is None else {"clip": clip}
+        shown = self._ask("Page.captureScreenshot", captureBeyondViewport=True, **part)
         path.write_bytes(base64.b64decode(shown["data"]))
 
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:

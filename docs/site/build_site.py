@@ -3,7 +3,8 @@
     .venv/bin/python docs/site/build_site.py -o build/site [--no-playground] [--pyodide PATH]
 
 Purpose: every page of `docs/`, the README, a page for each diagnostic code and for each file or
-folder that a page links to, as HTML that opens from a disk; the playground is the landing page.
+folder that a page links to, as HTML that opens from a disk; `front.md` is the landing page, and the
+playground opens in it. The search has every word of the pages, in a script that is read at need.
 Strict: a link that leads nowhere, a missing anchor or a page that is not in the menu ends it
 with 1.
 Non-goals: hosting. The generator is markdown-it-py under a template of our own: in 2026 MkDocs is
@@ -14,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import posixpath
 import re
 import shutil
 import sys
@@ -24,7 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from site_menu import NAV, README
+from site_menu import NAV, README, TARGETS
 from site_text import Rendered, coloured, render
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,6 +36,14 @@ LANGUAGES = {
 PICTURES = {".svg", ".png"}
 SHOWN_MAX_BYTES = 300_000
 """Larger files are told of, not shown."""
+PLAYGROUND = "playground.html"
+PLACE = "<!-- playground -->"
+IN_PLACE = (
+    '<details class="try"><summary>Open the playground here</summary><iframe title="playground" '
+    f'data-src="{PLAYGROUND}"></iframe></details><p><a href="{PLAYGROUND}">On a page of its own</a>'
+    " (9 MB, some seconds).</p>"
+)
+NOT_MADE = "<p>This copy of the site was made without it: it needs npm.</p>"
 
 
 @dataclass
@@ -74,40 +82,42 @@ class Site:
         self.output.mkdir(parents=True, exist_ok=True)
         for name in ("site.css", "site.js"):
             shutil.copy(HERE / name, self.output / name)
-        self._write("search.js", f"const PAGES = {json.dumps(self._index())};\n")
+        self._write("search.js", f"const PAGES = {json.dumps(self._index(), ensure_ascii=False)};\n")
+        if playground:
+            self._playground(pyodide)
         for page in self.pages.values():
             assert page.done is not None
+            page.done.html = page.done.html.replace(PLACE, IN_PLACE if playground else NOT_MADE)
             self._write(page.target, self._framed(page.target, page.menu, page.done))
         self._write_files()
         self._codes()
-        if playground:
-            self._playground(pyodide)
-        else:
-            self._write("index.html", _forward(self.pages[self.root / README].target))
 
     # ------------------------------------------------------------ which pages
 
     def _collect(self) -> None:
         listed = [(name, menu) for _, _, pages in NAV for name, menu in pages]
         for name, menu in listed:
-            source = self.root / name if name == README else self.root / "docs" / name
+            source = self._source(name)
             if not source.is_file():
                 self.problems.append(f"site_menu.py: there is no {name}")
                 continue
-            target = "start.html" if name == README else f"{source.stem}.html"
-            self.pages[source] = Page(source, target, menu)
+            self.pages[source] = Page(source, TARGETS.get(name, f"{source.stem}.html"), menu)
         for source in sorted((self.root / "docs").glob("*.md")):
             if source not in self.pages:
                 self.problems.append(f"site_menu.py: {source.name} is not in the menu")
 
-    def _index(self) -> list[dict[str, str]]:
-        """What the search knows: every heading."""
+    def _source(self, name: str) -> Path:
+        return self.root / name if name == README else self.root / "docs" / name
+
+    def _index(self) -> list[tuple[str, str, str, str]]:
+        """What the search knows: page, address, heading and text of every part of a page."""
         entries = []
-        for page in self.pages.values():
+        for page in (*self.pages.values(), *self.codes):
             assert page.done is not None
-            for _, anchor, text in page.done.headings:
-                address = f"{page.target}#{anchor}"
-                entries.append({"page": page.menu, "text": text, "address": address})
+            for (_, anchor, heading), text in zip(page.done.headings, page.done.texts, strict=True):
+                of_code = page.target == "codes.html"
+                name, at = ("Diagnostic codes", page.menu) if of_code else (page.menu, anchor)
+                entries.append((name, f"{page.target}#{at}", heading, text))
         return entries
 
     # ------------------------------------------------------------ links
@@ -168,8 +178,7 @@ class Site:
         for kind, what_for, pages in NAV:
             items = []
             for name, menu in pages:
-                source = self.root / name if name == README else self.root / "docs" / name
-                address = self.pages[source].target
+                address = self.pages[self._source(name)].target
                 here = ' aria-current="page"' if address == target else ""
                 items.append(f'<li><a href="{up}{address}"{here}>{escape(menu)}</a></li>')
             if kind == "Reference":
@@ -231,17 +240,9 @@ class Site:
     def _playground(self, pyodide: str | None) -> None:
         from soter.playground.write import write_playground  # noqa: PLC0415 - only then
 
-        links = " ".join(
-            f'<a href="{self.pages[self.root / name].target}">{text}</a>'
-            for name, text in (
-                (README, "five minutes"),
-                ("docs/prove-your-module.md", "prove a module"),
-                ("docs/language.md", "the language"),
-                ("docs/proof.md", "what is proved"),
-            )
-        )
         examples = self.root / "examples" / "wall"
-        write_playground(self.output, pyodide, examples, f"<p>{links}</p>")
+        back = '<p><a href="index.html" target="_top">all pages</a></p>'
+        write_playground(self.output, pyodide, examples, back).rename(self.output / PLAYGROUND)
 
 
 def _shown(path: Path) -> str:
@@ -252,15 +253,6 @@ def _shown(path: Path) -> str:
     except UnicodeDecodeError:
         return f"<p>{path.stat().st_size:,} bytes that are no text.</p>"
     return coloured(text, LANGUAGES.get(path.suffix, "text"))
-
-
-def _forward(target: str) -> str:
-    address = escape(posixpath.normpath(target))
-    return (
-        f'<!DOCTYPE html><meta charset="utf-8">'
-        f'<meta http-equiv="refresh" content="0; url={address}">'
-        f'<title>Soter</title><a href="{address}">Soter</a>\n'
-    )
 
 
 def main() -> int:

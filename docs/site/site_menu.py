@@ -1,13 +1,25 @@
 """What stands where on the site, after Diátaxis.
 
-Purpose: the four kinds of pages, in the order in which people want them.
+Purpose: the doors, then the four kinds of pages, in the order in which people want them.
 Non-goals: their content. Every page of `docs/` stands here once: the build is strict about it.
 """
 
 from __future__ import annotations
 
-README = "README.md"
+README, FRONT = "README.md", "site/front.md"
+TARGETS = {README: "start.html", FRONT: "index.html"}
+"""Pages that are called otherwise on the site; the front page opens where somebody opens the folder."""
 NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
+    (
+        "Start",
+        "what it did, for whom",
+        (
+            (FRONT, "Soter"),
+            ("for-robotics-engineers.md", "For robotics engineers"),
+            ("for-learning-researchers.md", "For learning researchers"),
+            ("for-safety-engineers.md", "For safety engineers"),
+        ),
+    ),
     (
         "Tutorials",
         "learn by doing",

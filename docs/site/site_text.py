@@ -67,12 +67,14 @@ class SoterLexer(RegexLexer):  # type: ignore[misc]
 
 @dataclass
 class Rendered:
-    """A page: its HTML, its first heading, anchors by heading and level, links to elsewhere."""
+    """A page: its HTML, its first heading, its headings, and what stands below each of them."""
 
     html: str
     title: str
     headings: list[tuple[int, str, str]] = field(default_factory=list)
     """Level, anchor, text."""
+    texts: list[str] = field(default_factory=list)
+    """Of each heading, code included: what the search looks through."""
 
     @property
     def anchors(self) -> set[str]:
@@ -104,7 +106,11 @@ def render(text: str, resolve: Resolve) -> Rendered:
             anchor = slug(plain, taken)
             token.attrSet("id", anchor)
             done.headings.append((int(token.tag[1]), anchor, plain))
+            done.texts.append("")
             done.title = done.title or plain
+        elif done.texts and tokens[i - 1].type != "heading_open":
+            said = "".join(c.content or " " for c in token.children or ()) or token.content
+            done.texts[-1] = f"{done.texts[-1]} {' '.join(said.split())}".strip()
         if token.type == "td_open" and len(tokens[i + 1].content) > LONG:
             token.attrSet("class", "long")
         _links(token.children or (), resolve)

@@ -60,16 +60,19 @@
     };
   }
 
-  // The name of a panel is written smaller where the window is narrower than it.
+  // The name of a panel is written smaller where the window is narrower than it, and then without its first parts.
   const pen = document.createElement("canvas").getContext("2d");
   function fitted(note, width) {
     if (note.xref !== "paper" || note.x !== 0) {
       return note;
     }
     pen.font = `${note.font.size}px Verdana, DejaVu Sans, sans-serif`;
-    const needs = pen.measureText(note.text).width;
-    const size = Math.max(LETTER_PX_MIN, note.font.size * Math.min(1, width / needs));
-    return { ...note, font: { ...note.font, size } };
+    let text = note.text;
+    const sized = () => note.font.size * Math.min(1, width / pen.measureText(text).width);
+    while (sized() < LETTER_PX_MIN && /^[^ .]*\./.test(text)) {
+      text = "…" + text.replace(/^[^ .]*\./, "");
+    }
+    return { ...note, text, font: { ...note.font, size: Math.max(LETTER_PX_MIN, sized()) } };
   }
 
   function draw(figure) {
