@@ -547,6 +547,7 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("semantics.md", "| code"): DEFINED,
     ("semantics.md", "```euler"): "a formula",
     ("semantics.md", "```mix(z)"): "a formula",
+    ("stability.md", "| what | what stays"): DEFINED,
     ("surveillance.md", "| file in"): DEFINED,
     ("surveillance.md", "| verdict"): DEFINED,
     ("surveillance.md", "| `MARGIN_H`"): f"{SESSION}drone_roadmap.py",

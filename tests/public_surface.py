@@ -31,7 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 CORPUS = ROOT / "tests" / "compatibility"
 RECORD = CORPUS / "public_surface.txt"
 SCHEMAS = ROOT / "docs" / "schemas"
-RUNTIME = ROOT / "src" / "soter" / "runtime"
+RUNTIME = Path(soter.__file__).parent / "runtime"
 HEADERS = (
     *("soter_firmware.h", "soter_grant.h", "soter_lease.h", "soter_check.h"),
     *("posix/soter_actuator.h", "posix/soter_channel.h", "posix/soter_outside.h"),

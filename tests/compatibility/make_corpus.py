@@ -23,7 +23,7 @@ EXAMPLES = (
     *("mavlink/*.soter", "mavlink/*.toml", "ros/*.soter", "ros/*.toml"),
     *("mountain_car/cliff.soter", "mountain_car/SafeCarSC.npy", "drone/px4_goto.*"),
     *("drone/goto.soter", "drone/city.soter", "drone/utopia.json", "drone/iris.soter"),
-    "drone/motion_primitive.soter",
+    *("drone/motion_primitive.soter", "rest/*.soter", "robots/*.soter"),
 )
 SMALL = Path(__file__).with_name("small.soter")
 """A module that is proved on a grid in a second."""
