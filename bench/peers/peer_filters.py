@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from worlds import WORLDS, Filter, fly
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from bench.peers.worlds import WORLDS, Filter, fly
 
 if TYPE_CHECKING:
     from collections.abc import Callable
