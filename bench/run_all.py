@@ -123,7 +123,7 @@ BENCHMARKS = (
     Benchmark(
         "Filters of others on the same flights",
         "bench/peers/beside_peers.py --rta rta/bin/python --hj hj/bin/python"
-        " --gatekeeper safe_control",
+        " --gatekeeper safe_control --rtreach rtreach/src/rtreach",
         last=r"^ *soter",
     ),
     Benchmark("Images for a Cortex-M", "bench/bare_metal/cortex_m.py"),

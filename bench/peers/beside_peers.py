@@ -3,7 +3,8 @@
     python -m venv RTA && RTA/bin/pip install run-time-assurance==1.18.6
     python -m venv HJ && HJ/bin/pip install hj-reachability==0.7.0
     .venv/bin/python bench/peers/beside_peers.py --rta RTA/bin/python --hj HJ/bin/python
-    (and --gatekeeper FOLDER, a checkout of github.com/tkkim-robot/safe_control)
+    (and --gatekeeper FOLDER, a checkout of github.com/tkkim-robot/safe_control, and --rtreach
+    PROGRAM, which `make x86` in `src` of github.com/verivital/rtreach builds)
 
 Purpose: flights with adversaries (bench/peers/worlds.py), seed by seed the same on both sides: in
 how many the property was violated, and for what share of the time the wish acted as it was.
@@ -173,13 +174,21 @@ def installed(given: argparse.Namespace) -> tuple[list[Peer], list[Peer]]:
     """Those that run here: of docking, and of the cart."""
     docking, cart = [], []
     if given.rta:
-        kinds = ("ExplicitSwitching", "ExplicitOptimization")
-        docking += [Peer(f"run-time-assurance, {k}RTA", [given.rta, k]) for k in kinds]
+        name = "run-time-assurance, ExplicitSwitchingRTA"
+        docking += [
+            Peer(name, [given.rta, "ExplicitSwitching", "0.0"]),
+            Peer(f"{name}, 0.3 m kept by hand", [given.rta, "ExplicitSwitching", "0.3"]),
+            Peer(
+                "run-time-assurance, ExplicitOptimizationRTA",
+                [given.rta, "ExplicitOptimization", "0.0"],
+            ),
+        ]
     else:
         print("skipped: run-time-assurance, no --rta")
     if given.gatekeeper:
         python = given.rta or given.hj or sys.executable
-        docking.append(Peer("safe_control, Gatekeeper", [python, "gatekeeper", given.gatekeeper]))
+        keeper = [python, "gatekeeper", given.gatekeeper]
+        docking.append(Peer("safe_control, Gatekeeper", keeper))
     else:
         print("skipped: gatekeeper of safe_control, no --gatekeeper")
     if given.hj:
@@ -224,12 +233,22 @@ def row(name: str, flown: list[float], flights: int, unit: str) -> None:
     )
 
 
+def asked(program: str) -> None:
+    """What rtreach says, given 20 ms, of the states that its own sources name."""
+    answers = ("refused", "allowed by its ellipsoid", "by simulation", "allowed by reachability")
+    print("\nrtreach, its cart and pole: place, speed, angle, turn")
+    for state in ("-0.1 0 0 1.1", "-0.1 0.6 0 0", "-0.1 0.8 0 0", "-0.1 0.85 0 0", "-0.1 0.9 0 0"):
+        told = subprocess.run([program, "20", *state.split()], capture_output=True, check=False)
+        print(f"  {state:64} {answers[told.returncode]}")
+
+
 def main() -> int:
     """Fly all; 1 where a flight of ours violated its property."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--rta", default="", help="a Python with run-time-assurance")
     parser.add_argument("--hj", default="", help="a Python with hj-reachability")
     parser.add_argument("--gatekeeper", default="", help="a folder with safe_control")
+    parser.add_argument("--rtreach", default="", help="the program that `make x86` of it builds")
     parser.add_argument("--only", default="", help="scenarios whose name has this in it")
     parser.add_argument("-n", "--flights", type=int, default=60, help="of a row, at most")
     given = parser.parse_args()
@@ -248,6 +267,10 @@ def main() -> int:
             for peer in one.peers:
                 flown = peer.flown(one.world(exact), flights, one.seconds)
                 row(peer.name, flown, flights, one.world.unit)
+    if given.rtreach:
+        asked(given.rtreach)
+    else:
+        print("skipped: rtreach, no --rtreach")
     return 1 if ours else 0
 
 

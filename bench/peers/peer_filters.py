@@ -1,6 +1,6 @@
 """Flights behind a filter of somebody else, in its own Python: a line of three numbers comes out.
 
-    PEER/bin/python bench/peers/peer_filters.py WORLD exact|declared FLIGHTS SECONDS NAME [WHAT]
+    PEER/bin/python bench/peers/peer_filters.py WORLD exact|declared FLIGHTS SECONDS NAME WHAT
 
 Purpose: beside_peers.py starts this file with the peer's interpreter, as JAX is heavy and versions
 differ. Each function makes one filter as the peer's own documents use it.
@@ -15,22 +15,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent))
-from worlds import WORLDS, Filter, fly
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+from bench.peers.worlds import WORLDS, Filter, fly
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-def zoo(name: str) -> Callable[[], Filter]:
-    """A filter of run-time-assurance's zoo, docking on a line, as its own test makes it."""
-    from run_time_assurance.zoo.integrators import integrator_1d  # noqa: PLC0415 - the peer's
+def zoo(name: str, margin: float) -> Callable[[], Filter]:
+    """A filter of run-time-assurance's zoo, docking on a line, as its own test makes it.
+
+    `margin`: so much sooner the dock seems to be.
+    """
+    from run_time_assurance.zoo.integrators import (  # type: ignore[import-not-found] # noqa: PLC0415
+        integrator_1d,
+    )
 
     made = getattr(integrator_1d, f"Integrator1dDocking{name}RTA")()
 
+    nearer = np.array([margin, 0.0])
+
     def begin() -> Filter:
         made.reset()
-        return lambda state, wish: made.filter_control(state, 0.02, wish)
+        return lambda state, wish: made.filter_control(state + nearer, 0.02, wish)
 
     return begin
 
@@ -141,7 +148,7 @@ def main() -> None:
     elif name == "reachable":
         begin = reachable(float(rest[0]))
     else:
-        begin = zoo(name)
+        begin = zoo(name, float(rest[0]))
     print(*fly(WORLDS[world](how == "exact"), begin, int(flights), float(seconds)))
 
 

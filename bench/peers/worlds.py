@@ -251,7 +251,7 @@ WORLDS = {one.__name__: one for one in (Docking, Cart, Rover, Copter)}
 
 
 def fly(world: World, begin: Callable[[], Filter], flights: int, seconds: float) -> list[float]:
-    """Flights behind a filter: how many violate, by how much at most, the wish's share, and done."""
+    """Flights behind a filter: violated, by how much at most, the wish's share, done."""
     violated, deepest, asked, ticks, done = 0, 0.0, 0, 0, 0
     for seed in range(flights):
         world.reset(seed)
