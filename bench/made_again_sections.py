@@ -311,7 +311,11 @@ PAGES = (
         r"the four collide (\d+) times in a minute",
         "-m soter run examples/fleet/junction.soter --system Unprotected",
     ),
-    Made("for-learning-researchers.md", "| driver | |", "@The mountain car: four drivers, alone and with RTA"),
+    Made(
+        "for-learning-researchers.md",
+        "| driver | |",
+        "@The mountain car: four drivers, alone and with RTA",
+    ),
     Made(
         "for-learning-researchers.md",
         r"twice: (\d+) falls without the module and (\d+) with it, in (\d+) and (\d+) steps",
@@ -332,8 +336,8 @@ PAGES = (
     Made(
         "for-robotics-engineers.md",
         r"Of ([\d,]+) seeded laps the fast controller alone ended (\d+) with a violation, "
-        r"(?:.|\n)*? it ended (\d+)\. (?:.|\n)*?\n([\d.]+) % of the time, and a lap took ([\d.]+) times "
-        r"(?:.|\n)*? needs ([\d.]+) times",
+        r"(?:.|\n)*? it ended (\d+)\. (?:.|\n)*?\n([\d.]+) % of the time, and a lap took "
+        r"([\d.]+) times (?:.|\n)*? needs ([\d.]+) times",
         "@The drone's laps",
         given="1,000",
         spread=True,
