@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 PY := $(BIN)/python
 comma := ,
 # where the machine has no C compiler, one comes as a Python package
-ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
+ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,compiler)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
-LINTED := src tests bench examples docs/site
+LINTED := src tests bench examples release docs/site
 # a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
 PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 # the packages' versions: those of requirements.lock, which were tried together, or the newest that pyproject.toml admits
@@ -20,7 +20,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 # tests that say which package of others they need
 THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
-.PHONY: help setup demo test test-changed test-all test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode clean
+.PHONY: help setup demo test test-changed test-all test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode release clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -103,6 +103,10 @@ figures: $(VENV)/.dev  ## every figure of docs/ made again, beside what the page
 
 vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)
 	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package
+
+release: $(VENV)/.dev  ## build/release: archives, twice the same, tried in empty environments (docs/release.md)
+	$(call INSTALL,release)
+	$(PY) release/make_release.py
 
 clean:  ## remove everything that was made
 	rm -rf $(VENV) .venv-newest .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

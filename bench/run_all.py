@@ -120,6 +120,12 @@ BENCHMARKS = (
         "A decision and its gate, against run-time-assurance",
         "bench/running/simplex_peer.py --peer peer/bin/python",
     ),
+    Benchmark(
+        "Filters of others on the same flights",
+        "bench/peers/beside_peers.py --rta rta/bin/python --hj hj/bin/python"
+        " --gatekeeper safe_control",
+        last=r"^ *soter",
+    ),
     Benchmark("Images for a Cortex-M", "bench/bare_metal/cortex_m.py"),
     Benchmark("What a check of rest costs", "bench/tubes/check_cost.py", last="mean"),
     Benchmark(
@@ -129,6 +135,11 @@ BENCHMARKS = (
     ),
     Benchmark("Bad files and options", "bench/hostile/bad_input.py --count 1000 --jobs 2"),
     Benchmark("Hostile files", "bench/hostile/hostile_files.py"),
+    Benchmark(
+        "Policies of every kind against their libraries",
+        "bench/policies/policy_kinds.py --peer peer/bin/python",
+        last="kinds:",
+    ),
     Benchmark(
         "Damaged logs",
         "bench/hostile/damaged_logs.py",
@@ -147,6 +158,10 @@ BENCHMARKS = (
         last="falls",
     ),
     Benchmark("What people wait for", "bench/quick.py"),
+    Benchmark(
+        "From the wheel to proved, re-checked, flown",
+        "bench/newcomers/from_wheel.py --everything --tools",
+    ),
     Benchmark(
         "Honest modules of other kinds",
         "bench/verify/generality.py --recheck",

@@ -45,6 +45,16 @@ def problems_of(document: dict[str, Any]) -> list[str]:
     return problems
 
 
+def problems_of_fields(document: dict[str, Any]) -> list[str]:
+    """The fields of a document of another version that are not documented, or of another type."""
+    schema = SCHEMAS[f"{document['command']}.json"]
+    known = {"file", *SCHEMAS["common.json"]["properties"], *schema["properties"]}
+    told = [f".{name}: not documented" for name in set(document) - known]
+    told += _check(SCHEMAS["common.json"], document, "", strict=True)
+    told += _check(schema, document, "", strict=True)
+    return [problem for problem in told if not problem.endswith(": missing")]
+
+
 def _nothing_reached(document: dict[str, Any]) -> bool:
     return document["exit"] == 130 and "interrupted" not in document
 

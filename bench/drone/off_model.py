@@ -42,7 +42,7 @@ FIELDS += ["share", "state", "d_x", "d_y", "d_z", "d_50", "d_99", "d_9999", "wal
 
 def made_of() -> str:
     """What a result depends on: programs, the vehicle, MuJoCo."""
-    import mujoco  # noqa: PLC0415 - the extra `mujoco`
+    import mujoco  # noqa: PLC0415 - the extra `simulators`
 
     parts = [load(PROGRAM).sha256 or "", (DRONE / "mujoco_quad.py").read_text(encoding="utf-8")]
     return hashlib.sha256("".join([*parts, mujoco.__version__]).encode()).hexdigest()

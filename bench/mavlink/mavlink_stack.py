@@ -32,7 +32,7 @@ PATIENCE_S = 20
 def missing() -> str:
     """What this machine lacks; "": nothing."""
     if find_spec("pymavlink") is None:
-        return "pymavlink (pip install 'soter[mavlink]')"
+        return "pymavlink (pip install 'soter-rta[robots]')"
     if not SHARED.is_dir():
         return str(SHARED)
     return "" if shutil.which("make") and shutil.which("cc") else "make and cc"

@@ -96,7 +96,7 @@ def declared() -> dict[str, tuple[float, float]]:
 
 def flown(seeds: Iterable[int]) -> list[Values]:
     """Flights, each in one of the ways, and at a drawn time or height a recovery."""
-    from bench.tubes.jsbsim_f16 import F16, Pilot, recover  # noqa: PLC0415 - the extra `jsbsim`
+    from bench.tubes.jsbsim_f16 import F16, Pilot, recover  # noqa: PLC0415 - the extra `simulators`
 
     flights = []
     for seed in seeds:

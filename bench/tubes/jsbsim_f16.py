@@ -7,7 +7,8 @@ period, and the aircraft is led along it by load factor. `Jet` is that as an env
 `Pilot` flies it at the ground.
 Non-goals: how far the model is off (`identify_f16.py`), dives with a module (`dives.py`).
 
-`pip install 'soter[jsbsim]'`. What JSBSim keeps (engine, surfaces) is its own, so no copy goes on.
+`pip install 'soter-rta[simulators]'`. What JSBSim keeps (engine, surfaces) is its own, so no copy
+goes on.
 """
 
 from __future__ import annotations

@@ -71,9 +71,9 @@ class Quad:
 
     def __init__(self) -> None:
         try:
-            import mujoco  # noqa: PLC0415 - the extra `mujoco`
+            import mujoco  # noqa: PLC0415 - the extra `simulators`
         except ImportError as error:
-            raise ImportError("MuJoCo is missing: pip install 'soter[mujoco]'") from error
+            raise ImportError("MuJoCo is missing: pip install 'soter-rta[simulators]'") from error
 
         self._step = mujoco.mj_step
         self.model = mujoco.MjModel.from_xml_string(model_xml(self.density, self.viscosity))

@@ -45,7 +45,7 @@ POINTS = 32  # the longest plan that can be published
 COARSE = 2.0  # m between the samples of the bug CoarseResolution
 STALE = 3.0  # m by which the bug StaleObstacle has every building in its old place
 SHIFT = (1.0, -0.7, 0.0)  # m of the bug MissingFrameShift
-ABSENT = "OMPL is not installed, so there is no RRT*: pip install 'soter[planner]'"
+ABSENT = "OMPL is not installed, so there is no RRT*: pip install 'soter-rta[demo]'"
 
 # Bugs in the order of `Bug` in planner.soter.
 BUGS = (

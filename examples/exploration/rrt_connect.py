@@ -34,7 +34,7 @@ STEP = 0.25  # between two places of a motion that are looked at
 ITERATIONS = 4000
 REACH = 15.0  # the longest branch of a tree
 POINTS = 32  # the longest plan that can be published
-ABSENT = "OMPL is not installed, so there is no RRTConnect: pip install 'soter[planner]'"
+ABSENT = "OMPL is not installed, so there is no RRTConnect: pip install 'soter-rta[demo]'"
 
 
 def places(known: Cells, room: int) -> Cells:

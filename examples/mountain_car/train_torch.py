@@ -1,7 +1,7 @@
 """An actor-critic in torch over many worlds, once with the agent alone, once behind the module.
 
 Purpose: `python examples/mountain_car/train_torch.py`: the worlds are the program's own plant,
-stepped in one call (docs/gym.md); falls are counted. Needs `pip install 'soter[learn]'`.
+stepped in one call (docs/gym.md); falls are counted. Needs `pip install 'soter-rta[learn]' torch`.
 Non-goals: a good learner: one step of advantage, no replay, nothing tuned.
 """
 

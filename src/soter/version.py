@@ -1,9 +1,27 @@
-"""The version of Soter.
+"""The version of Soter, and what the Python index calls it.
 
-Purpose: what files and pages say they were made by.
+Purpose: what files and pages say they were made by, and the command that brings what is not there.
 Non-goals: versions of the language (`soter 1;`).
 """
 
 from __future__ import annotations
 
+
+def other_format(given: object, read: int) -> str:
+    """Why a file of another format is not read, a clause; "" where it is of the one that is."""
+    if given == read and type(given) is int:
+        return ""
+    if type(given) is not int:
+        return "it does not say the version of its format"
+    age = "an older" if given < read else "a newer"
+    return f"its format is {given}, of {age} soter, and this one reads format {read}"
+
+
 VERSION = "0.1.0"
+DISTRIBUTION = "soter-rta"
+"""What pip is told; a test holds it, and every page that names it, to `pyproject.toml`."""
+
+
+def pip_install(extra: str) -> str:
+    """The command that brings the packages of an extra."""
+    return f"pip install '{DISTRIBUTION}[{extra}]'"

@@ -200,18 +200,15 @@ def test_ctrl_c_in_compiled_code_gives_the_document(here: Path) -> None:
 @pytest.mark.pages
 def test_the_next_steps_of_a_new_robot_all_work(here: Path) -> None:
     steps = json.loads(soter(here, "new", "rover", "--json").stdout)["commands"]
-    assert steps[0] == "cd rover"
-    rover = here / "rover"
     expected = {"--system Unguarded": 3}
-    for step in steps[1:]:
+    for step in steps:
         words = step.split()
         command = [sys.executable, *words[1:]] if words[0] == "python" else [*SOTER, *words[1:]]
-        done = processes.run(command, cwd=rover, capture_output=True, text=True, check=False)
+        done = processes.run(command, cwd=here, capture_output=True, text=True, check=False)
         wanted = next((c for part, c in expected.items() if part in step), 0)
         assert done.returncode == wanted, f"{step}\n{done.stdout}{done.stderr}"
-    assert (rover / ".soter" / "rover-Guarded-1.html").exists()
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    done = processes.run(command, cwd=rover, capture_output=True, text=True, check=False)
+    done = processes.run(command, cwd=here / "rover", capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 

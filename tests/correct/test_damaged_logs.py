@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from bench.hostile.damaged_logs import (
     REFUSED,

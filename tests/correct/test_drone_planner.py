@@ -208,4 +208,4 @@ def test_without_ompl_the_roadmap_plans_and_the_run_says_why(tmp_path: Path) -> 
     assert (violations, refused, float(share)) == ("0", "0", 0.0)
     assert int(adopted) > 5
     assert "OMPL is not installed" in done.stdout
-    assert "soter[planner]" in done.stdout
+    assert "soter-rta[demo]" in done.stdout

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `log` is not installed")
+pytest.importorskip("mcap", reason="the extra `logs` is not installed")
 
 from soter.api import load
 

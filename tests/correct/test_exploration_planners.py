@@ -150,7 +150,7 @@ def test_without_ompl_the_exploration_goes_on_and_the_run_says_why(tmp_path: Pat
         text=True,
     )
     assert done.returncode == 0, done.stderr
-    assert "pip install 'soter[planner]'" in done.stdout
+    assert "pip install 'soter-rta[demo]'" in done.stdout
     assert "NEVER ANSWERED" in done.stdout
 
 

@@ -185,7 +185,7 @@ def test_no_bug_of_the_claims_is_proved(right: str, wrong: str, tmp_path: Path) 
 def test_a_machine_of_the_fleet_is_a_process_that_speaks_dds(
     system: str, map_: str, tmp_path: Path
 ) -> None:
-    pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+    pytest.importorskip("rosbags", reason="the extra is absent: soter-rta[logs]")
     out = tmp_path / "out"
     words = ["build", str(FLEET / "vehicle.soter"), "--system", system, "--target", "dds"]
     assert main([*words, "--map", str(FLEET / map_), "-o", str(out)]) == 0

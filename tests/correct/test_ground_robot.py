@@ -93,7 +93,7 @@ def test_a_change_for_the_worse_is_not_proved(tmp_path: Path, change: tuple[str,
 def test_the_package_of_ros1_inherits_the_proof(
     tmp_path: Path, name: str, certificate: tuple[Path, Any]
 ) -> None:
-    pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+    pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
     built = soter.load(ROBOT).build(
         "ros1", tmp_path / "robot", system="Vehicle", mapping=EXAMPLES / name, cert=certificate[0]
     )

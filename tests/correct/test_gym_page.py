@@ -33,7 +33,7 @@ def test_the_gym_page_runs_from_top_to_bottom(
 def test_training_in_torch_falls_alone_and_never_behind_the_module(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    pytest.importorskip("torch", reason="the extra is absent: pip install 'soter[learn]'")
+    pytest.importorskip("torch", reason="the extra is absent: pip install 'soter-rta[learn]'")
     monkeypatch.syspath_prepend(str(ROOT / "examples" / "mountain_car"))
     import train_torch  # type: ignore[import-not-found]
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("jsbsim", reason="the extra `jsbsim` is not installed")
-pytest.importorskip("gymnasium", reason="the extra `gym` is not installed")
+pytest.importorskip("jsbsim", reason="the extra `simulators` is not installed")
+pytest.importorskip("gymnasium", reason="the extra `learn` is not installed")
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
 
 from bench.mavlink import bad_input, peer_loss
 from bench.mavlink.mavlink_stack import EXAMPLE, MAPPING, missing, stack

@@ -17,7 +17,7 @@ import pytest
 
 from soter.api import load
 
-pytest.importorskip("mujoco", reason="the extra `mujoco` is not installed")
+pytest.importorskip("mujoco", reason="the extra `simulators` is not installed")
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 PROGRAM = DRONE / "mujoco_quad.soter"

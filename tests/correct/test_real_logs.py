@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog
 
-pytest.importorskip("mcap", reason="the extra `log` is not installed")
+pytest.importorskip("mcap", reason="the extra `logs` is not installed")
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 CART = EXAMPLES / "wall" / "cart.soter"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from bench.ros import ros1_bad_input, ros1_clock
 from bench.ros.ros1_nodes import ROOT, SYSTEM_PYTHON, missing, nodes

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from bench.ros.ros1_bad_input import EXAMPLE, counters
 from bench.ros.ros1_nodes import SYSTEM_PYTHON, Nodes, missing, nodes

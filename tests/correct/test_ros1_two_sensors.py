@@ -20,7 +20,7 @@ import pytest
 import processes
 from generators.ros1_packages import built_package
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from bench.ros.ros1_bad_input import counters
 from bench.ros.ros1_nodes import HERE, SYSTEM_PYTHON, missing, nodes

@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from bench.ros.ros1_nodes import ROOT, missing
 

@@ -12,7 +12,7 @@ import processes
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytest.importorskip("gymnasium", reason="the extra `gym` is not installed")
+pytest.importorskip("gymnasium", reason="the extra `learn` is not installed")
 
 
 def test_the_share_of_sc_is_one_of_the_turns_of_its_round(tmp_path: Path) -> None:

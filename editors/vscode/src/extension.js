@@ -32,7 +32,7 @@ async function start() {
   try {
     await client.start();
   } catch (error) {
-    const fix = "Install it with: pip install 'soter[lsp]', or set soter.command.";
+    const fix = "Install it with: pip install 'soter-rta[editor]', or set soter.command.";
     vscode.window.showErrorMessage(`\`${command()} lsp\` does not start (${error}). ${fix}`);
   }
 }

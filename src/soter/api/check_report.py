@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
 from soter.language.load.bounded_read import read_json_text
+from soter.version import other_format
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,6 +26,10 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TypedProgram
     from soter.timing.trusted_thread import Timing
     from soter.verify.time.switch_latency import SwitchLatency
+
+
+TIMES_FORMAT = 1
+"""Of the files that `soter measure` writes."""
 
 
 @dataclass(frozen=True)
@@ -86,10 +91,12 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
 
     `SoterError` U011 where it is no such file; OSError where it cannot be read.
     """
+    why = ""
     try:
         given = json.loads(read_json_text(Path(path)))
         wcet_by_component = {s["name"]: s["wcet_ns"] for s in given["steps"]}
-        sound = given["schema"] == 1 and all(
+        why = other_format(given["schema"], TIMES_FORMAT)
+        sound = not why and all(
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
             for n, ns in wcet_by_component.items()
         )
@@ -98,7 +105,7 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
-        notes = ("`soter measure` writes one",)
+        notes = (*((why,) if why else ()), "`soter measure` writes one")
         raise mistake("U011", f"`{path}` is no file of times", notes=notes)
     return program, system, wcet_by_component, assumed
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.api.arguments import time_ns
+from soter.api.check_report import TIMES_FORMAT
 from soter.diagnostics.command_records import JsonObject
 from soter.diagnostics.diagnostic import mistake
 from soter.measure import MARGIN, SAMPLES
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
     from soter.api.program import Program
 
-SCHEMA = 1
 NO_BOUND = (
     "a measurement is no bound: it has seen the states, the caches and the interrupts that it "
     "has seen, on this machine"
@@ -166,7 +166,7 @@ def written(measurement: Measured, path: str | Path) -> Path:
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(
-        json.dumps({"schema": SCHEMA, **DOCUMENT.of(measurement)}, indent=2) + "\n",
+        json.dumps({"schema": TIMES_FORMAT, **DOCUMENT.of(measurement)}, indent=2) + "\n",
         encoding="utf-8",
     )
     return path

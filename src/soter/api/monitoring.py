@@ -51,35 +51,38 @@ def judged(
 
 def log_judged(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
     *,
     module: str | None = None,
     system: str | None = None,
     params: Mapping[str, object] | None = None,
     where: Mapping[str, str] | None = None,
+    partial: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
     """When each module, or one, would have switched on the reads of a log, and how near it came.
 
-    `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
-    `where`: rows that count, beside its own. SoterError D015, D016, U001, U003; D017 where no
-    module can be decided.
+    `flat_of`: a fresh flat system by name and parameters. `log`: a file, or several CSVs that are
+    one log. `mapping`: a file or what it says; `where`: rows that count, beside its own; `partial`:
+    of a damaged log what stands before the damage, which is no verdict. SoterError D015, D016,
+    U001, U003; D017 where no module can be decided.
     """
-    require_utf8(log, mapping)
+    paths = _paths(log)
+    require_utf8(*paths, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
     plan = decidable(flat, [t.topic.index for t in declared.topics])
     if not set(plan.modules) & set(chosen):
         missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
         raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
-    path = Path(log)
-    columns = read_columns(path, declared)
-    samples = samples_of(path, declared, columns)
-    judgement = replay(flat, samples, plan, str(log), progress)
+    columns = read_columns(paths, declared, partial=partial)
+    samples = samples_of(paths[0], declared, columns)
+    judgement = replay(flat, samples, plan, ", ".join(map(str, paths)), progress)
     judgement.modules = [judgement.modules[i] for i in chosen]
     for found in judgement.modules:
         found.beyond_s = max(c.beyond_ns for c in columns.values()) / 1e9
+        found.damage = next((c.damage for c in columns.values() if c.damage), None)
     judgement.notes = tuple(dict.fromkeys(n for c in columns.values() for n in c.remarks))
     judgement.unchecked = any(c.unchecked for c in columns.values())
     return judgement
@@ -99,33 +102,40 @@ def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: 
 
 def log_explained(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
-    log: str | Path,
+    log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
     *,
     module: str | None = None,
     system: str | None = None,
     params: Mapping[str, object] | None = None,
     where: Mapping[str, str] | None = None,
+    partial: bool = False,
 ) -> list[Judgement]:
     """Whether some run of the plants of the proof fits what a log says was measured and commanded.
 
     Arguments and errors as of `log_judged`; of every module all driven topics and commands have to
     be mapped (D017), and its program has to determine a proof (R...).
     """
-    require_utf8(log, mapping)
+    paths = _paths(log)
+    require_utf8(*paths, mapping)
     flat, declared = _declared(flat_of, mapping, system, params, where)
     given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, given)
-    path = Path(log)
-    columns = read_columns(path, declared)
-    samples = samples_of(path, declared, columns)
+    columns = read_columns(paths, declared, partial=partial)
+    samples = samples_of(paths[0], declared, columns)
     record, (begin, end) = of_samples(flat, samples), samples[0].log_ns
     made = [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
     told = [*(text for s in samples for text in s.lost), *doubts(flat, samples)]
     told += dict.fromkeys(f"of the file: {n}" for c in columns.values() for n in c.remarks)
     told += units_taken([x for s in samples for x in s.assumed_units])
-    return [replace(j, length_ns=end - begin, notes=tuple(told)) for j in made]
+    damage = next((c.damage for c in columns.values() if c.damage), None)
+    return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
+
+
+def _paths(log: str | Path | Sequence[str | Path]) -> list[Path]:
+    """The files of a log."""
+    return [Path(log)] if isinstance(log, (str, Path)) else [Path(one) for one in log]
 
 
 def _declared(

@@ -287,7 +287,7 @@ class Program:
         judged = by_name("soter.api.monitoring").judged(flat, log, run, module, estimates=estimates)
         return cast("list[Judgement]", judged)
 
-    def judge_log(self, log: str | Path, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
+    def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
         """A log of somebody else, and what is what in it: see `soter.api.monitoring.log_judged`."""
         judged = by_name("soter.api.monitoring").log_judged(self.flat, log, mapping, **how)
         return cast("LogJudgement", judged)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +43,7 @@ def recheck(
         raise mistake(
             "D007",
             "certificates are checked with `python-flint`, which is not installed",
-            "install it: pip install 'soter[recheck]'",
+            f"install it: {pip_install('prove')}",
         )
     require_plain()
     from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra

@@ -24,6 +24,7 @@ from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.model.binding_text import POLICIES
 from soter.native.cache import cached, digest
 from soter.native.compiler import FAST, compile_with, find, vector_flags
 from soter.native.extern_memory import unknown_of
@@ -336,12 +337,19 @@ IN_C = (
 )
 
 
-def _compiled_instead(outside: Sequence[Component]) -> tuple[str, ...]:
+def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, ...]:
     """What can be flown in place of a node that Python, or the file of a policy, answers."""
-    policy = bool(outside) and (outside[0].binding or "").startswith(("onnx:", "sb3:"))
-    written = "`soter policy FILE -o learned.soter` writes the policy as a function in Soter"
+    kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
+    written: tuple[str, ...] = ()
+    if kind in POLICIES:
+        name = outside[0].name.rpartition(".")[2]
+        command = f"soter policy {file.partition(':')[0]} --node {program}:{name} -o {name}.c"
+        written = (
+            f"`{command}` writes the policy as C, for `--bind {name}=c:{name}.c:{name}_step`",
+            "`soter policy FILE -o learned.soter` writes it as a function in Soter",
+        )
     return (
-        *((written,) if policy else ()),
+        *written,
         "replace it in the system by a node in Soter: `replace NODE by OTHER;`",
         "or bind it to C: `--bind NODE=c:file.c:function`",
     )
@@ -355,7 +363,7 @@ def _without_externs(system: System, core: CoreSystem) -> None:
 
     outside = [c for c in system.components if c.extern and not (c.node and in_c(c.binding))]
     names = [c.name for c in outside]
-    kind, helps = "node", _compiled_instead(outside)
+    kind, helps = "node", _compiled_instead(outside, system.program.path)
     if outside and outside[0].plant is not None:
         kind, helps = "plant", (IN_C,)
     if not names:

@@ -29,6 +29,7 @@ from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.cache import digest
 from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
 from soter.native.source_files import files_below
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -130,7 +131,7 @@ def require_ray() -> None:
     """SoterError D007 where Ray is not installed."""
     if find_spec("ray") is None:
         message = "a cluster is flown on with the package `ray`, which is not installed"
-        helps = ("install it: pip install 'soter[ray]'; `--workers local` flies the same here",)
+        helps = (f"install it: {pip_install('cluster')}; `--workers local` flies the same here",)
         raise SoterError((Diagnostic("D007", message, helps=helps),))
 
 

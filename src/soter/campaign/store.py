@@ -25,6 +25,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes
 from soter.report.atomic_write import require_no_links
+from soter.version import other_format, pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -88,13 +89,13 @@ WORDS = {
     "code_sha256": "the C that Soter makes of it (a parameter, or another version of Soter)",
     "linked": "the C of an extern, or its compiler",
     "unknown": "what can be known of the C of externs",
-    "schema": "the format",
 }
 COUNTED = ("ac_s", "disengagements", "episodes", "gate_faults")
 SAVED = ("saves", "precautions")
 LOOKED = ("count", "sum", "least", "most", "histogram")
 SCHEMA = 4
 LOCK = "campaign.lock"
+ANOTHER = "give another folder with -o, or remove this one"
 
 
 @dataclass(frozen=True)
@@ -163,12 +164,14 @@ class CampaignStore:
         if there == own:
             return
         before = there if isinstance(there, dict) else {}
+        if other := other_format(before.get("schema"), SCHEMA):
+            raise _trouble(self.folder, other, ANOTHER)
         names = [n for n in own if before.get(n) != own[n]]
         what = ", ".join(f"`{WORDS.get(n, n)}`" for n in names) or "what it was about"
         raise _trouble(
             self.folder,
             f"the folder holds another campaign: {what} is another",
-            "give another folder with -o, or remove this one",
+            ANOTHER,
         )
 
     def _require_known(self) -> None:
@@ -178,7 +181,7 @@ class CampaignStore:
                 self.folder,
                 f"its {len(self.flights)} flights cannot be taken: nobody knows whether the C of "
                 f"the externs is the same ({self.about.unknown})",
-                "give another folder with -o, or remove this one",
+                ANOTHER,
             )
 
     def _alone(self) -> None:
@@ -288,6 +291,8 @@ def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> 
     if not isinstance(about, dict):
         helps = ("fly it with `soter campaign --arms paper`, or say where it is: `--campaign DIR`",)
         raise _trouble(folder, "no arm `paper` was flown there", *helps)
+    if other := other_format(about.get("schema"), SCHEMA):
+        raise _trouble(folder, other, "fly its arm `paper` again")
     if (about.get("program_sha256"), about.get("system")) != (program_sha256, system):
         raise _trouble(folder, "its arm `paper` is of another program or system")
     times = about.get("lateness")
@@ -364,7 +369,7 @@ def require_parquet() -> None:
     """SoterError D007 where the package that writes Parquet is not installed."""
     if find_spec("pyarrow") is None:
         message = "Parquet is written with the package `pyarrow`, which is not installed"
-        helps = ("install it: pip install 'soter[parquet]'; `flights.csv` says the same",)
+        helps = (f"install it: {pip_install('cluster')}; `flights.csv` says the same",)
         raise SoterError((Diagnostic("D007", message, helps=helps),))
 
 

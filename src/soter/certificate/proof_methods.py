@@ -14,6 +14,7 @@ from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.tubes.check_rest import read_all, recheck_rest
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +39,7 @@ def _inductions() -> ModuleType:
     """What checks inductions; SoterError D007 where the solver is not installed."""
     if find_spec("z3") is None:
         what = "inductions are checked with `z3-solver`, which is not installed"
-        helps = ("install it: pip install 'soter[induction]'",)
+        helps = (f"install it: {pip_install('prove')}",)
         raise SoterError((Diagnostic("D007", what, helps=helps),))
     from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
 

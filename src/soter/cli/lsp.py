@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.cli.terminal.command_line import CommandOutcome, UsageError
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.diagnostics.diagnostic import mistake
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     import argparse
@@ -47,7 +48,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
             raise
         what = "the language server speaks with pygls, which is not installed"
-        raise mistake("D007", what, "install it: pip install 'soter[lsp]'") from error
+        raise mistake("D007", what, f"install it: {pip_install('editor')}") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
     from soter.native.cached_verdicts import stored_verdicts  # noqa: PLC0415 - only then

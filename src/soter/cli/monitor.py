@@ -34,6 +34,7 @@ from soter.cli.terminal.command_line import (
     seed,
 )
 from soter.cli.terminal.log_judgement import (
+    DAMAGE,
     FOREIGN_LOG,
     NOTHING,
     lines,
@@ -78,7 +79,10 @@ def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
         elif not j.judged:
             text = f"{j.module}: {NOTHING}"
         details = (*(f"{state}: {n:,} alarms" for state, n in j.alarm_states.items()), *j.notes)
+        if j.damage is not None:
+            text = f"{j.module}: {j.damage}: {text.partition(': ')[2]}"
         kind: Kind = "fail" if j.alarms else "pass" if j.judged else "open"
+        kind = "open" if j.damage is not None else kind
         findings.append(CiFinding(kind, RULE, j.module, text, j.span, details))
     return tuple(findings)
 
@@ -96,6 +100,7 @@ def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
         lost = (t.strip() for t in lost_of(judged))
         details = (*unheard(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
         kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
+        kind = "open" if m.damage is not None else kind
         findings.append(CiFinding(kind, RULE, m.module, text, m.span, details))
     return tuple(findings)
 
@@ -112,11 +117,15 @@ EXAMPLES = """\
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
   soter monitor drone.soter flight.bag --map ros.toml   the same: bags of ROS 1 and 2, any MCAP
+  soter monitor drone.soter flight.ulg --map px4.toml   of PX4, .bin and .log of ArduPilot, .tlog
+  soter monitor drone.soter pose.csv battery.csv --map two.toml    several CSVs that are one log
+  soter monitor drone.soter crash.bin --map ap.toml --partial      what stands before a damage
   soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it
 
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 4 no step was judged,
 1 diagnostics, 2 usage; with --map: 0 no read lay outside `safe`, 3 one did, 4 of a module none
-was judged: the log does not decide it, or every read came too late (--module M asks of one)
+was judged: the log does not decide it, or every read came too late (--module M asks of one);
+with --partial 4, too, where the log is damaged, whatever was found before that
 """
 SEEDS_MAX = 10_000
 HEAD = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
@@ -151,12 +160,15 @@ class Options:
     """Does the verified model explain a recorded run?"""  # noqa: D400 - a question
 
     file: str = file_option()
-    log: str | None = option(
-        "[LOG]", None, "an MCAP log, with --map others; by default a fresh run"
+    log: Sequence[str] = option(
+        "[LOG...]", (), "an MCAP log, with --map others, or several CSVs; by default a fresh run"
     )
     map: str | None = option("--map FILE", None, "TOML or JSON: which topic is what in the LOG")
     where: Sequence[str] = option(
         "--where COLUMN=TEXT", (), "with --map: rows that count; may be repeated", SEVERAL
+    )
+    partial: bool = option(
+        "--partial", False, "with --map: of a damaged log what stands before that; exit 4", SWITCH
     )
     system: str | None = option(*SYSTEM)
     module: str | None = option(*MODULE)
@@ -179,8 +191,9 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judge, or write the node; SoterError U001 for options that do not go together."""
-    if args.map is not None or args.where:
-        return _foreign(args, console)
+    logs, args.log = [*args.log], ", ".join(args.log) or None
+    if args.map is not None or args.where or args.partial or len(logs) > 1:
+        return _foreign(args, logs, console)
     if args.emit is not None and args.report is not None:
         raise mistake("U001", "`--report` shows a judgement, and `--emit` makes none")
     program = opened(args, console)
@@ -253,8 +266,6 @@ def _outcome(
     source, part = judged[0].source, min(j.judged_share for j in judged)
     says = f"{args.log or args.file}  judged on {source}{of_the_log(part)}"
     head, rows = table
-    console.say(f"{says}\n")
-    console.say(console.table(head, rows))
     alarms = sum(j.alarms for j in judged)
     empty = [j.module for j in judged if not j.judged]
     notes = [n for j in judged for n in j.notes]
@@ -262,13 +273,20 @@ def _outcome(
         notes.insert(0, ALARM)
     if empty:
         notes.append(f"{', '.join(empty)}: {NOTHING}")
-    for text in dict.fromkeys(notes):
-        console.say(f"\n{text}")
     fields = DOCUMENT.of(Monitored(judged=tuple(judged)))
     found = of_judgements(judged)
     code = exit_of_kinds(f.kind for f in found)
     headline = f"the model explains every step{of_the_log(part)}"
     headline = {VIOLATED: "the model is false", UNDECIDED: NOTHING}.get(code, headline)
+    damage = next((j.damage for j in judged if j.damage is not None), None)
+    if damage is not None:
+        headline = f"{damage}: {sum(j.alarms for j in judged):,} alarms there"
+        says = f"{says}\n{headline}"
+        notes.insert(0, damage.told)
+    console.say(f"{says}\n")
+    console.say(console.table(head, rows))
+    for text in dict.fromkeys(notes):
+        console.say(f"\n{text}")
     told = [
         PageSection("What was judged", (says, *dict.fromkeys(notes)), head, tuple(rows)),
         PageSection("How to read it", (MEANING,)),
@@ -278,21 +296,21 @@ def _outcome(
     return CommandOutcome(code, (), fields, found)
 
 
-def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
+def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> CommandOutcome:
     """Judge the log."""
     problem = _misused(args)
     if problem:
         raise mistake("U001", problem)
     program = loaded(args, console)
     what = {"module": args.module, "system": args.system, "params": dict(args.params)}
-    what["where"] = dict(pair.split("=", 1) for pair in args.where)
+    what |= {"where": dict(pair.split("=", 1) for pair in args.where), "partial": args.partial}
     if args.estimates:
         from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
 
-        explained = log_explained(program.flat, args.log, args.map, **what)
+        explained = log_explained(program.flat, logs, args.map, **what)
         return _judged(explained, args, console, program)
     with ProgressBar(console) as progress:
-        judged = program.judge_log(args.log, args.map, progress=progress, **what)
+        judged = program.judge_log(logs, args.map, progress=progress, **what)
     for text in lines(judged, console):
         console.say(text)
     items = tuple(undecided(m) for m in judged.modules if not m.decided)
@@ -308,8 +326,12 @@ def _foreign(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _misused(args: argparse.Namespace) -> str:
     """Why options do not go together, or ""."""
-    if args.map is None:
+    if args.map is None and args.where:
         return "`--where` chooses rows of a log that `--map` describes"
+    if args.map is None and args.partial:
+        return "`--partial` is of a log that `--map` describes"
+    if args.map is None:
+        return "several logs are one where `--map` describes them"
     if args.log is None:
         return "`--map` describes a log, and none is given"
     wrong = next((pair for pair in args.where if "=" not in pair), None)
@@ -392,9 +414,10 @@ DOCUMENT = JsonObject(
     modules=JsonObject(
         "soter.monitor.model_membership.Judgement",
         "source judged judged_share steps alarms first_alarm_s largest_share state=state? "
-        "alarm_states notes",
+        "alarm_states notes damage",
         {"largest_share": _largest_share},
         source=one_of("truth", "estimates"),
+        damage=DAMAGE,
     ),
     log=FOREIGN_LOG,
 )

@@ -1,7 +1,8 @@
-"""`soter new NAME`: a small robot that runs.
+"""`soter new NAME`: a small robot that runs, or with `--from` what a log holds.
 
-Purpose: a folder with a program, its policy in Python and in C, and a test; all or nothing.
-Non-goals: more than one kind of robot.
+Purpose: a folder with a program, its policy in Python and in C, and a test, or with a mapping and
+the head of a program for a log of somebody else; all or nothing.
+Non-goals: more than one kind of robot; what is found of a log (`monitor/logs/survey.py`).
 """
 
 from __future__ import annotations
@@ -9,19 +10,26 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shlex
 import shutil
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.addons import by_name
+from soter.api.arguments import require_utf8
 from soter.cli.terminal.command_line import CommandOutcome, file_option
 from soter.codegen.c.names import program_prefix
+from soter.diagnostics.command_records import SEVERAL, SWITCH, option
 from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.render import safe
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
     from soter.cli.terminal.console import Console
 
@@ -38,7 +46,9 @@ NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
 EXAMPLES = """\
   soter new rover
-  cd rover && soter run rover.soter
+  soter run rover/rover.soter
+  soter new rover --from flight.ulg       topics, types, a first max_age, and the mapping to them
+  soter new rover --from pose.csv --from battery.csv     of several CSVs that are one log
 """
 
 
@@ -47,16 +57,26 @@ class Options:
     """Make a small robot that runs, in a new folder."""
 
     name: str = file_option("NAME", "of the robot and of its folder", told="")
+    logs: Sequence[str] = option(
+        "--from LOG", (), "a log: its mapping and the head of a program; may be repeated", SEVERAL
+    )
+    partial: bool = option(
+        "--partial", False, "with --from: of a damaged log what stands before that", SWITCH
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Make it."""
     folder = Path(args.name)
     name = _checked(folder, args.name)
-    names = {"name": name, "prefix": program_prefix(name)}
-    _make(folder, {f.format(**names): _filled(t, names) for t, f in FILES.items()})
-    files = sorted(f.format(**names) for f in FILES.values())
-    commands = _commands(folder, name)
+    if args.logs:
+        texts, commands = _of_log(name, args), _commands_of_log(folder, name, args.logs)
+    else:
+        names = {"name": name, "prefix": program_prefix(name)}
+        texts = {f.format(**names): _filled(t, names) for t, f in FILES.items()}
+        commands = _commands(folder, name)
+    _make(folder, texts)
+    files = sorted(texts)
     _say(folder, files, commands, console)
     fields: dict[str, object] = {
         "folder": str(folder),
@@ -64,6 +84,26 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "commands": [c for c, _ in commands],
     }
     return CommandOutcome(fields=fields)
+
+
+def _of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
+    """A mapping and the head of a program; SoterError D016, D007."""
+    require_utf8(*args.logs)
+    survey = by_name("soter.monitor.logs.survey")
+    found = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
+    log = ", ".join(Path(log).name for log in args.logs)
+    return {
+        f"{name}.soter": survey.program_of(found, log, name),
+        f"{name}.toml": survey.mapping_of_log(found, log),
+    }
+
+
+def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple[str, str]]:
+    program, given = folder / f"{name}.soter", " ".join(map(shlex.quote, logs))
+    return [
+        (f"soter check {program}", "types and topics; write a module over those that it reads"),
+        (f"soter monitor {program} {given} --map {folder / name}.toml", "then judge the log"),
+    ]
 
 
 def _checked(folder: Path, given: str) -> str:
@@ -103,22 +143,25 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
 
 
 def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
-    program = f"{name}.soter"
+    """What to type where `soter new` was typed, in this order, and what it does."""
+    at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
+    proof = shlex.quote(str(folder / "proof"))
+    learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")
+    missing = [(pip_install("prove"), "what re-checks: it is not here")] * (not find_spec("flint"))
     return [
-        (f"cd {folder}", ""),
-        (f"soter check {program}", ""),
-        (f"soter verify {program}", "proves that it does, under what it prints"),
-        (f"soter test {program}", "tries every schedule of its `test` block"),
-        (f"soter run {program} --report", "the policy, guarded: stays on the rail"),
+        *missing,
+        (f"soter verify {program} --cert {proof}", "proves it, under what it prints"),
+        (f"soter recheck {proof}", "checks the proof again, by other code"),
+        (f"soter run {program}", "the policy, guarded: stays on the rail"),
         (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
-        (f"soter run {program} --bind Learned=c:policy.c:policy_step", "the same policy in C"),
-        ("python -m unittest", "its tests; pytest runs them too"),
+        (f"soter test {program}", "tries every schedule of its `test` block"),
+        (f"soter run {program} --bind {learned}", "the same policy in C"),
+        (f"python -m unittest discover {at}", "its tests; pytest runs them too"),
     ]
 
 
 def _say(folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console) -> None:
     console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")
-    width = max(len(c) for c, about in commands if about)
+    width = max(len(c) for c, _ in commands)
     for command, about in commands:
-        text = f"  {command:<{width}}  {console.paint('muted', about)}" if about else f"  {command}"
-        console.say(text)
+        console.say(f"  {command:<{width}}  {console.paint('muted', about)}")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_line import CommandOutcome, UsageError, file_option
 from soter.diagnostics.command_records import option, read_by
+from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -26,10 +27,14 @@ EXAMPLES = """\
   soter policy rush.onnx
   soter policy ppo.zip --statistics vecnormalize.pkl
   soter policy rush.onnx --within 10,6,50 -o rush.soter     a function: import it, call `rush.act`
+  soter policy rush.zip --node rush.soter:Learned -o learned.c
+  soter campaign rush.soter --bind Learned=c:learned.c:Learned_step
 
 A node is answered by the file itself with `extern node X ... from "onnx:rush.onnx"`, or from
-"sb3:ppo.zip" or "sb3:ppo.zip:vecnormalize.pkl". What `-o` writes needs no file and no Python: a
-small network of linear layers, ReLU and tanh, in C, with a cost that `soter check` tells.
+"sb3:ppo.zip" or "sb3:ppo.zip:vecnormalize.pkl". Statistics that lie beside the zip are found;
+`none` in their place says that there are none. What `-o` writes needs no file and no Python: a
+small network of linear layers, ReLU and tanh, in C, with a cost that `soter check` tells. With
+`--node` it is the C of that extern node instead, of any network that is read: for campaigns.
 
 exit codes: 0 told or written, 1 diagnostics, 2 usage
 """
@@ -53,7 +58,7 @@ class Options:
 
     file: str = file_option(words="an ONNX file, or a zip of Stable-Baselines3")
     statistics: str | None = option(
-        "--statistics FILE", None, "what VecNormalize saved, where observations are"
+        "--statistics FILE", None, "what VecNormalize saved, or `none`; else what lies beside"
     )
     within: list[float] | None = option(
         "--within LIST",
@@ -61,7 +66,10 @@ class Options:
         "how large observations are at most, one number or one each: for the bound",
         read_by(_sizes),
     )
-    output: str | None = option("-o --output FILE", None, "write the network as Soter")
+    output: str | None = option("-o --output FILE", None, "write the network as Soter, or as C")
+    node: str | None = option(
+        "--node PROGRAM:NAME", None, "write the C of this extern node of the program"
+    )
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
@@ -78,13 +86,20 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         "facts": told,
         "assumed": list(policy.assumed),
         "inputs": policy.network.inputs,
-        "outputs": 1 if policy.network.choice else policy.network.outputs,
+        "outputs": policy.network.answers,
         "bound": bound,
         "output": args.output,
     }
+    if args.node is not None and args.output is None:
+        raise UsageError("--node wants a file to write: -o learned.c")
     if args.output is not None:
-        _write(Path(args.output), policy, args.file, told)
+        if args.node is not None:
+            fields["bind"] = _write_c(Path(args.output), policy, args.node)
+        else:
+            _write(Path(args.output), policy, args.file, told)
         console.say(f"\nwritten  {args.output}")
+        if args.node is not None:
+            console.say(f"bind it  --bind {fields['bind']}")
     return CommandOutcome(fields=fields)
 
 
@@ -125,7 +140,10 @@ def _layers(policy: Policy) -> str:
 
 def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: float | None) -> str:
     from soter.policy.network import Tanh  # noqa: PLC0415 - as above
+    from soter.policy.soter_source import not_written  # noqa: PLC0415 - as above
 
+    if unwritten := not_written(policy.network):
+        return f"no bound: it has {unwritten}, not written as a function"
     if box is None or bound is None:
         return "no bound: the file does not say how large observations are (--within)"
     if not math.isfinite(bound):
@@ -156,3 +174,35 @@ def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
     text = format_text(str(path), soter_source(policy, notes))
     with atomic_write(path) as stream:
         stream.write(text.encode())
+
+
+def _write_c(path: Path, policy: Policy, node: str) -> str:
+    """Write the C of an extern node; gives back what binds it."""
+    from soter.api import load  # noqa: PLC0415 - as above
+    from soter.codegen.unit import generate  # noqa: PLC0415 - as above
+    from soter.policy.c_source import c_source  # noqa: PLC0415 - as above
+    from soter.policy.policy_extern import by_name  # noqa: PLC0415 - as above
+    from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
+
+    file, _, name = node.rpartition(":")
+    program = load(file or node)
+    if not program.ok:
+        raise SoterError(program.diagnostics)
+    for system in map(program.declared, program.systems):
+        for x in system.components:
+            if x.node is None or not x.extern or name not in (x.name, x.name.rpartition(".")[2]):
+                continue
+            topics = [s.topic for s in x.node.subscribes]
+            reads = [
+                (t.name.rpartition(".")[2], system.topics[x.scope.topics[t]].type) for t in topics
+            ]
+            if policy.keys:
+                reads = list(by_name(Path(policy.path), policy.keys, reads))
+            unit = generate(system)
+            own = unit.names[x.index]
+            function = f"{name.rpartition('.')[2]}_step"
+            text = c_source(policy, function, own, f"{unit.prefix}.h", reads, x.node.answers)
+            with atomic_write(path) as stream:
+                stream.write(text.encode())
+            return f"{name}=c:{path}:{function}"
+    raise UsageError(f"--node takes PROGRAM:NAME of an extern node, not `{node}`")

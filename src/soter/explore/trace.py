@@ -27,6 +27,7 @@ from soter.language.model.tree_walk import nodes, plant_code
 from soter.language.model.types import BoolType
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
+from soter.version import other_format
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -308,8 +309,8 @@ class _JsonFields:
 def _trace(d: _JsonFields, path: Path) -> Trace:
     if d.anything("kind") != KIND:
         raise DamagedTraceError(f'`kind` is not "{KIND}"')
-    if d.anything("schema") != SCHEMA:
-        raise DamagedTraceError(f"`schema` is not {SCHEMA}: another version of soter made it")
+    if other := other_format(d.anything("schema"), SCHEMA):
+        raise DamagedTraceError(other)
     broken = d.part("property")
     return Trace(
         program=d.text("program"),

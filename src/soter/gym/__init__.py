@@ -2,20 +2,24 @@
 
 Purpose: `Protected`, `SafetyWrapper` and `make_protected` put the module of any Soter program
 between an agent and its environment; `ProtectedVector` and `make_vec` step thousands of worlds of a
-program in one call; `conformance` compares an environment with the plant of a proof (docs/gym.md).
-Non-goals: learning; anything that Gymnasium has already. Needs the extra `soter[gym]`.
+program in one call, `make_sb3_vec` for Stable-Baselines3; `conformance` compares an environment
+with the plant of a proof (docs/gym.md).
+Non-goals: learning; anything that Gymnasium has already. Needs the extra `learn`.
 """
 
 from __future__ import annotations
 
+from soter.version import pip_install
+
 try:
     import gymnasium as _gymnasium  # noqa: F401 - asked for here, so that the message says what to do
 except ImportError as error:
-    raise ImportError("soter.gym needs gymnasium: pip install 'soter[gym]'") from error
+    raise ImportError(f"soter.gym needs gymnasium: {pip_install('learn')}") from error
 
 from soter.gym.plant_conformance import Conformance, conformance
 from soter.gym.protected import Protected, SafetyWrapper, make_protected
 from soter.gym.safety_warning import SafetyWarning
+from soter.gym.sb3_vector import make_sb3_vec
 from soter.gym.vector import ProtectedVector, make_vec
 
 __all__ = [
@@ -26,5 +30,6 @@ __all__ = [
     "SafetyWrapper",
     "conformance",
     "make_protected",
+    "make_sb3_vec",
     "make_vec",
 ]

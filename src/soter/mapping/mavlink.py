@@ -30,6 +30,7 @@ from soter.diagnostics.similar_names import closest
 from soter.language.load.bounded_read import MIB, beside, read_bytes
 from soter.mapping.mapping_errors import unknown
 from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -243,7 +244,7 @@ def require_mavlink_package() -> None:
     """SoterError D007 where the package that knows MAVLink's dialects is not installed."""
     if find_spec("pymavlink") is None:
         text = "messages of MAVLink are known to the package `pymavlink`, which is not installed"
-        help_ = "install it: pip install 'soter[mavlink]'"
+        help_ = f"install it: {pip_install('robots')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
 
 

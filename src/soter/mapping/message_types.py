@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest, nearest_or_all
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -271,7 +272,7 @@ def require_ros_package() -> None:
     """SoterError D007 where the package that knows ROS messages is not installed."""
     if find_spec("rosbags") is None:
         text = "ROS messages and bags are read with the package `rosbags`, which is not installed"
-        help_ = "install it: pip install 'soter[ros]'"
+        help_ = f"install it: {pip_install('logs')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
 
 

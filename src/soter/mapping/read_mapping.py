@@ -36,6 +36,7 @@ SECONDS_MAX = 10**12
 DEFINITION_MAX = 1 << 20
 """Bytes of a `.msg` file."""
 KEYS = ("system", "frame", "time", "where", "messages", "mavlink", "topics")
+TIME_KEYS = ("from", "unit", "scale", "since", "until")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -117,6 +118,8 @@ class _MappingReader:
 
     def __init__(self, system: System, folder: Path) -> None:
         self.known = {t.name: t for t in system.topics if t.queue_of is None and not t.held}
+        self.unused = set(system.program.topics) - set(self.known)
+        """Topics of the program that the system has not: what a mapping says of them is unasked."""
         self.delays_ns = {system.topics[e.topic].name: e.delay_ns or 0 for e in system.externals}
         self.folder = folder
         self.problems = MappingProblems()
@@ -137,7 +140,7 @@ class _MappingReader:
             problems.add("`since` of `time` lies after `until`")
         where = problems.texts(given, "where", "the mapping")
         topics = problems.table(given, "topics", "the mapping")
-        if not topics and not problems.told:
+        if not set(topics) - self.unused and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
         link = self._link(given, topics)
         types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
@@ -149,6 +152,8 @@ class _MappingReader:
         self, name: str, given: object, frame: str, types: KnownTypes | None
     ) -> tuple[TopicMap, ...]:
         topic = self.known.get(name)
+        if topic is None and name in self.unused:
+            return ()
         if topic is None:
             self.problems.add(unknown("the system has no topic", name, self.known))
             return ()
@@ -195,7 +200,7 @@ class _MappingReader:
             return None
 
     def _time(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
-        self.problems.only(given, ("from", "unit", "scale", "since", "until"), "`time`")
+        self.problems.only(given, TIME_KEYS, "`time`")
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:
             self.problems.add(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")

@@ -94,6 +94,7 @@ TOPIC_KEYS = (
 SOURCE_KEYS = (
     *(k for k in TOPIC_KEYS if k not in ("between", "gap", "set")), *PROMISE_KEYS,
 )  # fmt: skip
+STAMP_KEYS = ("from", "unit")
 ARRIVAL = "arrival"
 GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
 """What a field can hold: beyond, infinity would go out."""
@@ -246,7 +247,7 @@ class TopicReader:
         if not isinstance(stamp, dict):
             problems.add(f'{where} is a field, a table or "{ARRIVAL}", not {stamp!r}')
             return None
-        problems.only(stamp, ("from", "unit"), where)
+        problems.only(stamp, STAMP_KEYS, where)
         path, unit = stamp.get("from"), stamp.get("unit")
         if not isinstance(path, str) or not path:
             problems.add(f"{where} needs `from`, the name of a field")

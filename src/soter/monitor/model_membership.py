@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Value
     from soter.monitor.linear_model import LinearModel
+    from soter.monitor.logs.files.log_columns import Damage
     from soter.report.recorded_values import RecordedRun
     from soter.verify.problem.problem import Problem
 
@@ -75,6 +76,8 @@ class Judgement:
     """What of a log was not used, and stamps of another clock."""
     span: Span | None = field(default=None, compare=False, repr=False)
     """Where the module is declared."""
+    damage: Damage | None = None
+    """Of the log, of which only what stands before it was judged."""
 
     @property
     def judged(self) -> bool:

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.printable_text import visible
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -242,7 +243,7 @@ def find() -> Compiler:
                 f"there is no C compiler: {what} was not found",
                 helps=(
                     *(("take the system's: unset SOTER_CC",) if chosen else ()),
-                    "install one as a Python package: pip install 'soter[zig]'",
+                    f"install one as a Python package: {pip_install('compiler')}",
                     "or run without one: soter run FILE --engine interp",
                 ),
             ),

@@ -1,20 +1,22 @@
 """A small network: its layers, and what it answers in float32.
 
 Purpose: the one form that files are read into, that is run by NumPy, bounded and written as Soter.
-Non-goals: files (`sb3_file.py`, `onnx_file.py`), convolutions, memory, training.
+Non-goals: files (`sb3_file.py`, `onnx_file.py`), convolutions, training.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
 
 Floats = npt.NDArray[np.float32]
 Doubles = npt.NDArray[np.float64]
@@ -24,11 +26,26 @@ OPERATIONS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
 @dataclass(frozen=True, eq=False)
 class Standardised:
-    """clip((x - mean) / deviation, -limit, limit), in float64, then rounded: VecNormalize's."""
+    """clip((x - mean) / deviation, -limit, limit), in float64, then rounded: VecNormalize's.
+
+    All (n,); a number that is not normalised has mean 0, deviation 1 and no limit (infinity).
+    """
 
     mean: Doubles
     deviation: Doubles
-    limit: float
+    limit: Doubles
+
+
+@dataclass(frozen=True)
+class OneHot:
+    """Of each number, a whole one below its size, so many of which one is 1; size 0: itself."""
+
+    sizes: tuple[int, ...]
+
+    @property
+    def outputs(self) -> int:
+        """How many numbers it makes."""
+        return sum(size or 1 for size in self.sizes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +74,30 @@ class Tanh:
     """tanh(x)."""
 
 
+@dataclass(frozen=True)
+class Activation:
+    """One of `ACTIVATIONS`, number by number, named as torch names it."""
+
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Lstm:
+    """Numbers that are kept from step to step in an episode, zeros at its start.
+
+    weight (4 n, inputs + n), of what is given and what was answered; bias (4 n,): of the gates
+    in, forget, new, out.
+    """
+
+    weight: Floats
+    bias: Floats
+
+    @property
+    def outputs(self) -> int:
+        """How many numbers it keeps and answers."""
+        return self.bias.size // 4
+
+
 @dataclass(frozen=True, eq=False)
 class Clipped:
     """min(max(x, low), high); low and high (n,), infinite where there is no bound."""
@@ -71,30 +112,44 @@ class Clipped:
         return np.array(low), np.array(high)
 
 
-Layer = Standardised | Affine | Elementwise | Relu | Tanh | Clipped
+Layer = Standardised | OneHot | Affine | Elementwise | Relu | Tanh | Activation | Lstm | Clipped
 
 
 @dataclass(frozen=True)
 class Network:
     """Layers one after the other, from `inputs` numbers.
 
-    `choice`: the answer is the index of the largest number, the first of equal ones.
+    `choices`: sizes of groups of the last numbers; the answer is, of each, the index of the
+    largest number, the first of equal ones. Without any, the numbers are the answer.
     """
 
     inputs: int
     layers: tuple[Layer, ...]
-    choice: bool = False
+    choices: tuple[int, ...] = ()
 
     @property
     def outputs(self) -> int:
         """How many numbers the last layer has."""
-        sizes = [size for layer in self.layers if (size := _size(layer)) is not None]
+        sizes = [size for layer in self.layers if (size := _gives(layer)) is not None]
         return sizes[-1] if sizes else self.inputs
+
+    @property
+    def answers(self) -> int:
+        """How many numbers or indices are answered."""
+        return len(self.choices) or self.outputs
 
     @property
     def weights(self) -> int:
         """How many numbers its matrices have."""
-        return sum(x.weight.size for x in self.layers if isinstance(x, Affine))
+        return sum(x.weight.size for x in self.layers if isinstance(x, (Affine, Lstm)))
+
+    def chosen(self, last: Floats) -> list[float]:
+        """The answer, of the numbers of the last layer (outputs,)."""
+        if not self.choices:
+            numbers: list[float] = last.tolist()
+            return numbers
+        ends = np.cumsum(self.choices)[:-1]
+        return [int(group.argmax()) for group in np.split(last, ends)]
 
 
 @dataclass(frozen=True)
@@ -103,7 +158,9 @@ class Policy:
 
     `facts`: what was read, in words, by what it is. `assumed`: what the file does not say.
     `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
-    largest observation, (inputs,) each, where the file says finite ones.
+    largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
+    by name, the names in the order in which the network takes them, and how many numbers each has.
+    `beside`: a file that was not named and was read.
     """
 
     path: str
@@ -112,14 +169,25 @@ class Policy:
     assumed: tuple[str, ...] = ()
     per_frame: Standardised | None = None
     box: tuple[Doubles, Doubles] | None = None
+    keys: tuple[tuple[str, int], ...] = ()
+    beside: Path | None = None
 
 
-def _size(layer: Layer) -> int | None:
+def _takes(layer: Layer) -> int | None:
+    """How many numbers a layer is given; None: any."""
+    if isinstance(layer, OneHot):
+        return len(layer.sizes)
+    if isinstance(layer, Lstm):
+        return int(layer.weight.shape[1]) - layer.outputs
+    arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
+    return int(arrays[0].shape[-1]) if arrays else None
+
+
+def _gives(layer: Layer) -> int | None:
+    """How many numbers a layer makes; None: as many as it is given."""
     if isinstance(layer, Affine):
         return int(layer.weight.shape[0])
-    if isinstance(layer, Elementwise):
-        return int(layer.operand.size)
-    return int(layer.low.size) if isinstance(layer, Clipped) else None
+    return layer.outputs if isinstance(layer, (OneHot, Lstm)) else _takes(layer)
 
 
 def in_numbers(count: int) -> str:
@@ -128,7 +196,9 @@ def in_numbers(count: int) -> str:
 
 
 def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
-    if not all(np.isfinite(a).all() for a in arrays) and not isinstance(layer, Clipped):
+    bounds = (layer.limit,) if isinstance(layer, Standardised) else ()
+    finite = [a for a in arrays if all(a is not b for b in bounds)]
+    if not all(np.isfinite(a).all() for a in finite) and not isinstance(layer, Clipped):
         return "holds a number that is not finite"
     if isinstance(layer, Standardised) and not (layer.deviation > 0.0).all():
         return "divides by a deviation that is not positive"
@@ -144,12 +214,15 @@ def problem_of(network: Network) -> str:
     size = network.inputs
     for number, layer in enumerate(network.layers, 1):
         arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
-        takes = arrays[0].shape[-1] if arrays else size
-        if takes != size:
+        takes = _takes(layer)
+        if takes not in (None, size):
             return f"layer {number} takes {in_numbers(takes)}, and is given {size}"
         if wrong := _bad_numbers(layer, arrays):
             return f"layer {number} {wrong}"
-        size = _size(layer) or size
+        size = _gives(layer) or size
+    if network.choices and sum(network.choices) != size:
+        chosen = f"{in_numbers(sum(network.choices))} to choose from"
+        return f"its action space has {chosen}, its network {size}"
     return ""
 
 
@@ -162,12 +235,21 @@ def standardised(layer: Standardised, x: Doubles) -> Floats:
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
 
 
-def answering(network: Network) -> tuple[Floats, Callable[[], Floats]]:
-    """Where an observation is written, (inputs,), and what asks the network about it.
+class Asked(NamedTuple):
+    """A network that can be asked: an observation is written, and `run` gives the last layer."""
 
-    The answer is what the last layer says in float32, (outputs,); the next call overwrites it.
-    """
+    observation: Floats
+    """(inputs,)"""
+    run: Callable[[], Floats]
+    """(outputs,); the next call overwrites it."""
+    reset: Callable[[], None]
+    """An episode begins."""
+
+
+def answering(network: Network) -> Asked:
+    """What asks the network in float32."""
     steps: list[Callable[[], object]] = []
+    memory: list[Floats] = []
     before = _with_one(network.inputs)
     observation = before[:-1]
     for layer in network.layers:
@@ -177,8 +259,14 @@ def answering(network: Network) -> tuple[Floats, Callable[[], Floats]]:
             after = _with_one(len(layer.bias))
             weight = np.hstack([layer.weight, layer.bias[:, None]])
             steps.append(partial(weight.dot, before, after[:-1]))
+        elif isinstance(layer, Lstm):
+            after = _with_one(layer.outputs)
+            memory += [kept := np.zeros(layer.outputs, np.float32), after[:-1]]
+            steps.append(partial(_remember, layer, before[:-1], kept, after[:-1]))
         else:
             after = before if steps else _with_one(network.inputs)
+            if isinstance(layer, OneHot):
+                after = _with_one(layer.outputs)
             steps += _in_place(layer, before[:-1], after[:-1])
         before = after
     answer = before[:-1]
@@ -188,7 +276,11 @@ def answering(network: Network) -> tuple[Floats, Callable[[], Floats]]:
             step()
         return answer
 
-    return observation, run
+    def reset() -> None:
+        for numbers in memory:
+            numbers[:] = 0.0
+
+    return Asked(observation, run, reset)
 
 
 def _with_one(size: int) -> Floats:
@@ -196,7 +288,7 @@ def _with_one(size: int) -> Floats:
 
 
 def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
-    """The steps of a layer that keeps the count of numbers."""
+    """The steps of a layer of which each number is made of one."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
     if isinstance(layer, Relu):
@@ -206,12 +298,75 @@ def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]
         return [partial(np.maximum, x, layer.low, out=out), clipped]
     if isinstance(layer, Elementwise):
         return [partial(OPERATIONS[layer.operation], x, layer.operand, out=out)]
+    if isinstance(layer, Activation):
+        of = ACTIVATIONS[layer.name]
+        return [lambda: np.copyto(out, of(x))]
+    if isinstance(layer, OneHot):
+        return [partial(_one_hot, layer.sizes, x, out)]
     assert isinstance(layer, Standardised)
     return [lambda: np.copyto(out, standardised(layer, x.astype(np.float64)))]
 
 
+def _one_hot(sizes: Sequence[int], x: Floats, out: Floats) -> None:
+    out[:] = 0.0
+    at = 0
+    for number, size in zip(x.tolist(), sizes, strict=True):
+        if not size:
+            out[at] = number
+        elif number == int(number) and 0 <= number < size:
+            out[at + int(number)] = 1.0
+        else:
+            msg = f"it reads {number:g} where the policy takes a whole number below {size}"
+            raise ValueError(msg)
+        at += size or 1
+
+
+def _sigmoid(x: Floats) -> Floats:
+    half = np.float32(0.5)
+    made: Floats = half + half * np.tanh(half * x)
+    return made
+
+
+def _remember(layer: Lstm, x: Floats, kept: Floats, out: Floats) -> None:
+    """What is kept, (n,), and answered, (n,), of the step before become those of this one."""
+    gates = layer.weight @ np.concatenate([x, out]) + layer.bias
+    enter, forget, new, leave = gates.reshape(4, -1)
+    kept[:] = _sigmoid(forget) * kept + _sigmoid(enter) * np.tanh(new)
+    out[:] = _sigmoid(leave) * np.tanh(kept)
+
+
+def _softplus(x: Floats) -> Floats:
+    made: Floats = np.logaddexp(np.float32(0.0), x)
+    return made
+
+
+def _elu(x: Floats) -> Floats:
+    return np.where(x > 0, x, np.expm1(np.minimum(x, np.float32(0.0))))
+
+
+def _gelu(x: Floats) -> Floats:
+    erf = [math.erf(y / math.sqrt(2.0)) for y in x.tolist()]
+    return (0.5 * x * (1.0 + np.array(erf))).astype(np.float32)
+
+
+SELU_ALPHA, SELU_SCALE = np.float32(1.6732632423543772), np.float32(1.0507009873554805)
+ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
+    "ELU": _elu,
+    "GELU": _gelu,
+    "LeakyReLU": lambda x: np.where(x > 0, x, np.float32(0.01) * x),
+    "Mish": lambda x: x * np.tanh(_softplus(x)),
+    "ReLU6": lambda x: np.clip(x, 0.0, 6.0),
+    "SELU": lambda x: SELU_SCALE * np.where(x > 0, x, SELU_ALPHA * _elu(x)),
+    "SiLU": lambda x: x * _sigmoid(x),
+    "Sigmoid": _sigmoid,
+    "Softplus": _softplus,
+    "Softsign": lambda x: x / (np.float32(1.0) + np.abs(x)),
+}
+"""With the parameters that torch gives where nobody says others."""
+
+
 def answer(network: Network, observation: Floats) -> Floats:
     """What the last layer says in float32, (outputs,), of one observation (inputs,)."""
-    given, run = answering(network)
-    given[:] = observation
-    return run()
+    asked = answering(network)
+    asked.observation[:] = observation
+    return asked.run()

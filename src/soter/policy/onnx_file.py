@@ -3,17 +3,16 @@
 Purpose: `onnx_content`: the bytes, with the weights that lie in files beside it put into it: a
 tensor may name a file (`external_data` of the format), as `torch.onnx.export` writes it; that is
 looked for in the folder of the ONNX file as that is named, wherever the command was started, and
-nowhere else. `OnnxSession`: one observation in, one answer out, without a copy that is not needed.
-`read_onnx`: the file as layers: a chain of linear layers, ReLU, tanh, clips and operations with
-constants, from the one input to the answer. Whatever has not the form of a policy, or another
-operator, is X014 with its name.
-Non-goals: what the numbers mean; operators beyond these as layers: onnxruntime has far more.
+nowhere else. `read_onnx`: the file as layers: a chain of linear layers, ReLU, tanh, clips and
+operations with constants, from the one input to the answer. Whatever has not the form of a policy,
+or another operator, is X014 with its name.
+Non-goals: asking onnxruntime (`onnx_session.py`), which has far more operators; what the numbers
+mean.
 """
 
 from __future__ import annotations
 
 import hashlib
-import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ from soter.policy.network import (
 from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of, missing_package
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
     import numpy.typing as npt
@@ -142,100 +141,8 @@ def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
         raise bad_policy(path, why, *helps) from error
 
 
-DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
 NAMES = ("action", "actions")
 """Of several outputs the one that is the answer; else the first is."""
-
-
-def _answer_of(outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
-    """The output that is the answer, and what is assumed where there are several."""
-    output = next((x for x in outputs if x.name in NAMES), outputs[0])
-    if len(outputs) == 1:
-        return output, ()
-    names = ", ".join(f"`{x.name}`" for x in outputs[:8])
-    return output, (f"of its outputs {names} `{output.name}` is the answer",)
-
-
-class OnnxSession:
-    """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
-
-    SoterError X003, X014; D007 without onnxruntime. `assumed`: what the file does not say.
-    """
-
-    def __init__(self, path: Path) -> None:
-        data = onnx_content(path).data
-        runtime = _onnxruntime()
-        options = runtime.SessionOptions()
-        options.intra_op_num_threads = options.inter_op_num_threads = 1
-        options.log_severity_level = 4
-        try:
-            session = runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
-        except Exception as error:
-            why = f"onnxruntime does not load it: {' '.join(str(error).split())[:300]}"
-            raise bad_policy(path, why) from error
-        inputs, outputs = session.get_inputs(), session.get_outputs()
-        if len(inputs) != 1 or not outputs:
-            names = ", ".join(f"`{x.name}`" for x in inputs[:8])
-            why = f"it has {len(inputs)} inputs ({names}) and {len(outputs)} outputs"
-            raise bad_policy(path, why, "one input, the observation, and an output are needed")
-        output, self.assumed = _answer_of(outputs)
-        shape = tuple(_axis(x) for x in inputs[0].shape)
-        if inputs[0].type not in DTYPES or not shape or shape[-1] is None:
-            raise bad_policy(path, f"its input is a {inputs[0].type} of shape {inputs[0].shape}")
-        if output.type not in DTYPES or any(x not in (None, 1) for x in shape[:-1]):
-            why = f"it answers a {output.type} for an input of shape {inputs[0].shape}"
-            raise bad_policy(path, why, "one observation is asked at a time: leading axes are 1")
-        given = np.zeros([1 if x is None else x for x in shape], DTYPES[inputs[0].type])
-        self.observation = given.reshape(-1)
-        self._prepare(path, runtime, session, (inputs[0].name, given), output.name)
-
-    def _prepare(
-        self,
-        path: Path,
-        runtime: Any,  # noqa: ANN401 - no types
-        session: Any,  # noqa: ANN401
-        given: tuple[str, npt.NDArray[Any]],
-        answered: str,
-    ) -> None:
-        """Ask once, and bind input and output to memory that stays."""
-        try:
-            first = np.asarray(session.run([answered], dict([given]))[0])
-        except Exception as error:
-            why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
-            raise bad_policy(path, why) from error
-        if not first.size or first.ndim > len(given[1].shape) + 1:
-            raise bad_policy(path, f"it answers an array of shape {first.shape}")
-        out = np.ascontiguousarray(first)
-        self.is_whole = out.dtype == np.int64
-        self._kept = [runtime.OrtValue.ortvalue_from_numpy(x) for x in (given[1], out)]
-        self._binding = session.io_binding()
-        self._binding.bind_ortvalue_input(given[0], self._kept[0])
-        self._binding.bind_ortvalue_output(answered, self._kept[1])
-        self._session, self.answer = session, self._kept[1].numpy().reshape(-1)
-        self._out = self._kept[1]
-
-    def run(self) -> list[float]:
-        """The numbers that are answered of `observation`; whatever onnxruntime raises."""
-        self._session.run_with_iobinding(self._binding)
-        answer: list[float] = self._out.numpy().ravel().tolist()
-        return answer
-
-
-def _axis(size: object) -> int | None:
-    """A fixed size of an axis; None where the file leaves it open."""
-    return size if isinstance(size, int) and size > 0 else None
-
-
-def _onnxruntime() -> Any:  # noqa: ANN401 - no types
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import onnxruntime  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise missing_package("onnxruntime", "a policy in an ONNX file") from error
-    return onnxruntime
-
-
 READ = (
     "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, ArgMax"
 )
@@ -265,7 +172,7 @@ def read_onnx(path: Path) -> Policy:
         "file": f"ONNX, operators of version {versions}",
         "observation": f"`{given}`, {in_numbers(network.inputs)}",
         "answer": f"`{answered}`, "
-        + ("the index of the largest" if network.choice else in_numbers(network.outputs)),
+        + ("the index of the largest" if network.choices else in_numbers(network.outputs)),
     }
     if content.beside:
         told = [f"`{name}`, sha256 {sha256}" for name, sha256 in content.beside.items()]
@@ -280,7 +187,8 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     constants = _constants(graph)
     given = [x for x in graph.input if x.name not in constants]
     if len(given) != 1 or not graph.output:
-        raise _UnreadError(f"it has {len(given)} inputs and {len(graph.output)} outputs")
+        counts = f"{len(given)} inputs and {len(graph.output)} outputs"
+        raise _UnreadError(f"it has {counts}, not written as a function: a node can ask it")
     answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
     size = _size(given[0])
     chain = _chain(graph, constants, given[0].name, answered)
@@ -291,7 +199,9 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     for node in chain:
         network = Network(size, tuple(layers))
         layers += _maker_of(node)(node, constants, network.outputs)
-    return given[0].name, answered, Network(size, tuple(layers), choice)
+    network = Network(size, tuple(layers))
+    choices = (network.outputs,) if choice else ()
+    return given[0].name, answered, Network(size, tuple(layers), choices)
 
 
 def _array(tensor: Any) -> npt.NDArray[Any]:  # noqa: ANN401

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import ReadError, read_bytes
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +26,7 @@ def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
 
 def missing_package(package: str, purpose: str) -> SoterError:
     """D007: a package that is not installed."""
-    help_ = "install it: pip install 'soter[policy]'"
+    help_ = f"install it: {pip_install('learn')}"
     return SoterError(
         (Diagnostic("D007", f"{purpose} needs the package `{package}`", helps=(help_,)),)
     )

@@ -25,9 +25,11 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.policy.network import answering, in_numbers, standardised
-from soter.policy.onnx_file import OnnxSession, onnx_content
+from soter.policy.onnx_file import onnx_content
+from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, content_of
 from soter.policy.sb3_file import read_sb3
+from soter.policy.vec_normalize import statistics_beside
 from soter.semantics.externs import Converted
 from soter.simulate.externs.python_extern import FilePolicy
 
@@ -43,6 +45,8 @@ if TYPE_CHECKING:
 
     Shapes = Sequence[tuple[str, Type]]
 
+NUMBERS = (FloatType, IntType, BoolType)
+
 
 class PolicyExtern(FilePolicy):
     """A policy between what a node reads and what it publishes.
@@ -52,15 +56,17 @@ class PolicyExtern(FilePolicy):
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
         path = Path(binding.file)
+        asked, self._run, self._forget, assumed = _asked(binding, path)
+        if assumed.keys:
+            reads = by_name(path, assumed.keys, reads, *([SAY] if assumed.policy is None else []))
         places = [p for name, t in reads for p in _places(path, name, t)]
         count = sum(n for _, n in places)
         self._get = attrgetter(*(p for p, _ in places)) if places else None
         self._blocks = any(n != 1 for _, n in places)
         self._build = [_builder(path, name, t) for name, t in answers]
-        asked, self._run, assumed = _asked(binding, path)
         self._observation = asked
         frames = asked.size // count if count and asked.size % count == 0 else 0
-        if not frames:
+        if not frames or (frames > 1 and assumed.keys):
             names = ", ".join(f"`{name}`" for name, _ in reads)
             why = f"it takes {in_numbers(asked.size)}, the node reads {count} ({names})"
             raise bad_policy(
@@ -77,8 +83,9 @@ class PolicyExtern(FilePolicy):
         _require_answers(path, assumed, answers)
 
     def reset(self, _seed: int) -> None:
-        """Forget the frames; the policy itself draws nothing."""
+        """Forget the frames, and what the network remembers; the policy draws nothing."""
         self._observation[:] = 0.0
+        self._forget()
 
     def step(self, inputs: Any) -> Converted:  # noqa: ANN401 - a namespace of what is read
         """The answer to what the node reads."""
@@ -114,33 +121,54 @@ class _Assumed:
 
     def __init__(self, texts: tuple[str, ...], outputs: int, policy: Policy | None) -> None:
         self.texts, self.outputs, self.policy = texts, outputs, policy
-        self.whole = policy is not None and policy.network.choice
+        self.whole = policy is not None and bool(policy.network.choices)
+        self.keys = policy.keys if policy is not None else ()
 
 
 def _asked(
     binding: BindingText, path: Path
-) -> tuple[npt.NDArray[Any], Callable[[], list[float]], _Assumed]:
-    """Where the observation is written, what answers it, and what is assumed."""
+) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
+    """Where the observation is written, what answers it, what forgets, and what is assumed."""
     if binding.kind == "onnx":
-        session = OnnxSession(path)
+        session = OnnxSession(path, binding.name)
         assumed = _Assumed(session.assumed, len(session.run()), None)
-        assumed.whole = session.is_whole
-        return session.observation, session.run, assumed
+        assumed.whole, assumed.keys = session.is_whole, session.keys
+        return session.observation, session.run, session.reset, assumed
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     network = policy.network
-    outputs = 1 if network.choice else network.outputs
-    given, ask = answering(network)
+    asked = answering(network)
 
     def run() -> list[float]:
-        numbers: list[float] = [int(ask().argmax())] if network.choice else ask().tolist()
-        return numbers
+        return network.chosen(asked.run())
 
-    return given, run, _Assumed(policy.assumed, outputs, policy)
+    return asked.observation, run, asked.reset, _Assumed(policy.assumed, network.answers, policy)
+
+
+def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
+    """What is read, in the order of the names of observations; X014 where a name is missing."""
+    known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
+    if len(reads) == 1 and isinstance(reads[0][1], RecordType):
+        (record,) = reads
+        known = {field: (f"{record[0]}.{field}", t) for field, t in record[1].fields}
+    if set(known) != {key for key, _ in keys}:
+        names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
+        why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"
+        help_ = "name topics like that, or one topic that is a record with these fields"
+        raise bad_policy(path, why, help_, *helps)
+    for key, count in keys:
+        given = sum(n for _, n in _places(path, *known[key]))
+        if given != count:
+            raise bad_policy(path, f"its `{key}` is {in_numbers(count)}, the node reads {given}")
+    return [known[key] for key, _ in keys]
 
 
 def sha256_of_files(binding: BindingText) -> dict[str, str]:
     """Of the files of a binding, with those that an ONNX file names; SoterError X003, X014."""
-    told = {name: sha256(content_of(Path(name))).hexdigest() for name in binding.files}
+    found = None
+    if binding.kind == "sb3" and not binding.name:
+        found = statistics_beside(Path(binding.file))
+    names = (*binding.files, *([str(found)] if found else []))
+    told = {name: sha256(content_of(Path(name))).hexdigest() for name in names}
     if binding.kind == "onnx":
         path = Path(binding.file)
         told |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
@@ -155,7 +183,7 @@ def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
     if isinstance(t, RecordType):
         for field, of in t.fields:
             yield from _places(path, f"{name}.{field}", of)
-    elif isinstance(t, (FloatType, IntType, BoolType)):
+    elif isinstance(t, NUMBERS):
         yield name, 1
     elif (count := _block(t)) > 0:
         yield name, count
@@ -165,9 +193,9 @@ def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
 
 
 def _block(t: Type) -> int:
-    """Numbers of an array of floats, or of such arrays; 0 of all else."""
+    """Numbers of an array of numbers, or of such arrays; 0 of all else."""
     if isinstance(t, ArrayType):
-        return t.size * (1 if isinstance(t.element, FloatType) else _block(t.element))
+        return t.size * (1 if isinstance(t.element, NUMBERS) else _block(t.element))
     return 0
 
 

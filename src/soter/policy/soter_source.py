@@ -24,7 +24,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.policy.network import Affine, Clipped, Elementwise, Relu, Standardised, Tanh
+from soter.policy.network import (
+    Activation,
+    Affine,
+    Clipped,
+    Elementwise,
+    Lstm,
+    OneHot,
+    Relu,
+    Standardised,
+    Tanh,
+)
 from soter.policy.policy_errors import bad_policy
 
 if TYPE_CHECKING:
@@ -65,9 +75,12 @@ class _Numbers:
 def error_bound(network: Network, low: Doubles, high: Doubles) -> Doubles:
     """|float64 - float32| at most, (outputs,); low, high: (inputs,), of what is observed.
 
-    Infinite where numbers may be too large for float32. With low == high it is the bound of one
+    Infinite where numbers may be too large for float32, or of layers that are not written as
+    Soter (`not_written`). With low == high it is the bound of one
     observation. The float32 computation begins with the observation rounded to float32.
     """
+    if not_written(network):
+        return np.full(network.outputs, np.inf)
     with np.errstate(over="ignore", invalid="ignore"):
         x = _observed(low, high)
         for layer in network.layers:
@@ -101,7 +114,10 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
             for f, a, b in zip(finite, layer.decimals, (low, high), strict=True)
         ]
         return _Numbers(ends[0], ends[1], x.single, x.double + np.maximum(*moved))
-    return _standardised(layer, x) if isinstance(layer, Standardised) else _elementwise(layer, x)
+    if isinstance(layer, Standardised):
+        return _standardised(layer, x)
+    assert isinstance(layer, Elementwise)  # others are not written (`not_written`)
+    return _elementwise(layer, x)
 
 
 def _gamma(roundings: int, unit: float) -> float:
@@ -183,15 +199,29 @@ WEIGHTS_MAX = 50_000
 COLUMNS = 96
 
 
+def not_written(network: Network) -> str:
+    """What a network has that is not written as Soter; "" where it has nothing of the kind."""
+    if any(isinstance(layer, Lstm) for layer in network.layers):
+        return "memory (an LSTM)"
+    if names := [layer.name for layer in network.layers if isinstance(layer, Activation)]:
+        return f"the activation {names[0]}"
+    if any(isinstance(layer, OneHot) for layer in network.layers):
+        return "observations of which each is one out of several"
+    return "more than one choice" if len(network.choices) > 1 else ""
+
+
 def soter_source(policy: Policy, notes: Sequence[str]) -> str:
     """The text; `notes`: lines of its comment. SoterError X014 where it cannot be written.
 
     `fun act(x: float[inputs]): float[outputs]`, or of a choice its index as an `int in [0, n-1]`.
     """
     network = policy.network
+    ask = "ask it in its own process: `extern` in the program"
+    if unwritten := not_written(network):
+        raise bad_policy(policy.path, f"it has {unwritten}, not written as a function", ask)
     if network.weights > WEIGHTS_MAX:
         why = f"it has {network.weights:,} weights: up to {WEIGHTS_MAX:,} are written as tables"
-        raise bad_policy(policy.path, why, "ask it in its own process: `extern` in the program")
+        raise bad_policy(policy.path, why, ask)
     if policy.per_frame is not None:
         why = "it normalises frames before it stacks them, which is not written as a function"
         raise bad_policy(policy.path, why)
@@ -204,7 +234,7 @@ def soter_source(policy: Policy, notes: Sequence[str]) -> str:
         steps += body
         at = f"h{number}"
         size = layer.weight.shape[0] if isinstance(layer, Affine) else size
-    result = f"int in [0, {size - 1}]" if network.choice else f"float[{size}]"
+    result = f"int in [0, {size - 1}]" if network.choices else f"float[{size}]"
     lines = [
         *("// " + note if note else "//" for note in notes),
         "soter 1;",
@@ -213,7 +243,7 @@ def soter_source(policy: Policy, notes: Sequence[str]) -> str:
         "",
         f"fun act(x: float[{network.inputs}]): {result} {{",
         *steps,
-        *(_chosen(at, size) if network.choice else [f"  return {at};"]),
+        *(_chosen(at, size) if network.choices else [f"  return {at};"]),
         "}",
     ]
     return "\n".join(lines) + "\n"
@@ -243,9 +273,10 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
             "  }",
         ]
     if isinstance(layer, Standardised):
-        names = (f"{letter}_MEAN", f"{letter}_DEVIATION")
-        constants = [*_table(names[0], layer.mean), *_table(names[1], layer.deviation)]
-        limit = _number(layer.limit)
+        names = (f"{letter}_MEAN", f"{letter}_DEVIATION", f"{letter}_LIMIT")
+        parts = (layer.mean, layer.deviation, _finite(layer.limit))
+        constants = [line for n, part in zip(names, parts, strict=True) for line in _table(n, part)]
+        limit = f"{names[2]}[i]"
         told = f"min(max(({at}[i] - {names[0]}[i]) / {names[1]}[i], -{limit}), {limit})"
     elif isinstance(layer, Elementwise):
         constants = _table(f"{letter}_OPERAND", layer.operand)

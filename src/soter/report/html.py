@@ -21,6 +21,7 @@ from soter.diagnostics.os_error_text import reason
 from soter.report.atomic_write import ReportError, ReportUnavailableError, atomic_write, own_place
 from soter.report.run.packed_json import packed, script_json
 from soter.report.run.page import body, program_section
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     import os
@@ -174,7 +175,7 @@ def _drawing_library() -> str:
         from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
         raise ReportUnavailableError(
-            "reports are drawn with plotly, which is not installed: pip install 'soter[report]'"
+            f"reports are drawn with plotly, which is not installed: {pip_install('report')}"
         ) from error
     return str(get_plotlyjs())
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from soter.diagnostics.os_error_text import reason
 from soter.report.atomic_write import LogError, LogUnavailableError, atomic_write
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     import os
@@ -198,7 +199,7 @@ def write_mcap(
     """Write a log to `path` and return it; the same input gives the same bytes.
 
     Messages are merged by time; at equal times they keep the order: modes, decisions, then
-    `channels` as given. Raises `LogUnavailableError` where the extra `log` is not installed
+    `channels` as given. Raises `LogUnavailableError` where the extra `logs` is not installed
     and `LogError` where the file cannot be written; a log that stood at `path` before is then
     untouched. Raises `ValueError` for a channel name used twice, a schema that is not an
     object's, and times that are negative or run backwards: mistakes of the caller.
@@ -300,7 +301,7 @@ def _begun(
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise LogUnavailableError(
-            "logs are written with mcap, which is not installed: pip install 'soter[log]'"
+            f"logs are written with mcap, which is not installed: {pip_install('logs')}"
         ) from error
     writer = Writer(
         stream,

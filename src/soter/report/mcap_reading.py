@@ -35,6 +35,7 @@ from soter.report.mcap_log import (
     RECORD,
     crc_between,
 )
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -368,7 +369,7 @@ def require_log_package() -> None:
         raise mistake(
             "D007",
             "logs are written with the package `mcap`, which is not installed",
-            "install it: pip install 'soter[log]'",
+            f"install it: {pip_install('logs')}",
         )
 
 

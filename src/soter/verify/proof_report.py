@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import platform
 from collections import Counter
-from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +35,7 @@ from soter.verify.composition_table import rows_of
 from soter.verify.grid.set_figures import regions
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.problem import NODES, TUBES
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -232,7 +232,7 @@ def page(report: VerifyReport) -> ProofPage:
             "command": report.command,
             "program": report.path,
             "program sha256": report.program_sha256,
-            "soter": version("soter"),
+            "soter": VERSION,
             "C compiler": told_version(find()),
             "python": platform.python_version(),
             "numpy": np.__version__,

@@ -316,7 +316,7 @@ def test_the_page_tells_what_was_flown_and_needs_nothing_else(
 
 
 def test_parquet_says_what_the_flights_say(tmp_path: Path, changed: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra is absent: soter[parquet]")
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra `cluster` is absent")
     from soter.campaign.store import write_parquet
 
     campaign = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")

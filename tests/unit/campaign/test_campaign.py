@@ -258,7 +258,10 @@ def test_a_node_that_a_file_answers_is_refused_with_all_that_can_fly_instead(
     with pytest.raises(SoterError, match="node `N` is extern") as caught:
         load(path).campaign(flights=1, output=tmp_path / "c")
     (told,) = caught.value.diagnostics
-    assert any("soter policy FILE -o" in h for h in told.helps) == (not bound.startswith("python"))
+    policy = not bound.startswith("python")
+    assert any("soter policy FILE -o" in h for h in told.helps) == policy
+    written = f"soter policy {tmp_path / 'rush'}"
+    assert any(written in h and "--bind N=c:N.c:N_step" in h for h in told.helps) == policy
     assert any("`--bind NODE=c:file.c:function`" in h for h in told.helps)
 
 

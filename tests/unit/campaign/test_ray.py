@@ -241,7 +241,7 @@ def test_without_ray(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(fly_campaign, "find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
-    assert "pip install 'soter[ray]'" in caught.value.diagnostics[0].helps[0]
+    assert "pip install 'soter-rta[cluster]'" in caught.value.diagnostics[0].helps[0]
     assert not (tmp_path / "c").exists()
 
 
@@ -314,7 +314,7 @@ print(ray.is_initialized(), file=said)
 """
 
 
-@pytest.mark.skipif(find_spec("ray") is None, reason="Ray is not installed: pip install soter[ray]")
+@pytest.mark.skipif(find_spec("ray") is None, reason="the extra `cluster` is absent")
 def test_ray_flies_the_same_and_survives_workers_that_die(tmp_path: Path, here: Campaign) -> None:
     mark = tmp_path / "mark"
     path = extern(tmp_path / "p", mark)

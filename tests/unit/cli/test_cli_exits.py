@@ -116,7 +116,11 @@ def test_without_a_compiler_the_ways_out_are_named(
             1,
             ["X005"],
         )
-        for way in ("unset SOTER_CC", "pip install 'soter[zig]'", "soter run FILE --engine interp"):
+        for way in (
+            "unset SOTER_CC",
+            "pip install 'soter-rta[compiler]'",
+            "soter run FILE --engine interp",
+        ):
             assert way in done.err
         assert soter("run", "cart.soter", "--until", "1s", "--engine", "interp").exit == 0
     finally:

@@ -178,7 +178,7 @@ def test_a_wrong_format_is_a_wrong_command_line(soter: Soter, arguments: tuple[s
 @pytest.fixture
 def monitored(soter: Soter, here: Path) -> Callable[[str], Any]:
     """`monitored(format)`: half of the wind is declared of what blew in the log, so no run fits."""
-    pytest.importorskip("mcap", reason="the extra `log` is not installed")
+    pytest.importorskip("mcap", reason="the extra `logs` is not installed")
     soter("run", "cart.soter", "--until", "1s", "--log", "flight.mcap")
     text = (here / "cart.soter").read_text()
     assert text.count("[-0.2, 0.2]") == 1

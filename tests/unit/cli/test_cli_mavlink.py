@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
 
 import processes
 
@@ -291,7 +291,7 @@ def test_without_the_package_the_extra_is_named(
     monkeypatch.setattr(mavlink, "find_spec", lambda _name: None)
     done = built(soter, fence, ALL)
     assert (done.exit, done.codes) == (1, ["D007"])
-    assert "soter[mavlink]" in str(done.document)
+    assert "soter-rta[robots]" in str(done.document)
 
 
 def test_the_other_middlewares_do_not_take_its_messages(soter: Soter, fence: Path) -> None:

@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.cli import new
+from soter.version import pip_install
+
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -15,8 +18,18 @@ if TYPE_CHECKING:
     Golden = Callable[[str, str], None]
 
 
-def test_what_it_says(soter: Soter, golden: Golden) -> None:
+def test_what_it_says(soter: Soter, golden: Golden, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(new, "find_spec", lambda _: True)
     golden("cli/new.txt", soter("new", "rover").out)
+
+
+def test_where_nothing_re_checks_it_says_first_what_to_install(
+    soter: Soter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(new, "find_spec", lambda _: None)
+    steps = soter("new", "rover", "--json").document["commands"]
+    assert steps[0] == pip_install("prove")
+    assert steps[1].startswith("soter verify ")
 
 
 @pytest.mark.long

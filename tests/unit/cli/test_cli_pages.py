@@ -74,7 +74,7 @@ def text_of(path: Path) -> str:
 def test_a_page_of_the_monitor_says_what_the_terminal_says(
     soter: Soter, here: Path, wind: str, code: int
 ) -> None:
-    pytest.importorskip("mcap", reason="the extra `log` is not installed")
+    pytest.importorskip("mcap", reason="the extra `logs` is not installed")
     soter("run", "cart.soter", "--until", "1s", "--log", "flight.mcap")
     text = (here / "cart.soter").read_text().replace("[-0.2, 0.2]", wind)
     (here / "cart.soter").write_text(text)
@@ -136,7 +136,7 @@ def test_a_page_that_cannot_be_written_is_d006_and_one_of_no_judgement_u001(
 @pytest.fixture
 def certificate(soter: Soter, here: Path) -> Path:
     """A small certificate: of the tank, as a polytope."""
-    pytest.importorskip("flint", reason="the extra `recheck` is not installed")
+    pytest.importorskip("flint", reason="the extra `prove` is not installed")
     page = (ROOT / "docs" / "prove-your-module.md").read_text("utf-8")
     tank = re.search(r"^```soter prove=tank.soter\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     assert tank is not None
@@ -211,7 +211,7 @@ def test_help_names_what_assure_and_run_write(soter: Soter, here: Path) -> None:
     from soter.api.assurance.safety_case import FILES
 
     assert set(FILES) <= named_in(soter("assure", "--help").out)
-    pytest.importorskip("mcap", reason="the extra `log` is not installed")
+    pytest.importorskip("mcap", reason="the extra `logs` is not installed")
     soter("run", "cart.soter", "--until", "0.1s", "--log", "--report")
     names = {
         p.name.replace("cart-Protected-1", "FILE-SYSTEM-SEED") for p in (here / ".soter").iterdir()

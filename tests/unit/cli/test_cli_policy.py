@@ -18,33 +18,40 @@ if TYPE_CHECKING:
 
 FILES = Path(__file__).resolve().parents[1] / "policy" / "files"
 PPO = str(FILES / "ppo.zip")
+PLAIN = ["--statistics", "none"]
 
 
 def test_it_tells_what_the_file_says_and_does_not(soter: Soter) -> None:
     document = soter("policy", PPO, "--json").document
+    assert document["assumed"] == [
+        "observations are normalised by `ppo_vecnormalize.pkl`, found beside it"
+    ]
+    assert soter("policy", PPO, *PLAIN, "--json").document["assumed"] == []
+    document = soter("policy", str(FILES / "sac.zip"), "--json").document
+    assert document["assumed"] == [
+        "observations are not normalised: no file of a VecNormalize is named or beside it"
+    ]
+    document = soter("policy", PPO, *PLAIN, "--json").document
     assert document["facts"]["observation"] == "Box of 2: [-1.2, 0.6], [-0.07, 0.07]"
     assert document["facts"]["answer"] == "clipped to the action space"
-    assert document["assumed"] == [
-        "observations are not normalised: no file of a VecNormalize is named"
-    ]
     assert (document["inputs"], document["outputs"]) == (2, 1)
 
 
 def test_the_bound_is_that_of_the_box_and_never_told_smaller(soter: Soter) -> None:
-    policy = read_sb3(FILES / "ppo.zip")
+    policy = read_sb3(FILES / "ppo.zip", Path("none"))
     assert policy.box is not None
     for size in ([], ["--within", "100"], ["--within", "3,0.5"]):
-        document = soter("policy", PPO, "--json", *size).document
+        document = soter("policy", PPO, *PLAIN, "--json", *size).document
         told = float(document["facts"]["float64"].split()[1])
         assert document["bound"] <= told < 1.02 * document["bound"]
     assert (
-        soter("policy", PPO, "--json").document["bound"]
+        soter("policy", PPO, *PLAIN, "--json").document["bound"]
         == error_bound(policy.network, *policy.box).max()
     )
 
 
 def test_what_is_written_is_a_file_to_import_laid_out(here: Path, soter: Soter) -> None:
-    assert soter("policy", PPO, "-o", "net.soter").exit == 0
+    assert soter("policy", PPO, *PLAIN, "-o", "net.soter").exit == 0
     text = (here / "net.soter").read_text(encoding="utf-8")
     assert format_text("net.soter", text) == text
     assert soter("check", "net.soter").exit == 0

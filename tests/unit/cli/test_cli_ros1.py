@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 if TYPE_CHECKING:
     from collections.abc import Callable

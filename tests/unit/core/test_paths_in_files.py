@@ -96,8 +96,8 @@ def _c(folder: Path, gain: float) -> None:
 
 
 def _model(gain: float) -> Any:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
     from onnx import TensorProto, helper, numpy_helper
 
     weight = numpy_helper.from_array(np.full((1, 1), gain, np.float32), "W")

@@ -31,7 +31,7 @@ def test_without_pygls_it_says_how_to_get_it(
     monkeypatch.setitem(sys.modules, "pygls", None)
     monkeypatch.setitem(sys.modules, "lsprotocol", None)
     assert main(["lsp"]) == 1
-    assert "pip install 'soter[lsp]'" in capsys.readouterr().err
+    assert "pip install 'soter-rta[editor]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -115,7 +115,7 @@ def test_a_program_may_end_anywhere(name: str) -> None:
 
 def test_what_cannot_be_sent_is_not_told_by_sending() -> None:
     """An editor that is gone: a server told that it could not tell, and so on without end."""
-    pytest.importorskip("pygls", reason="the extra is absent: soter[lsp]")
+    pytest.importorskip("pygls", reason="the extra is absent: soter-rta[editor]")
     from lsprotocol import types as lsp
 
     from soter.editor.server import Server

@@ -84,7 +84,7 @@ def reason(path: Path) -> str:
         ("[" * 100_000, "nested too deeply"),
         ('{"schema": ' + "9" * 5000 + "}", "no JSON"),
         ('{"kind": "something else", "schema": 1}', "`kind`"),
-        ('{"kind": "soter trace", "schema": 2}', "another version"),
+        ('{"kind": "soter trace", "schema": 2}', "of a newer soter"),
         ('{"kind": "soter trace", "schema": 1}', "`property` is missing"),
     ],
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
 
 from pymavlink.generator import mavparse
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
@@ -384,7 +384,7 @@ def test_without_the_package_a_type_says_how_to_install_it(
         read(system, "flight", FLIGHT)
     (problem,) = error.value.diagnostics
     assert problem.code == "D007"
-    assert "pip install 'soter[ros]'" in problem.helps[0]
+    assert "pip install 'soter-rta[logs]'" in problem.helps[0]
     assert read(system, "wind", {"fields": {"value": ["a", "b", "c"]}}).message is None
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `log` is not installed")
+pytest.importorskip("mcap", reason="the extra `logs` is not installed")
 
 from mcap.writer import Writer as McapWriter
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
@@ -85,7 +85,7 @@ def test_a_field_goes_into_its_own_unit_and_into_no_other(
     type_: str, field: str, unit: str, tmp_path: Path
 ) -> None:
     if type_.startswith("mavlink/"):
-        pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+        pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
     assert read_into(type_, field, {}, unit, tmp_path) == 1.0
     assert read_into(type_, field, {}, "", tmp_path) == UNITS.get(unit, 1.0)
     for other in ("m", "m/s", "A"):
@@ -141,7 +141,7 @@ def test_every_number_of_the_standard_messages_has_a_unit_or_is_known_to_have_no
 def test_a_unit_that_nobody_can_turn_is_turned_by_what_the_mapping_says(
     more: dict[str, Any], factor: float | None, tmp_path: Path
 ) -> None:
-    pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+    pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
     message, field = "mavlink/HIGH_LATENCY2", "airspeed"  # in m/s*5
     if factor is not None:
         assert read_into(message, field, more, "m/s", tmp_path) == factor

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `log` is not installed")
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("mcap", reason="the extra `logs` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from bench.hostile.log_records import Records, as_mcap, mcap_record, mcap_records, place_of
 from mcap.records import Channel, Message, Schema

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError

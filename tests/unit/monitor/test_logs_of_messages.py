@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+from soter.version import pip_install
+
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators import robot_logs
 from generators.robot_logs import (
@@ -150,7 +152,7 @@ def test_a_value_of_a_log_is_as_old_as_its_bridge_takes_it(
     tmp_path: Path, typed: dict[str, Any], late_ms: int, told: str
 ) -> None:
     """As `by_arrival` of soter_mavlink_topics.c and `measured_at` of the others have it."""
-    pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+    pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
     of_ros = "type" in typed
     p, v = ("pose.pose.position", "twist.twist.linear") if of_ros else ("", "v")
     fields = {
@@ -332,15 +334,15 @@ def test_a_schema_may_be_written_in_idl(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("package", "extra", "name"),
+    ("package", "name"),
     [
-        ("rosbags", "ros", "cdr.mcap"),
-        ("rosbags", "ros", "plain.bag"),
-        ("mcap_protobuf", "protobuf", "protobuf.mcap"),
+        ("rosbags", "cdr.mcap"),
+        ("rosbags", "plain.bag"),
+        ("mcap_protobuf", "protobuf.mcap"),
     ],
 )
 def test_without_a_package_the_log_says_how_to_install_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, extra: str, name: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str, name: str
 ) -> None:
     from importlib.util import find_spec
 
@@ -353,7 +355,7 @@ def test_without_a_package_the_log_says_how_to_install_it(
 
     monkeypatch.setattr(message_types, "find_spec", found)
     monkeypatch.setattr(mcap_messages, "find_spec", found)
-    assert f"pip install 'soter[{extra}]'" in refused(log, "D007", type=None)
+    assert pip_install("logs") in refused(log, "D007", type=None)
 
 
 # ---------------------------------------------------------------- bags of ROS 2

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import CART, FIELDS, MS, T0, TYPED, Recorded, odometry, written
 from soter.api import load

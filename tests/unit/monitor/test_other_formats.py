@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import CART, MS, T0, TYPED, Recorded, as_bag1, odometry, refused
 from soter.api import load
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 OTHERS = [
-    ("flight.ulg", b"ULog\x01\x12\x35\x01", "ulog2csv"),
-    ("flight.mcap", b"ULog\x01\x12\x35\x01", "ulog2csv"),
-    ("00000012.BIN", b"\xa3\x95\x80\x80", "mavlogdump.py"),
-    ("flight.tlog", b"\0\5\xf0\xfd\x1c", "mavlogdump.py"),
+    ("flight.ulg", b"FMT, 128, 89, FMT", "ends in `.log`"),
+    ("flight.mcap", b"ULog\x01\x12\x35\x01", "ends in `.ulg`"),
+    ("flight.ulg", b"\xa3\x95\x80\x80", "ends in `.bin`"),
+    ("flight.bin", b"\x89MCAP0\r\n", "ends in `.mcap`"),
     ("flight.bag", b"\x89MCAP0\r\n", "its name ends in `.mcap`"),
     ("flight.mcap", b"#ROSBAG V2.0\n", "its name ends in `.bag`"),
     ("flight.mcap", b"SQLite format 3\0", "ends in `.db3`"),

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
-pytest.importorskip("mcap_protobuf", reason="the extra `protobuf` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
+pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import CART, MS, T0, TYPED, WRITERS, Recorded, flight, odometry, written
 from long_tests import some

@@ -78,7 +78,7 @@ def network_of(seed: int) -> Network:
     layers: list[Layer] = []
     if seed % 3 == 0:
         mean, deviation = rng.normal(size=sizes[0]), rng.uniform(0.1, 3.0, sizes[0])
-        layers.append(Standardised(mean, deviation, 2.0))
+        layers.append(Standardised(mean, deviation, np.full_like(mean, 2.0)))
     for weight, bias in random_layers(seed, *sizes):
         layers += [Affine(weight * np.float32(rng.uniform(0.2, 6.0)), bias)]
         layers.append((Tanh(), Relu())[int(rng.integers(2))])
@@ -132,8 +132,8 @@ def test_what_float32_tanh_is_assumed_to_do_numpy_does() -> None:
 
 
 def test_what_float32_tanh_is_assumed_to_do_onnxruntime_does() -> None:
-    runtime = pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
-    helper = pytest.importorskip("onnx", reason="the extra is absent: soter[policy]").helper
+    runtime = pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
+    helper = pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]").helper
     values = [helper.make_tensor_value_info(n, 1, [None]) for n in "xy"]
     graph = helper.make_graph([helper.make_node("Tanh", ["x"], ["y"])], "t", *[[v] for v in values])
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)

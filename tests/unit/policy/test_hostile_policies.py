@@ -261,10 +261,10 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
     if name == "cut":
         return whole[: len(whole) // 2], "", "onnxruntime does not load it"
     if name == "two inputs":
-        graph.input.append(helper.make_tensor_value_info("state", TensorProto.FLOAT, [1]))
+        graph.input.append(helper.make_tensor_value_info("state", TensorProto.FLOAT, ["n"]))
         graph.node.append(helper.make_node("Add", ["z1", "state"], ["sum"]))
         graph.output[0].name = "sum"
-        return model.SerializeToString(), "it has 2 inputs", "it has 2 inputs (`obs`, `state`)"
+        return model.SerializeToString(), "it has 2 inputs", "its input `state` is a"
     if name == "another file":
         tensor = graph.initializer[0]
         onnx.external_data_helper.set_external_data(tensor, "/etc/passwd")
@@ -272,7 +272,7 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
         return model.SerializeToString(), *["is said to lie in `/etc/passwd`"] * 2
     if name == "open axis":
         graph.input[0].type.tensor_type.shape.dim[1].dim_param = "n"
-        return model.SerializeToString(), "no float32 of a fixed last axis", "its input is a"
+        return model.SerializeToString(), "no float32 of a fixed last axis", "its input `obs` is a"
     if name == "unknown operator":
         graph.node[1].op_type = "Wonder"
         return model.SerializeToString(), "it has the operator Wonder", "does not load it"
@@ -298,9 +298,10 @@ def _onnx(name: str) -> tuple[bytes, str, str]:
     ],
 )
 def test_an_onnx_file_that_cannot_be_read_says_why(name: str) -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     data, read, asked = _onnx(name)
     path = Path("policy.onnx")

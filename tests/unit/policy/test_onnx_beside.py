@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 @pytest.fixture(autouse=True)
 def _extra() -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
 
 
 def moved(
@@ -45,7 +45,8 @@ def moved(
 
 def refusal(path: Path) -> list[str]:
     """What both readers say, which is the same."""
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     told = []
     for what in (read_onnx, OnnxSession):
@@ -60,7 +61,8 @@ def refusal(path: Path) -> list[str]:
 
 def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
     """As layers and in onnxruntime; one file may have several constants, or each its own."""
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     layers = random_layers(3, 4, 8, 2)
     model = onnx_of(layers, "Tanh")
@@ -82,7 +84,7 @@ def test_weights_beside_are_the_weights_inside(tmp_path: Path) -> None:
 def test_a_constant_of_an_operator_may_lie_beside(tmp_path: Path) -> None:
     from onnx import helper
 
-    from soter.policy.onnx_file import OnnxSession
+    from soter.policy.onnx_session import OnnxSession
 
     model = onnx_of(random_layers(3, 2, 2), "Relu")
     raw = moved(model)
@@ -240,7 +242,7 @@ LAYOUTS = ("beside", "both", "all", "stored", "linked", "target", "out")
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_weights_of_a_link_are_those_beside_the_link(tmp_path: Path, name: str) -> None:
     """As named, and never those of another folder: what lies only beside the target is told."""
-    from soter.policy.onnx_file import OnnxSession
+    from soter.policy.onnx_session import OnnxSession
 
     path, bias = layouts(tmp_path)[name]
     if bias is not None:
@@ -284,7 +286,7 @@ def test_a_run_and_its_log_say_which_weights_flew(
     from soter import load
     from soter.report.mcap_reading import metadata
 
-    pytest.importorskip("mcap", reason="the extra is absent: soter[log]")
+    pytest.importorskip("mcap", reason="the extra is absent: soter-rta[logs]")
     monkeypatch.chdir(tmp_path)
     model = onnx_of(random_layers(3, 2, 1), "Relu")
     raw = moved(model)
@@ -329,7 +331,7 @@ def test_a_loop_is_refused_as_it_need_not_end(tmp_path: Path, inside: bool) -> N
     """2^62 turns: a run waits for what answers it. Also where it stands in a branch."""
     from onnx import TensorProto, helper
 
-    from soter.policy.onnx_file import OnnxSession
+    from soter.policy.onnx_session import OnnxSession
 
     def info(name: str, kind: int, shape: list[Any] | None) -> Any:
         return helper.make_tensor_value_info(name, kind, shape)

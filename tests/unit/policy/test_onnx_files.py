@@ -33,8 +33,8 @@ REFUSED: dict[str, tuple[tuple[str, dict[str, Any]], str]] = {
 
 @pytest.fixture(autouse=True)
 def _extra() -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
 
 
 def file_of(folder: Path, model: Any) -> Path:
@@ -46,18 +46,19 @@ def file_of(folder: Path, model: Any) -> Path:
 @pytest.mark.parametrize("ending", ENDINGS)
 @pytest.mark.parametrize("activation", ["Tanh", "Relu"])
 def test_layers_are_what_onnxruntime_runs(tmp_path: Path, activation: str, ending: str) -> None:
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     model = onnx_of(random_layers(4, 3, 16, 5), activation, ENDINGS[ending])
     path = file_of(tmp_path, model)
     network, session = read_onnx(path).network, OnnxSession(path)
-    assert network.choice == session.is_whole == (ending == "choice")
+    assert bool(network.choices) == session.is_whole == (ending == "choice")
     rng = np.random.default_rng(1)
     for _ in range(100):
         x = rng.uniform(-4.0, 4.0, 3)
         session.observation[:] = x
         mine = answer(network, x.astype(np.float32))
-        if network.choice:
+        if network.choices:
             assert session.run() == [int(mine.argmax())]
         else:
             assert (np.abs(session.run() - mine) <= 2.0 * error_bound(network, x, x)).all()
@@ -66,7 +67,8 @@ def test_layers_are_what_onnxruntime_runs(tmp_path: Path, activation: str, endin
 def test_arithmetic_with_constants_is_read_and_run(tmp_path: Path) -> None:
     from onnx import TensorProto, helper, numpy_helper
 
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     rng = np.random.default_rng(2)
     arrays = {
@@ -118,7 +120,8 @@ def test_what_is_no_chain_of_layers_is_refused_with_its_operator(tmp_path: Path,
 def test_a_package_that_is_absent_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str
 ) -> None:
-    from soter.policy.onnx_file import OnnxSession, read_onnx
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
 
     path = file_of(tmp_path, onnx_of(random_layers(1, 2, 3), "Relu"))
     monkeypatch.setitem(sys.modules, package, None)
@@ -126,4 +129,4 @@ def test_a_package_that_is_absent_is_named(
         (read_onnx if package == "onnx" else OnnxSession)(path)
     (problem,) = caught.value.diagnostics
     assert (problem.code, f"`{package}`" in problem.message) == ("D007", True)
-    assert problem.helps == ("install it: pip install 'soter[policy]'",)
+    assert problem.helps == ("install it: pip install 'soter-rta[learn]'",)

@@ -65,8 +65,8 @@ def refusal(program: soter.Program, *, apart: bool = False) -> str:
 @pytest.fixture
 def onnx_file(tmp_path: Path) -> Path:
     """5 numbers in, 1 out."""
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
     path = tmp_path / "policy.onnx"
     path.write_bytes(onnx_of(random_layers(1, 5, 16, 1), "Tanh").SerializeToString())
     return path
@@ -91,8 +91,8 @@ def test_records_and_arrays_are_the_observation_in_declared_order(
 
 
 def test_an_index_chooses_a_member(tmp_path: Path) -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
     layers = random_layers(2, 5, 8, 3)
     chosen = onnx_of(layers, "Relu", [("ArgMax", {"axis": 1, "keepdims": 0})])
     (tmp_path / "c.onnx").write_bytes(chosen.SerializeToString())
@@ -108,8 +108,8 @@ def test_an_index_chooses_a_member(tmp_path: Path) -> None:
 
 
 def test_a_number_that_is_none_is_the_gates_business(tmp_path: Path) -> None:
-    pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-    pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+    pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+    pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
     layers = random_layers(1, 5, 1)
     layers[0][0][0, 2] = np.nan
     (tmp_path / "nan.onnx").write_bytes(onnx_of(layers, "Relu").SerializeToString())
@@ -169,7 +169,7 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
     answer = server.step(bytes(request))
     assert answer is not None
     (sent,) = [m for m in exchange.answer.members if m.name == "push"]
-    given, run = answering(read_sb3(tmp_path / "sac.zip").network)
+    given, run, _ = answering(read_sb3(tmp_path / "sac.zip").network)
     given[:] = 0.5, -0.25, 3.0
     assert decode_from(bytearray(answer), sent.offset, sent.type) == float(run()[0])
 

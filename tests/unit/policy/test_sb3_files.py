@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import pickle
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -16,9 +16,6 @@ from soter.language.model.binding_text import binding_of
 from soter.language.model.types import FloatType, IntType
 from soter.policy.policy_extern import load_policy
 from soter.policy.sb3_file import read_sb3
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 PREDICTED = json.loads((FILES / "predicted.json").read_text(encoding="utf-8"))
 
@@ -41,9 +38,10 @@ def test_answers_are_those_of_predict(name: str) -> None:
 
 
 def test_what_the_file_does_not_say_is_named() -> None:
-    assert read_sb3(FILES / "ppo.zip").assumed == (
-        "observations are not normalised: no file of a VecNormalize is named",
+    assert read_sb3(FILES / "sac.zip").assumed == (
+        "observations are not normalised: no file of a VecNormalize is named or beside it",
     )
+    assert read_sb3(FILES / "ppo.zip", Path("none")).assumed == ()
     read = read_sb3(FILES / "ppo.zip", FILES / "ppo_vecnormalize.pkl")
     assert read.assumed == ()
     assert read.facts["normalised"] == "by `ppo_vecnormalize.pkl`, clipped to 10"

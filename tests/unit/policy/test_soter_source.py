@@ -43,7 +43,7 @@ def program_of(folder: Path, policy: Policy, size: float) -> Program:
     (folder / "net.soter").write_text(soter_source(policy, ["a network"]), encoding="utf-8")
     text = PROGRAM.format(
         n=n,
-        result=f"int in [0, {outputs - 1}]" if policy.network.choice else f"float[{outputs}]",
+        result=f"int in [0, {outputs - 1}]" if policy.network.choices else f"float[{outputs}]",
         draws="\n".join(f"  disturbance d{i}: float in [-{size}, {size}];" for i in range(n)),
         drawn=", ".join(f"d{i}" for i in range(n)),
         until=10 * STEPS,

@@ -177,7 +177,7 @@ def test_a_missing_extra_is_named(
     city_page: ReportPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    with pytest.raises(ReportUnavailableError, match=r"pip install 'soter\[report\]'"):
+    with pytest.raises(ReportUnavailableError, match=r"pip install 'soter-rta\[report\]'"):
         write_html(city_page, tmp_path / "city.html")
     assert list(tmp_path.iterdir()) == []
 

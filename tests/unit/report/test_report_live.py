@@ -49,7 +49,7 @@ def unpacked(value: Any) -> list[float | None]:
 def cart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path, Path]:
     """A run of the cart, its report, and its log on the diagram."""
     pytest.importorskip("plotly", reason="the extra `report` is not installed")
-    pytest.importorskip("mcap", reason="the extra `log` is not installed")
+    pytest.importorskip("mcap", reason="the extra `logs` is not installed")
     folder = tmp_path_factory.mktemp("live")
     program = soter.load(CART)
     run = program.simulate(until="10s")

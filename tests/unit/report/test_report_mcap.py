@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-mcap_reader = pytest.importorskip("mcap.reader", reason="the extra `log` is not installed")
+mcap_reader = pytest.importorskip("mcap.reader", reason="the extra `logs` is not installed")
 
 VEC = object_schema({"x": NUMBER, "y": NUMBER, "z": NUMBER}, "Vec3")
 STATE = object_schema(
@@ -320,6 +320,6 @@ def test_an_unwritable_path_is_named(tmp_path: Path) -> None:
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(LogUnavailableError, match=r"pip install 'soter\[log\]'"):
+    with pytest.raises(LogUnavailableError, match=r"pip install 'soter-rta\[logs\]'"):
         write_mcap(tmp_path / "run.mcap", channels(), header=HEADER)
     assert list(tmp_path.iterdir()) == []

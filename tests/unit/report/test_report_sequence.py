@@ -333,7 +333,7 @@ def test_words_are_clipped_and_made_visible() -> None:
 
 
 def _read(path: Path) -> tuple[list[tuple[str, int, Any]], dict[str, str]]:
-    reader_of = pytest.importorskip("mcap.reader", reason="the extra `log` is not installed")
+    reader_of = pytest.importorskip("mcap.reader", reason="the extra `logs` is not installed")
     with path.open("rb") as stream:
         reader = reader_of.make_reader(stream)
         messages = [
@@ -365,7 +365,7 @@ def test_the_log_holds_every_step_value_and_mode(tmp_path: Path) -> None:
 
 
 def test_the_same_view_gives_the_same_log(tmp_path: Path) -> None:
-    pytest.importorskip("mcap.writer", reason="the extra `log` is not installed")
+    pytest.importorskip("mcap.writer", reason="the extra `logs` is not installed")
     one, two = (write_log(hostile(), tmp_path / name) for name in ("a.mcap", "b.mcap"))
     assert one.read_bytes() == two.read_bytes()
     write_log(sample.large(), tmp_path / "c.mcap")

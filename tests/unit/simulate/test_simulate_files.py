@@ -126,10 +126,10 @@ def test_extras_that_are_not_installed(
     monkeypatch.setattr("soter.simulate.outputs.to_report.find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         write_log(run, tmp_path / "a.mcap", "1")
-    assert "pip install 'soter[log]'" in caught.value.diagnostics[0].helps[0]
+    assert "pip install 'soter-rta[logs]'" in caught.value.diagnostics[0].helps[0]
     with pytest.raises(SoterError, match="D007") as caught:
         write_report(run, tmp_path / "a.html", "cart", {})
-    assert "pip install 'soter[report]'" in caught.value.diagnostics[0].helps[0]
+    assert "pip install 'soter-rta[report]'" in caught.value.diagnostics[0].helps[0]
 
 
 def test_a_log_written_while_the_run_goes_on_is_the_same(

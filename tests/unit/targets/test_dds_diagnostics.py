@@ -22,8 +22,8 @@ from soter.api import load
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-pytest.importorskip("cyclonedds", reason="the extra is absent: soter[dds]")
-pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+pytest.importorskip("cyclonedds", reason="the extra is absent: soter-rta[robots]")
+pytest.importorskip("rosbags", reason="the extra is absent: soter-rta[logs]")
 pytest.importorskip("tomllib", reason="TOML needs Python 3.11")
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-pytest.importorskip("cyclonedds", reason="the extra is absent: soter[dds]")
-pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+pytest.importorskip("cyclonedds", reason="the extra is absent: soter-rta[robots]")
+pytest.importorskip("rosbags", reason="the extra is absent: soter-rta[logs]")
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import make_idl_struct, types

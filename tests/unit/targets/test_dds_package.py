@@ -15,7 +15,7 @@ from tables import all_rows
 if TYPE_CHECKING:
     from pathlib import Path
 
-pytest.importorskip("rosbags", reason="the extra is absent: soter[ros]")
+pytest.importorskip("rosbags", reason="the extra is absent: soter-rta[logs]")
 
 
 def text(folder: Path, name: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
 
 from pymavlink.dialects.v20 import common as mavlink
 

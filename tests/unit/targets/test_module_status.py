@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

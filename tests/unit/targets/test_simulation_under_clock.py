@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed")
+pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 import processes
 from soter.api import load

@@ -22,6 +22,7 @@ from soter.diagnostics.diagnostic import mistake
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.report.assurance.safety_case import CaseNode
+from soter.version import other_format
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -181,6 +182,10 @@ def read_flights(folder: Path) -> FlightFolder:
 
 def _wrong(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
     """What is not as it should be; ValueError, KeyError, TypeError as well."""
+    from soter.campaign.store import SCHEMA  # noqa: PLC0415 - then only
+
+    if other := other_format(about["schema"], SCHEMA):
+        return other
     for name in ("program_sha256", "system", "arm", "lateness", "horizon_ns"):
         about[name]
     if int(about["until_ns"]) <= 0 or int(about["first_seed"]) < 0:

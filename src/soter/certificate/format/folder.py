@@ -33,6 +33,7 @@ from soter.language.front_end import check_file
 from soter.language.load.loader import load
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
 from soter.language.syntax import tree
+from soter.version import other_format
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -169,12 +170,8 @@ def _require_this_format(given: object) -> None:
     """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
     if type(given) is not int or given < 1:
         raise RejectedError("the manifest does not say the version of its format")
-    if given != FORMAT:
-        age = "an older" if given < FORMAT else "a newer"
-        raise NotRecheckedError(
-            f"its format is {given}, of {age} soter, and this one reads format {FORMAT}: "
-            "make it again with `soter verify --cert`"
-        )
+    if other := other_format(given, FORMAT):
+        raise NotRecheckedError(f"{other}: make it again with `soter verify --cert`")
 
 
 def _sizes(folder: Path) -> dict[str, int]:

@@ -244,7 +244,7 @@ class CommandParser(argparse.ArgumentParser):
         if metavar.endswith("..."):
             how["nargs"] = "+"
         if metavar.startswith("["):
-            how["nargs"] = "?"
+            how["nargs"] = "*" if metavar.endswith("...]") else "?"
         if metavar.startswith("{"):
             how |= {"choices": metavar.strip("{}").split(","), "metavar": None}
         if not known.dashed:

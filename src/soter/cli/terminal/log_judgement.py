@@ -157,7 +157,8 @@ def verdict_of(m: ModuleOfLog) -> str:
         parts.append(f"nothing was heard of {names}")
     if m.beyond_s > 0.0:
         parts.append(f"to the last row that counts, {m.beyond_s:.3f} s before the file ends")
-    return ", ".join(parts)
+    told = ", ".join(parts)
+    return told if m.damage is None else f"{m.damage}: {told}"
 
 
 def unheard(m: ModuleOfLog) -> tuple[str, ...]:
@@ -221,7 +222,8 @@ def lost_of(j: LogJudgement) -> Iterator[str]:
         yield f"\nrefused by the gate: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
-    for told in j.notes:
+    damage = {m.damage.told for m in j.modules if m.damage}
+    for told in (*sorted(damage), *j.notes):
         yield f"\nof the file: {told}"
 
 
@@ -309,6 +311,7 @@ LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
 LEFT_OUT = JsonObject(
     LeftOutSamples, "samples first reasons", named="samples_left_out", reasons=LOST
 )
+DAMAGE = JsonObject("soter.monitor.logs.files.log_columns.Damage", "told share", named="damage")
 NEAREST = JsonObject(
     f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
 )
@@ -328,12 +331,13 @@ FOREIGN_LOG = JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "
         "steps ac_share first_switch_s switches changes stale silent last_heard ttf safer outside "
-        "outside_late first_outside_s nan_looks faults margin clearance bounds",
+        "outside_late first_outside_s nan_looks faults margin clearance bounds damage",
         {"ac_share": _ac_share, "switches": _switches, "bounds": _bounds},
         changes=JsonObject(f"{RESULT}.LoggedModeChange", "time_s to reason", to=one_of("AC", "SC")),
         margin=NEAREST,
         clearance=NEAREST,
         bounds=NEAREST,
+        damage=DAMAGE,
     ),
 )
 """The judgement as the document of `soter monitor` has it (docs/json.md)."""

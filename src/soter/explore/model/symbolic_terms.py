@@ -223,6 +223,7 @@ class TermReading(Execution["Term"]):
             return make("field", *operands, e.index)
         if isinstance(e, core.Make):
             return make("make", e.type, *operands)
+        assert isinstance(e, (core.Element, core.Length)), e
         return make("element" if isinstance(e, core.Element) else "length", *operands)
 
     def _unary(self, op: str, operand: Term) -> Term:

@@ -356,18 +356,18 @@ class Names:
         if dotted:
             self._missing.add((id(scope), name))
         decls = [e.decl for e in scope.entries.values()]
-        looks = self.diagnostics.may_look_at(len(decls))
-        elsewhere = tuple(unknown_names.meanings(decls, name)) if looks and not also else ()
-        meant = next((m for m in elsewhere if not m.weak), None)
-        if meant is not None:
-            also, helps = ((meant.span, meant.what),), helps or (meant.help,)
-        if looks and not helps:
-            near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
-            guesses = self._guesses(scope, name, span, kind, near, anything=among is None)
-            helps = next(filter(None, guesses), otherwise)
-        if not helps and elsewhere:
-            also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
-        helps = helps or _missing_declaration(decls, kind, name)
+        if self.diagnostics.may_look_at(len(decls)):
+            elsewhere = () if also else tuple(unknown_names.meanings(decls, name))
+            meant = next((m for m in elsewhere if not m.weak), None)
+            if meant is not None:
+                also, helps = ((meant.span, meant.what),), helps or (meant.help,)
+            if not helps:
+                near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
+                guesses = self._guesses(scope, name, span, kind, near, anything=among is None)
+                helps = next(filter(None, guesses), otherwise)
+            if not helps and elsewhere:
+                also, helps = ((elsewhere[0].span, elsewhere[0].what),), (elsewhere[0].help,)
+            helps = helps or _missing_declaration(decls, kind, name)
         self.diagnostics.error(
             "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )

@@ -120,9 +120,8 @@ class StmtChecker:
             return typed.TypedIf(s.span, arms, otherwise)
         if isinstance(s, tree.ForRangeStmt):
             return self._for_range(s, context)
-        if isinstance(s, tree.ForEachStmt):
-            return self._for_each(s, context)
-        return None
+        assert isinstance(s, tree.ForEachStmt), s
+        return self._for_each(s, context)
 
     def _declaration(
         self, s: tree.LetStmt | tree.VarStmt, context: Context

@@ -1,12 +1,13 @@
 """The text that says what an extern is bound to.
 
-Purpose: `"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`, `"sb3:file.zip"` and
-`"sb3:file.zip:vecnormalize.pkl"`, in their parts.
+Purpose: `"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`, `"sb3:file.zip"`,
+`"onnx:file.onnx:h0=hn"` and `"sb3:file.zip:vecnormalize.pkl"`, in their parts.
 Non-goals: whether there are such files (`simulate/externs/`).
 """
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -14,8 +15,12 @@ if TYPE_CHECKING:
 
 NAMED = ("python", "c")
 """Kinds with a name inside of the file."""
+NO_STATISTICS = "none"
+"""In the place of a file of statistics: there is none, whatever lies beside the policy."""
 POLICIES = ("onnx", "sb3")
 """Kinds of files that hold a learned policy."""
+REMEMBERED = re.compile(r"[^=,]+=[^=,]+(,[^=,]+=[^=,]+)*")
+"""Which output of an ONNX file is the next value of which input."""
 FORMS = {
     "python": "python:file.py:name",
     "c": "c:file.c:name",
@@ -25,7 +30,10 @@ FORMS = {
 
 
 class BindingText(NamedTuple):
-    """The parts; `name`: of what is in the file, of a policy the file of its statistics or ""."""
+    """The parts; `name`: of what is in the file.
+
+    Of a policy the file of its statistics, or which outputs are remembered, or "".
+    """
 
     kind: str
     file: str
@@ -44,11 +52,17 @@ class BindingText(NamedTuple):
     @property
     def files(self) -> tuple[str, ...]:
         """All files that are named."""
-        return (self.file, self.name) if self.is_policy and self.name else (self.file,)
+        return (self.file, self.name) if self.statistics else (self.file,)
+
+    @property
+    def statistics(self) -> str:
+        """The file of a policy's statistics; "" where none is named."""
+        named = self.kind == "sb3" and self.name != NO_STATISTICS
+        return self.name if named else ""
 
     def beside(self, folder: Path) -> BindingText:
         """The same with its files looked for in a folder."""
-        name = str(folder / self.name) if self.is_policy and self.name else self.name
+        name = str(folder / self.name) if self.statistics else self.name
         return BindingText(self.kind, str(folder / self.file), name)
 
     def __str__(self) -> str:
@@ -60,13 +74,11 @@ def binding_of(text: str | None) -> BindingText | None:
     parts = (text or "").split(":")
     if not all(parts) or parts[0] not in FORMS:
         return None
-    most = 2 if parts[0] == "onnx" else 3
+    name = parts[2] if len(parts) > 2 else ""
+    if parts[0] == "onnx" and name and not REMEMBERED.fullmatch(name):
+        return None
     least = 3 if parts[0] in NAMED else 2
-    return (
-        BindingText(parts[0], parts[1], parts[2] if len(parts) > 2 else "")
-        if (least <= len(parts) <= most)
-        else None
-    )
+    return BindingText(parts[0], parts[1], name) if (least <= len(parts) <= 3) else None
 
 
 def is_in_python(text: str | None) -> bool:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.source import Span
+    from soter.monitor.logs.files.log_columns import Damage
     from soter.monitor.logs.typed_samples import DerivedValue, FarStamps
 
 ASSUMED = (
@@ -69,7 +70,8 @@ class ModuleOfLog:
     `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
     were, too, and in `outside` it did not hold; `outside_late`: of samples that
     came too late, that the gate refused, or that no step read.
-    `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows.
+    `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows. `damage`:
+    of the file, of which only what stands before it was judged.
     `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
     says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
     `span`: where the module is declared.
@@ -95,6 +97,7 @@ class ModuleOfLog:
     nan_looks: int = 0
     first_outside_s: float | None = None
     beyond_s: float = 0.0
+    damage: Damage | None = None
     changes: list[LoggedModeChange] = field(default_factory=list)
     margin: NearestMargin | None = None
     clearance: NearestMargin | None = None

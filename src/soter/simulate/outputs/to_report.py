@@ -50,6 +50,7 @@ from soter.simulate.outputs.led_looks import looks_of
 from soter.simulate.outputs.result_assumptions import of_run
 from soter.simulate.outputs.run_on_diagram import live_of_run
 from soter.simulate.run_observer import decided_at
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -154,7 +155,7 @@ def require_report_package() -> None:
         raise mistake(
             "D007",
             "reports are drawn with the package `plotly`, which is not installed",
-            "install it: pip install 'soter[report]'",
+            f"install it: {pip_install('report')}",
         )
 
 

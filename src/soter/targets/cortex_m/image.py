@@ -18,6 +18,7 @@ from soter.native.compiler import Compiler, CompilerOutput, python_module, run_c
 from soter.report.printable_text import visible
 from soter.targets.cortex_m.board import SOFT
 from soter.targets.cortex_m.cortex_m_package import LIMIT_S
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -106,7 +107,7 @@ def missing_tools(board: Board) -> str:
     if board.core in SOFT and find_spec("ziglang") is None:
         return (
             f"{board.core} computes doubles without hardware, and those of gcc's library are not "
-            "rounded right: pip install 'soter[zig]' brings others"
+            f"rounded right: {pip_install('compiler')} brings others"
         )
     return ""
 

@@ -33,6 +33,7 @@ from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.verify.attack.attacked_system import DRAWN, OWN, attacked, reads_time, truths_known_ns
 from soter.verify.problem.extract import extract
+from soter.version import other_format
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
@@ -289,8 +290,10 @@ TIME_MAX = 10**15
 def read_counterexample(path: Path) -> Counterexample:
     """Read it; ValueError where the file is no counterexample of this schema."""
     d = parse_json(read_json_text(path))
-    if not isinstance(d, dict) or d.get("kind") != "counterexample" or d.get("schema") != SCHEMA:
-        raise ValueError(f"`{path}` is no counterexample of schema {SCHEMA}")
+    if not isinstance(d, dict) or d.get("kind") != "counterexample":
+        raise ValueError(f"`{path}` is no counterexample")
+    if other := other_format(d.get("schema"), SCHEMA):
+        raise ValueError(f"`{path}`: {other}: `soter verify` writes it anew")
     own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
     facts = {k: v for k, v in d.items() if k not in own | {"choices", "steps"}}
     try:

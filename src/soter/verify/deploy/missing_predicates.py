@@ -12,7 +12,6 @@ import hashlib
 import itertools
 from dataclasses import replace
 from functools import partial
-from importlib.metadata import version
 from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -43,6 +42,7 @@ from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 from soter.verify.work_estimate import announce_work
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -181,7 +181,7 @@ def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaim
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
-    told = [version("soter"), check.offline({}), repr(ranges)]
+    told = [VERSION, check.offline({}), repr(ranges)]
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
@@ -384,7 +384,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
     """A hash of everything the sets depend on: the enclosures' C, all numbers, the engine."""
     told = hashlib.sha256()
     for part in (
-        version("soter"),
+        VERSION,
         np.__version__,
         library.path.name,
         problem.kind,

@@ -138,6 +138,7 @@ class EnclosureBody(Execution[Item]):
             whole = self._parts(*operands)
             assert isinstance(whole, Sequence)
             return whole.length
+        assert isinstance(e, core.Make), e
         if isinstance(e.type, ListType):
             rest = opened(Constant(e.type, ()))
             assert isinstance(rest, Sequence)

@@ -28,6 +28,7 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import Table
 from soter.verify.induction.solver_query import Query
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -64,7 +65,7 @@ def require_z3() -> Any:  # noqa: ANN401 - an untyped module
                 Diagnostic(
                     "D007",
                     "induction needs the package `z3-solver`",
-                    helps=("install it: pip install 'soter[induction]'",),
+                    helps=(f"install it: {pip_install('prove')}",),
                 ),
             )
         ) from None

@@ -23,6 +23,7 @@ import numpy.typing as npt
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
+from soter.version import pip_install
 from soter.workers.solvers import new_highs
 
 if TYPE_CHECKING:
@@ -294,7 +295,7 @@ def require_highs() -> Any:  # noqa: ANN401 - an untyped module
                 Diagnostic(
                     "D007",
                     "polytopes need the package `highspy`",
-                    helps=("install it: pip install 'soter[polytopes]'",),
+                    helps=(f"install it: {pip_install('prove')}",),
                 ),
             )
         ) from None

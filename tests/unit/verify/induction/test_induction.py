@@ -290,7 +290,7 @@ def test_without_the_solver_there_is_a_word_about_it(
     with pytest.raises(SoterError) as error:
         verified(tmp_path)
     assert error.value.diagnostics[0].code == "D007"
-    assert "soter[induction]" in error.value.diagnostics[0].helps[0]
+    assert "soter-rta[prove]" in error.value.diagnostics[0].helps[0]
 
 
 def test_monitors_and_advice_want_sets(tmp_path: Path) -> None:

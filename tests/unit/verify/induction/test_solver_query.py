@@ -10,7 +10,7 @@ import pytest
 from soter.verify.induction import solver_query
 from soter.verify.induction.solver_query import Query
 
-z3 = pytest.importorskip("z3", reason="the extra is absent: pip install 'soter[induction]'")
+z3 = pytest.importorskip("z3", reason="the extra is absent: pip install 'soter-rta[prove]'")
 
 
 def _pigeons(n: int) -> Query:

@@ -2,12 +2,13 @@
 
 Purpose: one file of ROS 1, one SQLite file of ROS 2. Records that point to one another in circles,
 chunks that unpack to gigabytes and databases that compute their rows end with an error.
-Non-goals: folders (`ros_bags.py`). Imports the extra `soter[ros]`.
+Non-goals: folders (`ros_bags.py`). Imports the extra `logs`.
 """
 
 from __future__ import annotations
 
 import sqlite3
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import quote
 
@@ -22,6 +23,7 @@ from soter.monitor.logs.files.log_columns import Writers
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
+    decoder_made,
     definitions_in,
     known_definitions,
     require_type,
@@ -30,7 +32,7 @@ from soter.monitor.logs.files.whole_bags import WholeBag1, require_no_journal, r
 from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from rosbags.interfaces import Connection
@@ -71,19 +73,23 @@ def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     """
     facts.unchecked = True
     writers = Writers()
-    unpacking = BoundedUnpacking(path.stat().st_size)
+    facts.size = path.stat().st_size
+    unpacking = BoundedUnpacking(facts.size)
     bounded = {
         decompressors["none"]: unpacking.plain,
         decompressors["bz2"]: unpacking.bz2,
         decompressors["lz4"]: unpacking.lz4,
     }
     with _BoundedReader1(path) as reader:
+        file = reader.bio
+        assert file is not None
         chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
         names = {c.id: c.topic for c in reader.connections}
-        decoders = {k: _decoder_of(c, wanted[c.topic], 1) for k, c in chosen.items()}
+        decoders = _decoders_of(chosen, wanted, 1, facts)
         nodes = {k: _node_of(c) for k, c in chosen.items()}
         for connection, time_ns, data in WholeBag1(reader, bounded).messages():
             facts.there[names[connection]] += 1
+            facts.at_byte = file.tell()
             content = None
             if connection in chosen:
                 content = decoders[connection](data)
@@ -122,7 +128,7 @@ def sqlite_messages(
         for c in reader.connections:
             facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
         writers = _offered(chosen.values())
-        decoders = {k: _decoder_of(c, wanted[c.topic], 2) for k, c in chosen.items()}
+        decoders = _decoders_of(chosen, wanted, 2, facts)
         names = {c.id: c.topic for c in reader.connections}
         for topic, time_ns, data in database.execute(IN_ORDER):
             name = names[topic]
@@ -150,6 +156,15 @@ def _node_of(connection: Connection) -> str:
     ext = connection.ext
     node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
     return node or f"connection {connection.id}"
+
+
+def _decoders_of(
+    chosen: Mapping[int, Connection], wanted: dict[str, Wanted], ros: int, facts: FileFacts
+) -> dict[int, Callable[[bytes], Any]]:
+    return {
+        k: decoder_made(partial(_decoder_of, c, wanted[c.topic], ros), wanted[c.topic], facts)
+        for k, c in chosen.items()
+    }
 
 
 def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:

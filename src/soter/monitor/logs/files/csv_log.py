@@ -17,7 +17,15 @@ from typing import IO, TYPE_CHECKING, BinaryIO
 from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.files.log_columns import RowChoice, add_row, moment, remedies, unusable
+from soter.monitor.logs.files.log_columns import (
+    FileFacts,
+    RowChoice,
+    add_row,
+    damaged,
+    moment,
+    remedies,
+    unusable,
+)
 
 if TYPE_CHECKING:
     from _csv import Reader
@@ -103,8 +111,8 @@ def is_table(path: Path) -> bool:
     return path.name.lower().endswith((".csv", ".csv.gz"))
 
 
-def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
-    """The rows that count; SoterError D016.
+def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = False) -> Columns:
+    """The rows that count; `partial`: of a damaged file those before that. SoterError D016.
 
     A ROS time is two columns, as other fields are one: `header.stamp.sec`, `header.stamp.nanosec`.
     """
@@ -116,7 +124,9 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
     of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
     choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
-    for line, clock, row in _rows(path, list(needed), mapping.time, columns.notes):
+    facts = FileFacts(notes=columns.notes)
+    rows = csv_rows(path, list(needed), mapping.time, facts)
+    for line, clock, row in facts.readable(path, rows, partial=partial):
         if not choice.takes(row.__getitem__):
             continue
         where = f"line {line}"
@@ -129,6 +139,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted) -> Columns:
     if not columns.times_ns:
         said = f"no row has {choice}" if mapping.where else "it has no rows"
         raise unusable(path, said, *choice.helps)
+    columns.damage = facts.damage
     return columns
 
 
@@ -156,13 +167,25 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
     return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
 
 
-def _rows(
-    path: Path, needed: list[str], time: str, notes: list[str]
+def csv_head(path: Path) -> list[str]:
+    """What its columns are called; SoterError D016."""
+    try:
+        with opened(path) as data, _text(path, data) as file:
+            return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
+        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+
+
+def csv_rows(
+    path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
     """Line, the cells of its time and those that are needed of each row."""
     try:
         with opened(path) as data, _text(path, data) as file:
-            reader = csv.reader(_lines(file, notes), strict=True)
+            facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
+            reader = csv.reader(_lines(file, facts), strict=True)
             rows = _of_a_line(path, reader)
             head = [h.strip() for h in next(rows, [])]
             if not head:
@@ -176,13 +199,13 @@ def _rows(
                     continue
                 if len(row) != len(head):
                     text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
-                    raise unusable(path, text)
+                    raise damaged(path, text)
                 cells = {name: row[at] for name, at in places.items()}
                 yield reader.line_num, [row[at] for at in clock], cells
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
-        raise unusable(path, f"it is no CSV: {error}", *remedies(path)) from error
+        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
 
 
 def _of_a_line(path: Path, reader: Reader) -> Iterator[list[str]]:
@@ -192,7 +215,7 @@ def _of_a_line(path: Path, reader: Reader) -> Iterator[list[str]]:
         for row in reader:
             if reader.line_num > before + 1:
                 text = f"the row of line {before + 1} goes on to line {reader.line_num}"
-                raise unusable(path, text, QUOTES)
+                raise damaged(path, text, QUOTES)
             before = reader.line_num
             yield row
     except csv.Error as error:
@@ -208,16 +231,17 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
     return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
 
 
-def _lines(file: IO[str], notes: list[str]) -> Iterator[str]:
+def _lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
     """Its lines; csv.Error where one is longer than any can be."""
     line = "\n"
     while next_line := file.readline(LINE_MAX + 1):
+        facts.at_byte += len(line)
         line = next_line
         if len(line) > LINE_MAX:
             raise csv.Error(f"a line has more than {LINE_MAX} letters")
         yield line
     if not line.endswith(("\n", "\r")):
-        notes.append("its last line has no end: the file may be cut there")
+        facts.notes.append("its last line has no end: the file may be cut there")
 
 
 def _place(path: Path, head: list[str], name: str) -> int:

@@ -2,9 +2,10 @@
 
 Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
 D016 and says where. `RowChoice`: whether a cell is what a `where` says, however its file writes it,
-and what stood there where none was. `remedies`: help for whoever has a file of PX4, ArduPilot or
-MATLAB, or one under a wrong name. `Writers`: where several nodes, or several channels of one name,
-give a topic its values, that is told with how many each gave, as they are read as one stream.
+and what stood there where none was. `remedies`: help for whoever has a file of MATLAB, or one under
+a wrong name. `FileFacts.readable`: what stands before a damage. `Writers`: where several nodes, or
+several channels of one name, give a topic its values, that is told with how many each gave, as they
+are read as one stream.
 Non-goals: the files (`csv_log.py`, `message_log.py`), what the cells mean (`typed_samples.py`), a
 choice by time (`LogMap.counts`), sources of a mapping, of which each has a channel.
 """
@@ -13,28 +14,30 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.load.bounded_read import opened
 from soter.mapping.message_types import HEADER_FRAME
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     from soter.mapping.message_types import MessageType, StampSource
     from soter.mapping.topic_mapping import LogMap
 
 
+Row = TypeVar("Row")
 Arrived = tuple[int, "int | None", str, Any]
 """Log time, time of publishing where a file has it, channel and content of a message."""
 FIGURES_NS = 10**15
 """Beyond, nine figures of a time in seconds are not all that matters of it."""
 
+READABLE = "with `--partial` what stands before it is read, which is no verdict (exit 4)"
 REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
 """What helps where a bag of ROS 2 and its metadata differ."""
 
@@ -48,7 +51,7 @@ class Columns:
     first and the last record of the log came, of whatever channel; None: these rows are all of it.
     `equal`: how many have the time of the one before them. `notes`: what was found of the file
     besides; `beyond_ns`: how long the file goes on behind the end of a choice; `unchecked`: whether
-    nothing in it tells that a value was changed.
+    nothing in it tells that a value was changed; `damage`: what was read is a part of it.
     """
 
     times_ns: list[int] = field(default_factory=list)
@@ -61,6 +64,7 @@ class Columns:
     first_equal: str = ""
     notes: list[str] = field(default_factory=list)
     unchecked: bool = False
+    damage: Damage | None = None
 
     @property
     def log_ns(self) -> tuple[int, int]:
@@ -84,12 +88,54 @@ class FileFacts:
     """What is known of a file once its messages were read.
 
     `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
-    `notes`: what was found that is no error.
+    `notes`: what was found that is no error; `at_byte` of `size`: where it is being read;
+    `damage`: where only what stands before it was read.
     """
 
     there: dict[str, int] = field(default_factory=dict)
     unchecked: bool = False
     notes: list[str] = field(default_factory=list)
+    at_byte: int = 0
+    size: int = 0
+    damage: Damage | None = None
+
+    def size_of(self, file: BinaryIO) -> int:
+        """How long a file is, which is then read from its beginning."""
+        self.size = file.seek(0, 2)
+        file.seek(0)
+        return self.size
+
+    def readable(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
+        """What is given; with `partial` up to the first damage, which is then known here."""
+        given = False
+        try:
+            for row in rows:
+                given = True
+                yield row
+        except DamagedLogError as error:
+            if given and not partial:
+                (problem,) = error.diagnostics
+                helped = replace(problem, helps=(*problem.helps, READABLE))
+                raise DamagedLogError((helped,)) from error
+            if not given:
+                raise
+            share = min(0.999, self.at_byte / self.size) if self.size else None
+            told = error.diagnostics[0].message.partition("cannot be used: ")[2]
+            self.damage = Damage(f"`{path}`: {told}", share)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Where a file is cut or damaged, and which share of its bytes stands before that, if known."""
+
+    told: str
+    share: float | None
+
+    def __str__(self) -> str:
+        before = (
+            "what stands before that" if self.share is None else f"{self.share:.1%} of its bytes"
+        )
+        return f"no verdict: the log is damaged, and {before} could be read"
 
 
 @dataclass(frozen=True)
@@ -97,13 +143,15 @@ class Wanted:
     """What a mapping asks of a channel.
 
     `optional`: of `names`, those that go through a list that may be too short. `message`: the type
-    that its messages have to be of, None for any.
+    that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
+    particular: where its messages cannot be decoded that is told, and they are left out.
     """
 
     names: tuple[str, ...] = ()
     stamps: tuple[StampSource, ...] = ()
     optional: frozenset[str] = frozenset()
     message: MessageType | None = None
+    unnamed: bool = False
 
     def columns(self) -> Columns:
         """None of its rows yet."""
@@ -116,6 +164,15 @@ def unusable(path: Path, why: str, *helps: str) -> SoterError:
     """D016."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
+
+
+class DamagedLogError(SoterError):
+    """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
+
+
+def damaged(path: Path, why: str, *helps: str) -> DamagedLogError:
+    """D016 of such a file."""
+    return DamagedLogError(unusable(path, why, *helps))
 
 
 def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
@@ -271,17 +328,14 @@ def _shown(cell: object) -> str:
 
 
 READ = (
-    "read are `.csv`, `.csv.gz`, `.mcap`, `.bag` of ROS 1, and folders or `.db3` of ROS 2, by what "
-    "they are called: docs/real-logs.md"
-)
-ARDUPILOT = (
-    "`mavlogdump.py --format csv --types TYPE FILE` of the package `pymavlink` writes a CSV of one "
-    "type of its messages"
+    "read are `.csv`, `.csv.gz`, `.mcap`, `.bag` of ROS 1, folders or `.db3` of ROS 2, `.ulg`, "
+    "`.bin`, `.log` and `.tlog`, by what they are called: docs/real-logs.md"
 )
 IN_UTF_8 = "`iconv -f UTF-16 -t UTF-8 FILE` writes it in UTF-8, as a CSV is here"
 BY_MAGIC = (
-    (b"ULog\x01\x12\x35", "a ULog of PX4: `ulog2csv FILE` of the package `pyulog` writes its CSVs"),
-    (b"\xa3\x95", f"a DataFlash log of ArduPilot: {ARDUPILOT}"),
+    (b"ULog\x01\x12\x35", "a ULog of PX4: its name ends in `.ulg`"),
+    (b"\xa3\x95", "a DataFlash log of ArduPilot: its name ends in `.bin`"),
+    (b"FMT,", "a DataFlash log of ArduPilot as text: its name ends in `.log`"),
     (b"\x89MCAP0\r\n", "an MCAP: its name ends in `.mcap`"),
     (b"#ROSBAG V2.0", "a bag of ROS 1: its name ends in `.bag`"),
     (b"SQLite format 3\0", "a database: that of a bag of ROS 2 ends in `.db3`"),
@@ -294,7 +348,6 @@ BY_MAGIC = (
     (b"\xfe\xff", f"a text in UTF-16: {IN_UTF_8}"),
     (b"PK\x03\x04", "a ZIP, or a table of Excel: unpack it, or save the table as a CSV"),
 )
-BY_ENDING = {".tlog": f"a telemetry log of MAVLink: {ARDUPILOT}"}
 
 
 def remedies(path: Path) -> tuple[str, ...]:
@@ -305,7 +358,6 @@ def remedies(path: Path) -> tuple[str, ...]:
     except OSError:
         return (READ,)
     told = next((text for magic, text in BY_MAGIC if head.startswith(magic)), None)
-    told = told or BY_ENDING.get(path.suffix.lower())
     if told is None and b"," in head and head.isascii() and path.suffix.lower() != ".csv":
         told = "a CSV, perhaps: its name ends in `.csv`"
     return (READ,) if told is None else (f"it looks like {told}", READ)

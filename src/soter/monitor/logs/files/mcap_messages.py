@@ -9,23 +9,27 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened
-from soter.monitor.logs.files.log_columns import Writers, remedies, unusable
+from soter.monitor.logs.files.log_columns import Writers, damaged, remedies, unusable
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,
     decoder,
+    decoder_made,
     definitions_in,
     known_definitions,
     require_type,
 )
 from soter.report.bounded_unpack import TooLargeError
 from soter.report.mcap_log import MAGIC
-from soter.report.mcap_reading import DamagedMcapError, McapRecords, damaged, require_log_package
+from soter.report.mcap_reading import DamagedMcapError, McapRecords, require_log_package
+from soter.report.mcap_reading import damaged as words_of_damage
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -59,11 +63,11 @@ def mcap_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
     except (TooLargeError, UndecodableError) as error:
         raise unusable(path, str(error)) from error
     except DamagedMcapError as error:
-        raise unusable(path, str(error), error.remedy) from error
+        raise damaged(path, str(error), error.remedy) from error
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
-        raise unusable(path, damaged(error)) from error
+        raise damaged(path, words_of_damage(error)) from error
 
 
 def _require_mcap(path: Path, file: BinaryIO) -> None:
@@ -83,13 +87,17 @@ class _Reading:
 
     def messages(self, records: McapRecords) -> Iterator[Arrived]:
         """Log time, channel and content."""
+        self.facts.size = records.size
         for channel, schema, message in records.messages():
+            self.facts.at_byte = records.file.tell()
             self.facts.there[channel.topic] = self.facts.there.get(channel.topic, 0) + 1
             content = None
             if channel.topic in self.wanted:
                 decode = self.decoders.get(channel.id)
                 if decode is None:
-                    decode = self.decoders[channel.id] = self._made_decoder(channel, schema)
+                    make = partial(self._made_decoder, channel, schema)
+                    decode = decoder_made(make, self.wanted[channel.topic], self.facts)
+                    self.decoders[channel.id] = decode
                     offered = channel.metadata.get("offered_qos_profiles", "")
                     self.writers.offer(channel.topic, len(PROFILE.findall(offered)))
                 node = channel.metadata.get("callerid") or f"channel {channel.id}"
@@ -133,7 +141,7 @@ def _protobuf_decoder(channel: Any, schema: Any) -> Callable[[bytes], Any]:  # n
             f"messages of `{channel.topic}` are protobuf, which the package "
             "`mcap-protobuf-support` reads; it is not installed"
         )
-        help_ = "install it: pip install 'soter[protobuf]'"
+        help_ = f"install it: {pip_install('logs')}"
         raise SoterError((Diagnostic("D007", text, helps=(help_,)),))
     from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415 - an extra
 

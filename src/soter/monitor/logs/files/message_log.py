@@ -1,10 +1,10 @@
-"""The columns of a log of messages: an MCAP, or a bag of ROS 1 or 2.
+"""The columns of a log of messages: an MCAP, a bag of ROS, a log of PX4, ArduPilot or MAVLink.
 
 Purpose: of each message of a channel that counts, the parts that a mapping names, in the order of
 the file; times that go back in it are no other order, and are told. `part_of`: what stands at
 `pose.position.x` or `ranges.3` of a message in JSON, ROS or protobuf, as a plain number, truth or
 text; `time_ns_of`: what a time is in ns.
-Non-goals: the files (`mcap_messages.py`, `ros_bags.py`), decoding (`ros_messages.py`, the package
+Non-goals: the files (`READERS`, `ros_bags.py`), decoding (`ros_messages.py`, the package
 `mcap-protobuf-support`).
 """
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME
+from soter.monitor.logs.files.dataflash import dataflash_messages
 from soter.monitor.logs.files.log_columns import (
     FileFacts,
     RowChoice,
@@ -23,8 +24,10 @@ from soter.monitor.logs.files.log_columns import (
     seconds_text,
     unusable,
 )
+from soter.monitor.logs.files.mavlink_log import mavlink_messages
 from soter.monitor.logs.files.mcap_messages import mcap_messages
 from soter.monitor.logs.files.ros_bags import bag_messages, is_bag, require_no_split
+from soter.monitor.logs.files.ulog import ulog_messages
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -140,16 +143,17 @@ UNSORTED = (
 
 
 def read_messages(
-    path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]
+    path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """What each channel holds; SoterError D016."""
+    """What each channel holds; `partial`: of a damaged file up to there. SoterError D016."""
     by_channel = _named(path, mapping, wanted)
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
-    for arrived in _messages(path, by_channel, facts):
+    messages = messages_of(path, by_channel, facts)
+    for arrived in facts.readable(path, messages, partial=partial):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
             if mapping.counts(log_ns):
@@ -175,7 +179,7 @@ def read_messages(
     ends, beyond_ns, notes = _ends_of_log(mapping, counted, others)
     for columns in columns_by_channel.values():
         columns.ends_ns, columns.beyond_ns = ends, beyond_ns
-        columns.unchecked = facts.unchecked
+        columns.unchecked, columns.damage = facts.unchecked, facts.damage
         columns.notes += [*facts.notes, *order.notes, *notes]
     return columns_by_channel
 
@@ -268,12 +272,23 @@ def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
     return min(times), max(times)
 
 
-def _messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+READERS = {
+    ".ulg": ulog_messages,
+    ".ulog": ulog_messages,
+    ".bin": dataflash_messages,
+    ".log": dataflash_messages,
+    ".tlog": mavlink_messages,
+    ".rlog": mavlink_messages,
+}
+"""Who reads what, by its name; anything else is a bag or an MCAP."""
+
+
+def messages_of(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
     """Every message of the wanted channels; `facts` counts those of every channel."""
     if is_bag(path):
         return bag_messages(path, wanted, facts)
     require_no_split(path)
-    return mcap_messages(path, wanted, facts)
+    return READERS.get(path.suffix.lower(), mcap_messages)(path, wanted, facts)
 
 
 def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:

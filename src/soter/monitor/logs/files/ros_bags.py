@@ -18,8 +18,9 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
-from soter.monitor.logs.files.log_columns import REINDEX, remedies, unusable
+from soter.monitor.logs.files.log_columns import REINDEX, damaged, remedies, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages
+from soter.monitor.logs.files.ros_messages import UndecodableError
 from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:
@@ -91,12 +92,14 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     except SoterError:
         raise
     except ContradictionError as error:
-        raise unusable(path, str(error), error.remedy) from error
+        raise damaged(path, str(error), error.remedy) from error
+    except UndecodableError as error:
+        raise unusable(path, str(error)) from error
     except OSError as error:
         raise unusable(path, reason(error)) from error
     except Exception as error:
         said = str(error)[:200] if _says_why(error) else ""
-        raise unusable(path, said or "it is no bag of ROS, or damaged") from error
+        raise damaged(path, said or "it is no bag of ROS, or damaged") from error
 
 
 def _alone(path: Path) -> _Bag2:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.mapping.message_types import MessageType
+    from soter.monitor.logs.files.log_columns import FileFacts, Wanted
 
 
 TOKEN = re.compile(
@@ -84,6 +85,26 @@ IDL_SEPARATOR = "=" * 80 + "\n"
 
 class UndecodableError(ValueError):
     """A definition, or a message, that cannot be read; the text says why."""
+
+
+def decoder_made(
+    make: Callable[[], Callable[[bytes], Any]], wanted: Wanted, facts: FileFacts
+) -> Callable[[bytes], Any]:
+    """A decoder; of a channel that nobody names one that gives None for what it cannot read."""
+    if not wanted.unnamed:
+        return make()
+    made: list[Callable[[bytes], Any]] = []
+
+    def decoded(data: bytes) -> Any:  # noqa: ANN401 - what a message has
+        try:
+            made[:] = made or [make()]
+            return made[0](data)
+        except UndecodableError as error:
+            made[:] = [lambda _: None]
+            facts.notes.append(f"left out: {error}")
+            return None
+
+    return decoded
 
 
 def ros1_name(name: str) -> str:

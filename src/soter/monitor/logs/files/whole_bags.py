@@ -3,7 +3,7 @@
 Purpose: of a bag of ROS 1 its chunks, read in the order of the file, against its index; of a bag of
 ROS 2 its databases against SQLite's own checks, what lies beside them, and the counts of metadata.
 Non-goals: values: neither kind has checksums, so one that was changed in its place is not seen.
-Imports the extra `soter[ros]`.
+Imports the extra `logs`.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import apsw
+from rosbags.rosbag1 import ReaderError
 from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
 from soter.monitor.logs.files.log_columns import REINDEX
@@ -91,8 +92,11 @@ class WholeBag1:
         file.seek(MAGIC1)
         seen: Counter[int] = Counter()
         while (at := file.tell()) < end:
-            header = Header.read(file)
-            kind, size = header.get_uint8("op"), read_uint32(file)
+            try:
+                header = Header.read(file)
+                kind, size = header.get_uint8("op"), read_uint32(file)
+            except ReaderError as error:
+                raise _wrong(f"at byte {at} stands no record") from error
             seen[kind] += 1
             if kind == RecordType.CHUNK:
                 if at not in self.reader.chunks:

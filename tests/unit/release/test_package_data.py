@@ -6,7 +6,7 @@ import ast
 import re
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SOTER = ROOT / "src" / "soter"
 ELSEWHERE = (".py", ".pyc", ".so")
 

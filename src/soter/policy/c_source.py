@@ -1,0 +1,286 @@
+"""A network as C that answers an extern node: for campaigns, packages and boards.
+
+Purpose: `c_source`: a file to bind with `c:FILE:FUNCTION`. Layers are computed in float32 as
+`network.py` does, sums in double, so that the answer is that of the policy's file within rounding;
+what is remembered, and frames that are stacked, lie in statics.
+Non-goals: a bound on the difference (`soter_source.py` has one); graphs that are no layers.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.codegen.c.names import field_name
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+)
+from soter.policy.network import (
+    Activation,
+    Affine,
+    Clipped,
+    Elementwise,
+    Lstm,
+    OneHot,
+    Relu,
+    Standardised,
+)
+from soter.policy.policy_errors import bad_policy
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.language.model.types import Type
+    from soter.policy.network import Layer, Policy
+
+    Shapes = Sequence[tuple[str, Type]]
+
+SIGMOID = "0.5 + 0.5 * tanh(0.5 * x)"
+SOFTPLUS = "fmax(x, 0.0) + log1p(exp(-fabs(x)))"
+ELU = "(x > 0.0 ? x : expm1(x))"
+ACTIVATIONS = {
+    "ELU": ELU,
+    "GELU": "0.5 * x * (1.0 + erf(x / 1.4142135623730951))",
+    "LeakyReLU": "(x > 0.0 ? x : 0.01 * x)",
+    "Mish": f"x * tanh({SOFTPLUS})",
+    "ReLU6": "fmin(fmax(x, 0.0), 6.0)",
+    "SELU": f"1.0507009873554805 * (x > 0.0 ? x : 1.6732632423543772 * {ELU})",
+    "SiLU": f"x * ({SIGMOID})",
+    "Sigmoid": SIGMOID,
+    "Softplus": SOFTPLUS,
+    "Softsign": "x / (1.0 + fabs(x))",
+}
+COLUMNS = 12
+
+
+def c_source(
+    policy: Policy, function: str, name: str, header: str, reads: Shapes, writes: Shapes
+) -> str:
+    """The text of the file.
+
+    `function`: its own name. `name`: what the C names of the node begin with (`rush_Learned`), of a
+    program with this `header`. `reads`, `writes`: topics in the order in which the policy has their
+    numbers.
+    """
+    network = policy.network
+    given = [place for n, t in reads for place in _places(f"in->{_member(n)}", t)]
+    lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
+    lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
+    body = _observed(policy, given)
+    size, at = network.inputs, "x0"
+    for number, layer in enumerate(network.layers, 1):
+        constants, steps = _layer(layer, number, size, at)
+        lines += constants
+        body += steps
+        size, at = _size(layer, size), f"x{number}"
+    body += _answered(policy, writes, size, at)
+    statics = list(_statics(policy, len(given)))
+    head = f"int {function}(const {name}_in *in, {name}_out *out) {{"
+    return "\n".join([*lines, *statics, head, *(f"  {line}" for line in body), "}"]) + "\n"
+
+
+def _member(name: str) -> str:
+    """A member, or one of a member: `pose`, `pose.x`."""
+    return ".".join(field_name(part) for part in name.split("."))
+
+
+def _places(at: str, t: Type) -> Iterator[str]:
+    """Where the numbers of a value lie in C."""
+    if isinstance(t, RecordType):
+        for field, of in t.fields:
+            yield from _places(f"{at}.{field_name(field)}", of)
+    elif isinstance(t, ArrayType):
+        for k in range(t.size):
+            yield from _places(f"{at}.at[{k}]", t.element)
+    else:
+        yield at
+
+
+def _statics(policy: Policy, frame: int) -> Iterator[str]:
+    """What lasts from step to step."""
+    if policy.network.inputs > frame:
+        yield f"static float x0[{policy.network.inputs}];"
+    for number, layer in enumerate(policy.network.layers, 1):
+        if isinstance(layer, Lstm):
+            yield f"static float x{number}[{layer.outputs}], kept{number}[{layer.outputs}];"
+    yield ""
+
+
+def _observed(policy: Policy, given: Sequence[str]) -> list[str]:
+    """The observation: older frames move down, this one is read."""
+    inputs, frame = policy.network.inputs, len(given)
+    if not frame or inputs % frame or (policy.keys and frame != inputs):
+        why = f"it takes {inputs} numbers, the node reads {frame}"
+        raise bad_policy(policy.path, why)
+    older = inputs - frame
+    lines = [f"float x0[{inputs}];"]
+    if older:
+        lines = [f"memmove(x0, x0 + {frame}, {older} * sizeof x0[0]);"]
+    lines += [f"x0[{older + k}] = (float){place};" for k, place in enumerate(given)]
+    if (own := policy.per_frame) is not None:
+        lines += [*_table("MEAN", own.mean), *_table("DEVIATION", own.deviation)]
+        lines += _table("LIMIT", own.limit)
+        scaled = f"(x0[{older} + i] - MEAN[i]) / DEVIATION[i]"
+        clipped = f"fmin(fmax({scaled}, -LIMIT[i]), LIMIT[i])"
+        lines.append(f"for (int i = 0; i < {frame}; i++) x0[{older} + i] = (float)({clipped});")
+    return lines
+
+
+def _size(layer: Layer, size: int) -> int:
+    if isinstance(layer, (OneHot, Lstm)):
+        return layer.outputs
+    return len(layer.bias) if isinstance(layer, Affine) else size
+
+
+def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
+    """Constants and statements: `x{number}` is made of `at`, which has `size` numbers."""
+    here, own = f"x{number}", f"L{number}"
+    if isinstance(layer, Lstm):
+        return _memory(layer, number, size, at)
+    if isinstance(layer, OneHot):
+        return [], [f"float {here}[{layer.outputs}];", *_one_hot(layer, here, at)]
+    if isinstance(layer, Affine):
+        rows = len(layer.bias)
+        constants = [*_table(f"{own}_W", layer.weight), *_table(f"{own}_B", layer.bias)]
+        return constants, [
+            f"float {here}[{rows}];",
+            f"for (int i = 0; i < {rows}; i++) {{",
+            f"  double sum = {own}_B[i];",
+            f"  for (int j = 0; j < {size}; j++) sum += (double){own}_W[i][j] * (double){at}[j];",
+            f"  {here}[i] = (float)sum;",
+            "}",
+        ]
+    constants, told = _elementwise(layer, own)
+    return constants, [
+        f"float {here}[{size}];",
+        f"for (int i = 0; i < {size}; i++) {{",
+        f"  double x = (double){at}[i];",
+        f"  {here}[i] = (float)({told});",
+        "}",
+    ]
+
+
+def _elementwise(layer: Layer, own: str) -> tuple[list[str], str]:
+    """Constants, and what becomes of a number `x`."""
+    if isinstance(layer, Standardised):
+        parts = {"MEAN": layer.mean, "DEVIATION": layer.deviation, "LIMIT": layer.limit}
+        constants = [line for n, a in parts.items() for line in _table(f"{own}_{n}", a)]
+        scaled = f"(x - {own}_MEAN[i]) / {own}_DEVIATION[i]"
+        return constants, f"fmin(fmax({scaled}, -{own}_LIMIT[i]), {own}_LIMIT[i])"
+    if isinstance(layer, Elementwise):
+        return _table(f"{own}_BY", layer.operand), f"x {layer.operation} (double){own}_BY[i]"
+    if isinstance(layer, Clipped):
+        constants = [*_table(f"{own}_LOW", layer.low), *_table(f"{own}_HIGH", layer.high)]
+        return constants, f"fmin(fmax(x, (double){own}_LOW[i]), (double){own}_HIGH[i])"
+    if isinstance(layer, Activation):
+        return [], ACTIVATIONS[layer.name]
+    return [], "fmax(x, 0.0)" if isinstance(layer, Relu) else "tanh(x)"
+
+
+def _one_hot(layer: OneHot, here: str, at: str) -> Iterator[str]:
+    yield f"memset({here}, 0, sizeof {here});"
+    place = 0
+    for k, size in enumerate(layer.sizes):
+        if not size:
+            yield f"{here}[{place}] = {at}[{k}];"
+        else:
+            yield f"if (!({at}[{k}] >= 0.0f && {at}[{k}] < {size}.0f)) return 1;"
+            yield f"if ({at}[{k}] != (float)(int){at}[{k}]) return 1;"
+            yield f"{here}[{place} + (int){at}[{k}]] = 1.0f;"
+        place += size or 1
+
+
+def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
+    """A cell: gates of what is given and of what it answered before."""
+    here, own, kept, n = f"x{number}", f"L{number}", f"kept{number}", layer.outputs
+    constants = [*_table(f"{own}_W", layer.weight), *_table(f"{own}_B", layer.bias)]
+    gates = [SIGMOID.replace("x", f"g{number}[{k} * {n} + i]") for k in (0, 1, 3)]
+    new = f"tanh(g{number}[2 * {n} + i])"
+    return constants, [
+        f"double g{number}[{4 * n}];",
+        f"for (int i = 0; i < {4 * n}; i++) {{",
+        f"  g{number}[i] = {own}_B[i];",
+        f"  for (int j = 0; j < {size}; j++)",
+        f"    g{number}[i] += (double){own}_W[i][j] * (double){at}[j];",
+        f"  for (int j = 0; j < {n}; j++)",
+        f"    g{number}[i] += (double){own}_W[i][{size} + j] * (double){here}[j];",
+        "}",
+        f"for (int i = 0; i < {n}; i++) {{",
+        f"  {kept}[i] = (float)(({gates[1]}) * (double){kept}[i] + ({gates[0]}) * {new});",
+        f"  {here}[i] = (float)(({gates[2]}) * tanh((double){kept}[i]));",
+        "}",
+    ]
+
+
+def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
+    """What is published, number by number."""
+    network = policy.network
+    places = [(p, k) for n, t in writes for p, k in _kinds(f"out->{field_name(n)}", t)]
+    if len(places) != network.answers:
+        why = f"it answers {network.answers} numbers, the node publishes {len(places)}"
+        raise bad_policy(policy.path, why)
+    start = 0
+    for k, (place, kind) in enumerate(places):
+        if isinstance(kind, FloatType) != (not network.choices):
+            raise bad_policy(policy.path, f"it cannot answer `{place}`, a `{kind}`")
+        if not network.choices:
+            yield f"{place} = (double){at}[{k}];"
+            continue
+        count = network.choices[k]
+        yield f"int best{k} = 0;"
+        yield (
+            f"for (int i = 1; i < {count}; i++) "
+            f"if ({at}[{start} + i] > {at}[{start} + best{k}]) best{k} = i;"
+        )
+        if isinstance(kind, IntType):
+            yield f"if (best{k} < {kind.low} || best{k} > {kind.high}) return 1;"
+        yield f"{place} = best{k};"
+        start += count
+    assert not network.choices or start == size
+    for n, _ in writes:
+        yield f"out->{field_name('has_' + n)} = 1;"
+    yield "return 0;"
+
+
+def _kinds(at: str, t: Type) -> Iterator[tuple[str, Type]]:
+    """Where the numbers of a value are put, and of what type each is."""
+    if isinstance(t, RecordType):
+        for field, of in t.fields:
+            yield from _kinds(f"{at}.{field_name(field)}", of)
+    elif isinstance(t, ArrayType):
+        for k in range(t.size):
+            yield from _kinds(f"{at}.at[{k}]", t.element)
+    else:
+        assert isinstance(t, (FloatType, IntType, EnumType, BoolType))
+        yield at, t
+
+
+def _number(value: float, *, single: bool) -> str:
+    """A number to the last bit."""
+    if not np.isfinite(value):
+        return "-INFINITY" if value < 0.0 else "INFINITY"
+    return f"{float(value).hex()}{'f' if single else ''}"
+
+
+def _table(name: str, array: npt.NDArray[np.floating]) -> list[str]:
+    """A constant vector or matrix."""
+    single = array.dtype == np.float32
+    axes = "".join(f"[{n}]" for n in array.shape)
+    lines = [f"static const {'float' if single else 'double'} {name}{axes} = {{"]
+    for row in array if array.ndim == 2 else array[None]:
+        inner = list(_wrapped([_number(x, single=single) for x in row.tolist()]))
+        lines += ["  {", *inner, "  },"] if array.ndim == 2 else inner
+    return [*lines, "};"]
+
+
+def _wrapped(words: Sequence[str]) -> Iterable[str]:
+    for k in range(0, len(words), COLUMNS):
+        yield "    " + " ".join(f"{w}," for w in words[k : k + COLUMNS])

@@ -1,0 +1,230 @@
+"""A policy in an ONNX file, asked through onnxruntime.
+
+Purpose: `OnnxSession`: one observation in, one answer out, without a copy that is not needed. What
+a file remembers goes in and out: an input that carries memory is, at each step, what an output
+was at the step before, and zeros at the start of an episode; which output belongs to which input
+is found by their names (`h_in` and `h_out`, `h0` and `hn`), or said by the program.
+Non-goals: what the operators do (`onnx_file.py` reads some of them).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.policy.onnx_file import NAMES, onnx_content
+from soter.policy.policy_errors import bad_policy, missing_package
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64, "tensor(int64)": np.int64}
+DIRECTIONS = frozenset(
+    {"in", "input", "out", "output", "new", "next", "prev", "previous", "old", "initial", "ins"}
+    | {"outs", "inputs", "outputs", "last"}
+)
+"""Words of a name that say which way it goes."""
+ENDS = re.compile(r"_?[0nt]$")
+"""What `h0`, `hn`, `c_0` and `c_n` end in."""
+SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
+
+
+def _without_direction(name: str) -> str:
+    words = [w for w in re.split(r"[^a-z0-9]+", name.lower()) if w]
+    return "_".join(w for w in words if w not in DIRECTIONS)
+
+
+def _without_end(name: str) -> str:
+    return ENDS.sub("", _without_direction(name))
+
+
+def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
+    """The output whose value each input has at the next step, as far as names and shapes say.
+
+    They go together where one output alone has the name of the input without its direction, or
+    else without `0` and `n` at the end, and the same shape.
+    """
+    found: dict[str, str] = {}
+    ways: tuple[Callable[[str], str], ...] = (_without_direction, _without_end)
+    for stem in ways:
+        for x in inputs:
+            free = [y for y in outputs if y.name not in found.values() and y.name != x.name]
+            same = [y for y in free if stem(y.name) == stem(x.name) and _alike(x, y)]
+            rivals = [z for z in inputs if stem(z.name) == stem(x.name)]
+            if x.name not in found and len(same) == len(rivals) == 1 and stem(x.name):
+                found[x.name] = same[0].name
+    return found
+
+
+def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
+    """Whether two values have one type and fixed axes that are the same."""
+    sizes = [[_axis(n) for n in shape] for shape in (x.shape, y.shape)]
+    fits = len(sizes[0]) == len(sizes[1]) and all(
+        None in pair or pair[0] == pair[1] for pair in zip(*sizes, strict=True)
+    )
+    return bool(x.type == y.type and fits)
+
+
+def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
+    """What the program says of memory: `h0=hn,c0=cn`; X014 for names that are not there."""
+    names = [{x.name for x in inputs}, {x.name for x in outputs}]
+    pairs = [tuple(part.split("=")) for part in text.split(",")]
+    for pair in pairs:
+        if len(pair) != 2 or pair[0] not in names[0] or pair[1] not in names[1]:
+            told = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
+            why = f"`{'='.join(pair)[:60]}` is no input and output of it"
+            raise bad_policy(path, why, f"its inputs are {told[0]}, its outputs {told[1]}", SAY)
+    return dict(pairs)
+
+
+def _answer_of(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
+    """The output that is the answer, and what is assumed where there are several."""
+    if not outputs:
+        raise bad_policy(path, "it has no output that is an answer", SAY)
+    output = next((x for x in outputs if x.name in NAMES), outputs[0])
+    if len(outputs) == 1:
+        return output, ()
+    names = ", ".join(f"`{x.name}`" for x in outputs[:8])
+    return output, (f"of its outputs {names} `{output.name}` is the answer",)
+
+
+class OnnxSession:
+    """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
+
+    `memory`: what the program says of it, or "". `keys`: of several observations the names and
+    how many numbers each has, in their order. `assumed`: what the file does not say.
+    SoterError X003, X014; D007 without onnxruntime.
+    """
+
+    def __init__(self, path: Path, memory: str = "") -> None:
+        session, ort_value = _loaded(path)
+        inputs, outputs = session.get_inputs(), session.get_outputs()
+        pairs = _said(path, memory, inputs, outputs) if memory else carried(inputs, outputs)
+        seen = [x for x in inputs if x.name not in pairs]
+        if not seen:
+            raise bad_policy(path, "it has no input that is an observation", SAY)
+        rest = [x for x in outputs if x.name not in pairs.values()]
+        output, self.assumed = _answer_of(path, rest)
+        if pairs and not memory:
+            told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
+            self.assumed += (f"it remembers: {told}, zeros at the start",)
+        self.observation, given = _observation(path, seen, output)
+        many = len(seen) > 1
+        self.keys = tuple((x.name, given[x.name].size) for x in seen) if many else ()
+        kept = {x.name: _zeros(path, x) for x in inputs if x.name in pairs}
+        first = _asked_once(path, session, given | kept, [output.name, *pairs.values()])
+        if not first[0].size or first[0].ndim > max(x.ndim for x in given.values()) + 1:
+            raise bad_policy(path, f"it answers an array of shape {first[0].shape}")
+        for (name, array), after in zip(kept.items(), first[1:], strict=True):
+            if array.shape != after.shape or array.dtype != after.dtype:
+                why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
+                raise bad_policy(path, why, SAY)
+        self.is_whole = first[0].dtype == np.int64
+        values = {name: ort_value(array) for name, array in (given | kept).items()}
+        out = [ort_value(np.ascontiguousarray(array)) for array in first]
+        self._binding = session.io_binding()
+        for name, value in values.items():
+            self._binding.bind_ortvalue_input(name, value)
+        for name, value in zip([output.name, *pairs.values()], out, strict=True):
+            self._binding.bind_ortvalue_output(name, value)
+        self._session, self._out, self._inputs = (
+            session,
+            out[0],
+            values,
+        )  # values stay where they are
+        self._memory = list(zip(kept.values(), out[1:], strict=True))
+
+    def run(self) -> list[float]:
+        """The numbers that are answered of `observation`; whatever onnxruntime raises."""
+        self._session.run_with_iobinding(self._binding)
+        for kept, after in self._memory:
+            kept[...] = after.numpy()
+        answer: list[float] = self._out.numpy().ravel().tolist()
+        return answer
+
+    def reset(self) -> None:
+        """An episode begins."""
+        for kept, _ in self._memory:
+            kept[...] = 0
+
+
+def _loaded(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
+    """The session, and what makes a value of it that lies where an array does."""
+    data = onnx_content(path).data
+    runtime = _onnxruntime()
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        session = runtime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:
+        why = f"onnxruntime does not load it: {' '.join(str(error).split())[:300]}"
+        raise bad_policy(path, why) from error
+    return session, runtime.OrtValue.ortvalue_from_numpy
+
+
+def _observation(
+    path: Path,
+    seen: Sequence[Any],
+    output: Any,  # noqa: ANN401 - no types
+) -> tuple[npt.NDArray[Any], dict[str, npt.NDArray[Any]]]:
+    """All numbers of observations, (inputs,), and by name the arrays that lie in them."""
+    shapes = [tuple(_axis(n) for n in x.shape) for x in seen]
+    for x, shape in zip(seen, shapes, strict=True):
+        if x.type not in DTYPES or not shape or shape[-1] is None:
+            raise bad_policy(path, f"its input `{x.name}` is a {x.type} of shape {x.shape}")
+        if output.type not in DTYPES or any(n not in (None, 1) for n in shape[:-1]):
+            why = f"it answers a {output.type} for an input of shape {x.shape}"
+            raise bad_policy(path, why, "one observation is asked at a time: leading axes are 1")
+    if len({x.type for x in seen}) > 1:
+        told = ", ".join(f"`{x.name}` {x.type}" for x in seen)
+        raise bad_policy(path, f"its inputs have other types: {told}", SAY)
+    sizes = [int(shape[-1] or 0) for shape in shapes]
+    whole = np.zeros(sum(sizes), DTYPES[seen[0].type])
+    parts = np.split(whole, np.cumsum(sizes)[:-1])
+    return whole, {
+        x.name: part.reshape([n or 1 for n in shape])
+        for x, part, shape in zip(seen, parts, shapes, strict=True)
+    }
+
+
+def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
+    """What is remembered at the start of an episode."""
+    if x.type not in DTYPES:
+        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type}")
+    return np.zeros([_axis(n) or 1 for n in x.shape], DTYPES[x.type])
+
+
+def _asked_once(
+    path: Path,
+    session: Any,  # noqa: ANN401 - no types
+    given: dict[str, npt.NDArray[Any]],
+    names: list[str],
+) -> list[npt.NDArray[Any]]:
+    """What it answers to zeros."""
+    try:
+        return [np.asarray(x) for x in session.run(names, given)]
+    except Exception as error:
+        why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
+        raise bad_policy(path, why) from error
+
+
+def _axis(size: object) -> int | None:
+    """A fixed size of an axis; None where the file leaves it open."""
+    return size if isinstance(size, int) and size > 0 else None
+
+
+def _onnxruntime() -> Any:  # noqa: ANN401 - no types
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import onnxruntime  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise missing_package("onnxruntime", "a policy in an ONNX file") from error
+    return onnxruntime

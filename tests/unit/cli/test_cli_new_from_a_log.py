@@ -1,0 +1,108 @@
+"""`soter new --from LOG`: what is found of a log, and that what is written of it can be used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
+from soter.api import load
+from soter.monitor.logs.survey import program_of, surveyed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    Soter = Callable[..., Any]
+
+MODULE = """
+node Fast period 10ms {{ publishes go; step {{ publish go = 1.0; }} }}
+node Slow period 10ms {{ publishes go; step {{ publish go = 0.0; }} }}
+topic go: float in [0.0, 1.0] = 0.0;
+rta Guard {{ ac Fast; sc Slow; period 10ms;
+  safe {topic}.{field} < 1.0; ttf {topic}.{field} > 0.9; safer {topic}.{field} < 0.5; }}
+system Whole default {{ module Guard; until 1s; }}
+"""
+LOGS: list[tuple[str, Callable[..., bytes], str, str]] = [
+    ("flight.ulg", ulog, "motion", "x"),
+    ("flight.bin", dataflash, "POSE", "X"),
+    ("flight.tlog", tlog, "LOCAL_POSITION_NED", "x"),
+    ("flight.csv", table, "flight", "x"),
+]
+
+
+@pytest.mark.parametrize(("name", "made", "topic", "field"), LOGS, ids=[n for n, *_ in LOGS])
+def test_a_program_made_of_a_log_is_sound_and_judges_it(
+    soter: Soter, here: Path, name: str, made: Any, topic: str, field: str
+) -> None:
+    if name.endswith("tlog"):
+        pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+    written(here / name, made(flight()))
+    document = soter("new", "robot", "--from", name, "--json").document
+    assert document["files"] == ["robot.soter", "robot.toml"]
+    program = here / "robot" / "robot.soter"
+    assert soter("fmt", "--check", str(program)).exit == 0
+    checked = soter("check", str(program))
+    assert (checked.exit, checked.err) == (0, "")
+    text = program.read_text(encoding="utf-8")
+    assert "40 messages, 100 Hz, gaps 10ms (half) to 10ms, at most 10ms old" in text
+    assert f"topic {topic}: " in text
+    assert " max_age 20ms;" in text
+    program.write_text(text + MODULE.format(topic=topic, field=field), encoding="utf-8")
+    judged = soter("monitor", str(program), name, "--map", "robot/robot.toml", "--json")
+    assert judged.exit == 0
+    assert judged.document["log"]["samples"][topic] == 40
+    assert judged.document["log"]["modules"]["Guard"]["judged_share"] == 1.0
+
+
+def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
+    rows = [row for k, row in enumerate(flight(100)) if k not in range(50, 62)]
+    log = written(tmp_path / "a.csv", table(rows))
+    found = surveyed([log])
+    text = program_of(found, "a.csv", "robot")
+    assert "gaps 10ms (half) to 130ms, at most 130ms old since it was logged" in text
+    assert "  x: float,  // 0 to 0.99\n" in text
+    assert "  v: float,  // 0.125 to 0.125\n" in text
+    assert found.time == ("t", "s")
+
+
+def test_several_csvs_are_one_mapping(soter: Soter, here: Path) -> None:
+    written(here / "pose.csv", table(flight(), "t,x"))
+    written(here / "speed.csv", table(flight(), "t,v"))
+    assert soter("new", "robot", "--from", "pose.csv", "--from", "speed.csv").exit == 0
+    program = here / "robot" / "robot.soter"
+    module = MODULE.format(topic="pose", field="x").replace("pose.x < 1.0", "speed.v < 1.0")
+    program.write_text(program.read_text(encoding="utf-8") + module, encoding="utf-8")
+    command = ["monitor", str(program), "pose.csv", "speed.csv", "--map", "robot/robot.toml"]
+    assert soter(*command).exit == 0
+
+
+def test_a_damaged_log_is_surveyed_where_that_is_asked_for_and_said(
+    soter: Soter, here: Path
+) -> None:
+    written(here / "flight.ulg", ulog(flight())[:-20])
+    refused = soter("new", "robot", "--from", "flight.ulg")
+    assert refused.exit == 1
+    assert "`--partial`" in refused.err
+    assert not (here / "robot").exists()
+    assert soter("new", "robot", "--from", "flight.ulg", "--partial").exit == 0
+    text = (here / "robot" / "robot.soter").read_text(encoding="utf-8")
+    assert "no verdict: the log is damaged" in text
+
+
+def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Path) -> None:
+    data = b"t,in,in.,1st,a b\n" + b"".join(b"%d,1.5,2.5,3.5,4.5\n" % k for k in range(3))
+    text = program_of(surveyed([written(tmp_path / "topic.csv", data)]), "topic.csv", "robot")
+    program = written(tmp_path / "robot.soter", text.encode())
+    assert load(program).check().warnings == ()
+    for name in ("in_2: float", "in_3: float", "n1st: float", "a_b: float", "topic topic_2"):
+        assert name in text
+
+
+@pytest.mark.parametrize("data", [b"", b"t\n", b"a,b\n1,2\n", b"t,name\n0,x\n1,y\n"])
+def test_a_log_without_times_or_numbers_is_told(soter: Soter, here: Path, data: bytes) -> None:
+    written(here / "a.csv", data)
+    refused = soter("new", "robot", "--from", "a.csv")
+    assert refused.exit == 1
+    assert "D016" in refused.err

@@ -1,0 +1,277 @@
+"""Logs of PX4, ArduPilot and MAVLink, and several CSVs as one log.
+
+The values are those that the formats' own libraries read; a file that is cut or damaged anywhere is
+refused with the place, or read up to there where somebody asks for it.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from generators.autopilot_logs import (
+    dataflash,
+    dataflash_text,
+    flight,
+    table,
+    tlog,
+    ulog,
+    written,
+)
+from soter.api import load
+from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
+from soter.monitor.logs.files.log_columns import FileFacts, Wanted
+from soter.monitor.logs.files.message_log import messages_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+MADE: dict[str, tuple[Callable[..., bytes], str, dict[str, Any]]] = {
+    "flight.ulg": (ulog, "motion", {"x": "x", "v": "r.v"}),
+    "flight.BIN": (dataflash, "POSE", {"x": "X", "v": "V"}),
+    "flight.log": (dataflash_text, "POSE", {"x": "X", "v": "V"}),
+    "flight.tlog": (tlog, "LOCAL_POSITION_NED", {"x": "x", "v": "vx"}),
+}
+"""By the name of a file: its bytes, and what the mapping says of it."""
+NAMES = list(MADE)
+
+
+@pytest.fixture(autouse=True)
+def _pymavlink(request: pytest.FixtureRequest) -> None:
+    if "tlog" in request.node.name:
+        pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+
+
+def mapping(name: str, **more: Any) -> dict[str, Any]:
+    _, channel, fields = MADE[name]
+    topic = {"channel": channel, "fields": fields, **more}
+    return {"system": "Protected", "topics": {"motion": topic}}
+
+
+def judged(log: Path, name: str, **how: Any) -> Any:
+    return load(CART).judge_log(log, mapping(name), **how)
+
+
+def content(log: Path, channel: str, facts: FileFacts | None = None) -> list[tuple[int, Any]]:
+    arrived = messages_of(log, {channel: Wanted()}, facts or FileFacts())
+    return [(now, content) for now, _, name, content in arrived if name == channel]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_flight_is_judged_as_it_is_of_a_csv(tmp_path: Path, name: str) -> None:
+    log = written(tmp_path / name, MADE[name][0](flight()))
+    csv = written(tmp_path / "flight.csv", table(flight()))
+    given = {"time": {"from": "t"}, "topics": {"motion": {"fields": {"x": "x", "v": "v"}}}}
+    other = load(CART).judge_log(csv, given, system="Protected")
+    judgement = judged(log, name)
+    assert judgement.samples == other.samples == {"motion": 40}
+    (module,), (of_csv,) = judgement.modules, other.modules
+    assert (module.steps, module.ac, module.outside) == (of_csv.steps, of_csv.ac, of_csv.outside)
+    assert module.margin.distance == pytest.approx(of_csv.margin.distance, abs=1e-5)
+
+
+def test_instances_are_channels_of_their_own(tmp_path: Path) -> None:
+    for name, channel, field in (("flight.ulg", "motion", "x"), ("flight.BIN", "POSE", "X")):
+        log = written(tmp_path / name, MADE[name][0](flight(3)))
+        first, second = content(log, channel), content(log, f"{channel}#1")
+        assert [c[field] + 1 for _, c in first] == [c[field] for _, c in second]
+        assert first[0][0] == 5 * 10**9
+
+
+def test_the_fields_of_a_ulog_are_those_of_pyulog(tmp_path: Path) -> None:
+    pyulog = pytest.importorskip("pyulog")
+    log, facts = written(tmp_path / "a.ulg", ulog(flight())), FileFacts()
+    ours = content(log, "motion#1", facts)
+    data = pyulog.ULog(str(log)).get_dataset("motion", 1).data
+    assert [now for now, _ in ours] == (data["timestamp"] * 1000).tolist()
+    for ours_of, theirs in (
+        (lambda c: c["x"], "x"),
+        (lambda c: c["r"]["v"], "r.v"),
+        (lambda c: c["raw"][1], "raw[1]"),
+    ):
+        assert [ours_of(c) for _, c in ours] == data[theirs].tolist()
+    assert ours[0][1]["name"] == "ab"
+    assert "could not keep up 1 times, for 7 ms" in " ".join(facts.notes)
+
+
+@pytest.mark.parametrize("name", ["flight.BIN", "flight.log"])
+def test_the_messages_of_ardupilot_are_those_of_pymavlink(tmp_path: Path, name: str) -> None:
+    reader = pytest.importorskip("pymavlink.DFReader")
+    log = written(tmp_path / name, MADE[name][0](flight()))
+    of_kind = reader.DFReader_text if name.endswith("log") else reader.DFReader_binary
+    theirs = of_kind(str(log))
+    read = []
+    while (message := theirs.recv_match(type="POSE")) is not None:
+        read.append({k: v for k, v in message.to_dict().items() if k != "mavpackettype"})
+    theirs.data_map.close()
+    theirs.filehandle.close()
+    ours = [c for pair in zip(content(log, "POSE"), content(log, "POSE#1"), strict=True)
+            for _, c in pair]  # fmt: skip
+    assert ours == read
+    assert ours[0]["Tilt"] == -12.34
+
+
+def test_messages_of_a_tlog_say_whose_they_are_and_count_when_they_came(tmp_path: Path) -> None:
+    log = written(tmp_path / "a.tlog", tlog(flight(2)))
+    (now, first), _ = content(log, "LOCAL_POSITION_NED")
+    assert now == (1_700_000_000_000_000 + 5_000_000) * 1000
+    assert first["header"] == {"srcSystem": 1, "srcComponent": 1}
+    given = mapping("flight.tlog") | {"time": {"from": "time_boot_ms", "unit": "ms"}}
+    assert load(CART).judge_log(log, given).to_s == pytest.approx(0.01)
+
+
+# ---------------------------------------------------------------- cut and damaged
+
+
+def of_damage(log: Path, name: str) -> str:
+    with pytest.raises(SoterError) as error:
+        judged(log, name)
+    (problem,) = error.value.diagnostics
+    assert problem.code == "D016"
+    return " ".join((problem.message, *problem.helps))
+
+
+@pytest.mark.parametrize("name", ["flight.ulg", "flight.BIN", "flight.tlog"])
+def test_a_file_that_is_cut_anywhere_is_whole_up_to_there_or_refused(
+    tmp_path: Path, name: str
+) -> None:
+    data = MADE[name][0](flight(8))
+    whole = content(written(tmp_path / name, data), MADE[name][1])
+    refused = 0
+    for end in range(len(data)):
+        log, facts = written(tmp_path / name, data[:end]), FileFacts()
+        found = facts.readable(
+            log, messages_of(log, {MADE[name][1]: Wanted()}, facts), partial=True
+        )
+        try:
+            read = [(now, c) for now, _, channel, c in found if channel == MADE[name][1]]
+        except SoterError as error:
+            refused += error.diagnostics[0].code == "D016"
+            continue
+        assert read == whole[: len(read)], end
+        refused += facts.damage is not None
+    messages = 2 + 2 * 8 + 8
+    assert refused >= len(data) - messages
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_block_of_zeros_is_found_and_only_what_stands_before_it_is_read_where_asked(
+    tmp_path: Path, name: str
+) -> None:
+    data = MADE[name][0](flight())
+    half = len(data) // 2
+    log = written(tmp_path / name, data[:half] + bytes(200) + data[half + 200 :])
+    said = of_damage(log, name)
+    assert "`--partial`" in said
+    assert "at byte" in said or "line" in said
+    (module,) = judged(log, name, partial=True).modules
+    assert 0.3 < module.damage.share < 0.55
+    assert module.steps > 0
+
+
+def test_part_of_a_log_is_no_verdict(tmp_path: Path, capsys: Any) -> None:
+    log = written(tmp_path / "flight.ulg", ulog(flight())[:-20])
+    map_ = tmp_path / "map.toml"
+    map_.write_text(
+        '[topics.motion]\nchannel = "motion"\nfields = { x = "x", v = "r.v" }\n', encoding="utf-8"
+    )
+    command = ["monitor", str(CART), str(log), "--map", str(map_), "--system", "Protected"]
+    assert main(command) == 1
+    assert "has no end" in capsys.readouterr().err
+    assert main([*command, "--partial"]) == 4
+    said = capsys.readouterr().out
+    assert "no verdict: the log is damaged, and 99." in said
+    assert "of its bytes could be read" in said
+    assert main([*command, "--partial", "--format", "junit"]) == 4
+    assert "<error" in capsys.readouterr().out
+    assert main([*command[:3], "--partial"]) == 2
+
+
+def test_of_a_whole_log_partial_changes_nothing(tmp_path: Path) -> None:
+    log = written(tmp_path / "flight.ulg", ulog(flight()))
+    assert judged(log, "flight.ulg", partial=True) == judged(log, "flight.ulg")
+
+
+def test_formats_that_contain_themselves_or_more_than_a_message_end(tmp_path: Path) -> None:
+    head = b"ULog\x01\x12\x35\x01" + bytes(8)
+    for text in (
+        b"a:uint64_t timestamp;a b;",
+        b"a:uint64_t timestamp;double[99999] b;",
+        b"a:uint64_t timestamp;__import__('os') b;",
+        b"a:int8_t timestamp;",
+    ):
+        parts = [struct.pack("<HB", len(text), ord("F")) + text, b"\x04\x00A\0\0\0a"]
+        log = written(tmp_path / "flight.ulg", head + b"".join(parts))
+        assert "none that its formats allow" in of_damage(log, "flight.ulg")
+
+
+def test_a_message_of_mavlink_with_another_checksum_is_refused_where_it_is_asked_for(
+    tmp_path: Path,
+) -> None:
+    data = bytearray(tlog(flight()))
+    data[20] ^= 1
+    log = written(tmp_path / "flight.tlog", bytes(data))
+    assert "the `LOCAL_POSITION_NED` at byte 0 is damaged" in of_damage(log, "flight.tlog")
+    frame = tlog(flight(1))[8:40]
+    strange = struct.pack(">Q", 1_700_000_004_000_000) + frame[:7] + b"\x05\0\0" + frame[10:]
+    facts = FileFacts()
+    log = written(tmp_path / "flight.tlog", strange + tlog(flight()))
+    assert len(content(log, "LOCAL_POSITION_NED", facts)) == 40
+
+
+# ---------------------------------------------------------------- several CSVs
+
+
+def two(tmp_path: Path) -> list[Path]:
+    rows = flight()
+    return [
+        written(tmp_path / "12_pose.csv", table(rows, "t,x")),
+        written(tmp_path / "12_speed.csv", table(rows[::2], "t,v")),
+    ]
+
+
+COMMAND = {"channel": "*_speed.csv", "fields": {"value": "v"}}
+BOTH: dict[str, Any] = {
+    "system": "Protected",
+    "time": {"from": "t"},
+    "topics": {
+        "motion": {"channel": "*_pose.csv", "fields": {"x": "x", "v": {"constant": 0.125}}},
+        "accel": COMMAND,
+    },
+}
+
+
+def test_several_csvs_are_one_log(tmp_path: Path) -> None:
+    judgement = load(CART).judge_log(two(tmp_path), BOTH)
+    assert judgement.samples == {"motion": 40, "accel": 20}
+    assert judgement.log == f"{tmp_path / '12_pose.csv'}, {tmp_path / '12_speed.csv'}"
+    assert judgement.to_s == pytest.approx(0.39)
+
+
+def test_a_mapping_that_names_no_file_of_several_or_two_is_told(tmp_path: Path) -> None:
+    logs = two(tmp_path)
+    for channel in ("*.csv", "speed.csv", None):
+        topics = {**BOTH["topics"], "accel": {"fields": {"value": "v"}}}
+        if channel:
+            topics["accel"]["channel"] = channel
+        with pytest.raises(SoterError, match=r"12_pose\.csv") as error:
+            load(CART).judge_log(logs, {**BOTH, "topics": topics})
+        assert error.value.diagnostics[0].code == "D016"
+
+
+def test_files_of_different_clocks_are_no_log(tmp_path: Path) -> None:
+    later = [(now + 10**9, x, v) for now, x, v in flight()]
+    logs = [two(tmp_path)[0], written(tmp_path / "12_speed.csv", table(later, "t,v"))]
+    with pytest.raises(SoterError, match="when another one has ended"):
+        load(CART).judge_log(logs, BOTH)
+
+
+def test_of_several_files_each_is_a_csv(tmp_path: Path) -> None:
+    logs = [two(tmp_path)[0], written(tmp_path / "12_speed.ulg", ulog(flight()))]
+    with pytest.raises(SoterError, match="each is a CSV"):
+        load(CART).judge_log(logs, BOTH)
