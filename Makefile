@@ -85,7 +85,7 @@ format: $(VENV)/.dev  ## put Python and C into the one format
 playground: $(VENV)/.run  ## build/playground/index.html: Soter in a browser, offline; needs npm
 	$(PY) -m soter.playground -o build/playground --examples examples/wall
 
-docs: $(VENV)/.dev  ## build/site: the docs, strictly, with the playground in front where npm is there
+docs: $(VENV)/.dev  ## build/site: the docs, strictly, with a search and, where npm is there, a playground
 	$(PY) docs/site/build_site.py -o build/site $(if $(shell command -v npm),,--no-playground)
 
 proofs:  ## the theorem of docs/proof.md, checked by Coq (needs coqc), in build/proofs

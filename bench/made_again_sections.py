@@ -312,7 +312,11 @@ PAGES = (
         r"the four collide (\d+) times in a minute",
         "-m soter run examples/fleet/junction.soter --system Unprotected",
     ),
-    Made("for-learning-researchers.md", "| driver | |", "@The mountain car: four drivers, alone and with RTA"),
+    Made(
+        "for-learning-researchers.md",
+        "| driver | |",
+        "@The mountain car: four drivers, alone and with RTA",
+    ),
     Made(
         "for-learning-researchers.md",
         r"twice: (\d+) falls without the module and (\d+) with it, in (\d+) and (\d+) steps",
@@ -333,8 +337,8 @@ PAGES = (
     Made(
         "for-robotics-engineers.md",
         r"Of ([\d,]+) seeded laps the fast controller alone ended (\d+) with a violation, "
-        r"(?:.|\n)*? it ended (\d+)\. (?:.|\n)*?\n([\d.]+) % of the time, and a lap took ([\d.]+) times "
-        r"(?:.|\n)*? needs ([\d.]+) times",
+        r"(?:.|\n)*? it ended (\d+)\. (?:.|\n)*?\n([\d.]+) % of the time, and a lap took "
+        r"([\d.]+) times (?:.|\n)*? needs ([\d.]+) times",
         "@The drone's laps",
         given="1,000",
         spread=True,
@@ -379,7 +383,7 @@ PAGES = (
         "@Mutants of the re-checker's core",
     ),
     Made("gallery.md", "| file | test | verdict", GALLERY),
-    Made("ground-robot.md", "| | `/cmd_vel_nav`", "@A ground robot among walls"),
+    Made("ground-robot.md", "| | runs that", "@A ground robot among walls"),
     Made(
         "mavlink.md",
         r"left OFFBOARD after (\d+) ms at most \(bound (\d+)\)",
@@ -499,7 +503,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("evidence.md", "| item"): DEFINED,
     ("evidence.md", "| program | states that are followed"): DEFINED,
     ("evidence.md", "What one check costs says"): ELSEWHERE,
-    ("exploration.md", "| file in"): DEFINED,
     ("exploration.md", "| δ"): DEFINED,
     ("exploration.md", "paper.soter -o paper.html"): f"{SESSION}exploration_flights.py",
     ("find-the-bug.md", "| option"): DEFINED,
@@ -548,7 +551,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("semantics.md", "```euler"): "a formula",
     ("semantics.md", "```mix(z)"): "a formula",
     ("stability.md", "| what | what stays"): DEFINED,
-    ("surveillance.md", "| file in"): DEFINED,
     ("surveillance.md", "| verdict"): DEFINED,
     ("surveillance.md", "| `MARGIN_H`"): f"{SESSION}drone_roadmap.py",
     ("surveillance.md", "The walls of the city"): f"{SESSION}drone_roadmap.py, its pieces",

@@ -82,7 +82,9 @@ class Site:
         self.output.mkdir(parents=True, exist_ok=True)
         for name in ("site.css", "site.js"):
             shutil.copy(HERE / name, self.output / name)
-        self._write("search.js", f"const PAGES = {json.dumps(self._index(), ensure_ascii=False)};\n")
+        self._write(
+            "search.js", f"const PAGES = {json.dumps(self._index(), ensure_ascii=False)};\n"
+        )
         if playground:
             self._playground(pyodide)
         for page in self.pages.values():

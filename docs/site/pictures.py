@@ -28,7 +28,7 @@ PICTURES = {
     ),
     "mountain_car.png": ("examples/mountain_car/figure.py", 1120, ".plot-container"),
 }
-"""Of each picture the command, width of the window in px, and which elements of the page it shows."""
+"""Of each the command, the width of the window in px, and which elements of the page it shows."""
 AROUND_PX = 24
 BOX = (
     "(() => {{ const boxes = [...document.querySelectorAll('{}')].map("

@@ -50,7 +50,8 @@
   }
 
   function show() {
-    const words = find.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const typed = find.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const words = typed.filter((word) => word.length > 1 || typed.length === 1);
     if (!words.length || !parts) return found.replaceChildren();
     const weighed = words.map((word) => {
       const having = parts.filter((p) => p.head.includes(word) || p.body.includes(word)).length;

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 README, FRONT = "README.md", "site/front.md"
 TARGETS = {README: "start.html", FRONT: "index.html"}
-"""Pages that are called otherwise on the site; the front page opens where somebody opens the folder."""
+"""Pages that are called otherwise on the site; the front page is what a folder opens with."""
 NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
     (
         "Start",

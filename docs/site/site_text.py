@@ -36,6 +36,8 @@ SAID = (
     "safe", "safer", "ttf", "verify", "module", "until", "always", "never", "reads", "drives",
     "disturbance", "measured", "within", "max_age", "unit", "default", "deploys", "grid", "late",
 )  # fmt: skip
+SAYING = ("inline", "fence", "code_block")
+"""What of a page is text, of which the search knows."""
 STACKED_FROM = 4
 """Columns of a table that a phone shows one below the other."""
 LONG = 24
@@ -108,8 +110,10 @@ def render(text: str, resolve: Resolve) -> Rendered:
             done.headings.append((int(token.tag[1]), anchor, plain))
             done.texts.append("")
             done.title = done.title or plain
-        elif done.texts and tokens[i - 1].type != "heading_open":
-            said = "".join(c.content or " " for c in token.children or ()) or token.content
+        elif done.texts and token.type in SAYING and tokens[i - 1].type != "heading_open":
+            inside = token.children or ()
+            said = "".join("\n" if c.type == "softbreak" else c.content for c in inside)
+            said = said or token.content
             done.texts[-1] = f"{done.texts[-1]} {' '.join(said.split())}".strip()
         if token.type == "td_open" and len(tokens[i + 1].content) > LONG:
             token.attrSet("class", "long")

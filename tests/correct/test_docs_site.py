@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 from contextlib import suppress
+from html import unescape
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import pytest
 
 import browser
+import legibility
 import processes
 from json_documents import MADE
 from soter.cli.main import COMMANDS, parser_of
@@ -37,7 +39,7 @@ def copied(tmp_path: Path, site: Any) -> Any:
     for _, _, pages in site.NAV:
         for name, _ in pages:
             path = tmp_path / (name if name == "README.md" else f"docs/{name}")
-            path.parent.mkdir(exist_ok=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("# A page\n")
     return site.Site(tmp_path, tmp_path / "out")
 
@@ -173,25 +175,91 @@ def test_command_lines_are_found() -> None:
     assert total >= 50
 
 
-def test_the_search_of_a_page_finds_headings(tmp_path: Path, site: Any) -> None:
-    if browser.chromium() is None:
-        pytest.skip("no chromium on this machine")
-    made = site.Site(ROOT, tmp_path)
-    made.build()
-    assert made.problems == []
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site without a playground, once for those that read it."""
+    pytest.importorskip("markdown_it", reason="the extra `docs` is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.syspath_prepend(str(ROOT / "docs" / "site"))
+        whole = import_module("build_site").Site(ROOT, folder)
+        whole.build()
+    assert whole.problems == []
+    return folder
+
+
+needs_browser = pytest.mark.skipif(browser.chromium() is None, reason="no chromium here")
+
+
+def looked_for(page: browser.Page, words: str) -> list[str]:
+    """Where the search leads, the best first."""
+    page.value(f"document.getElementById('find').value = {words!r}")
+    page.value("document.getElementById('find').dispatchEvent(new Event('input'))")
+    page.wait("typeof PAGES !== 'undefined'")
+    addresses: list[str] = page.value("[...document.querySelectorAll('#found a')].map(a => a.href)")
+    return [address.rpartition("/")[2] for address in addresses]
+
+
+@needs_browser
+def test_the_search_finds_headings_and_what_stands_below_them(made: Path) -> None:
+    hearsay = "accepted by nobody but a farrier"
+    search = made / "search.js"
+    begin, rest = search.read_text(encoding="utf-8").split("[", 1)
+    search.write_text(f'{begin}[["A", "a.html#b", "C", "It was {hearsay}."], {rest}')
     with browser.page() as page:
-        page.open((tmp_path / "start.html").as_uri())
-        page.wait("document.readyState === 'complete' && typeof PAGES !== 'undefined'")
-        page.value("document.getElementById('find').value = 'rta modules'")
-        page.value("document.getElementById('find').dispatchEvent(new Event('input'))")
-        assert "language.html#7-rta-modules" in page.value(
-            "document.querySelector('#found a').href"
-        )
+        page.open((made / "index.html").as_uri())
+        page.wait("document.readyState === 'complete'")
+        assert page.value("typeof PAGES") == "undefined"
+        assert looked_for(page, "rta modules")[0] == "language.html#7-rta-modules"
+        assert looked_for(page, "FARRIER nobody") == ["a.html#b"]
+        assert hearsay in page.value("document.getElementById('found').textContent")
+        assert looked_for(page, "V002")[0] == "codes.html#V002"
+        assert looked_for(page, "(* qqqq") == []
         assert {r.split(":")[0] for r in page.requests} == {"file"}
         assert page.errors == []
+
+
+def test_the_front_page_has_three_doors_the_contents_and_what_soter_is_not(
+    made: Path, site: Any
+) -> None:
+    front = (made / "index.html").read_text(encoding="utf-8")
+    main = front.split("<main>")[1].split("</main>")[0]
+    for door in ("robotics-engineers", "learning-researchers", "safety-engineers"):
+        assert f'href="for-{door}.html"' in main
+    assert 'id="find"' in front
+    assert all(f">{menu}</a>" in unescape(front) for _, _, pages in site.NAV for _, menu in pages)
+    assert site.NOT_MADE in main
+    assert site.PLACE not in main
+    for word in ("planner", "certified", "real-time"):
+        assert word in main.split('id="what-soter-is-not"')[1]
+
+
+@needs_browser
+def test_no_page_of_the_site_is_wider_than_a_phone(made: Path) -> None:
+    wider = []
+    with browser.page() as page:
         page.size(420, 900)
-        page.open((tmp_path / "benchmarks.html").as_uri())
-        page.wait("document.readyState === 'complete' && !!document.querySelector('.stacks')")
-        wider = "e => e.scrollWidth > e.clientWidth"
-        for element in ("'html'", "'.stacks'"):
-            assert not page.value(f"[...document.querySelectorAll({element})].some({wider})")
+        for path in sorted(made.glob("*.html")):
+            page.open(path.as_uri())
+            page.wait("document.readyState === 'complete'")
+            if page.value("document.documentElement.scrollWidth > innerWidth"):
+                wider.append(path.name)
+            if path.name == "benchmarks.html":
+                stacked = "[...document.querySelectorAll('.stacks')]"
+                assert page.value(f"{stacked}.length > 0")
+                assert not page.value(f"{stacked}.some((e) => e.scrollWidth > e.clientWidth)")
+    assert wider == []
+
+
+@needs_browser
+@pytest.mark.parametrize("width", [420, 1300])
+def test_nothing_hinders_reading_what_people_open_first(made: Path, width: int) -> None:
+    told = {}
+    with browser.page() as page:
+        for path in [made / "index.html", *sorted(made.glob("for-*.html"))]:
+            page.size(width, 900)
+            page.open(path.as_uri())
+            page.wait("document.readyState === 'complete'")
+            told[path.name] = legibility.hindrances(page)
+    assert told == {name: [] for name in told}
+    assert len(told) == 4

@@ -255,6 +255,62 @@ def test_advice_draws_where_the_program_verifies_apart_from_what_is_computed() -
     assert "What the decision period costs: cart.soter" in drawn
 
 
+def test_a_long_name_of_a_signal_is_shown_without_its_first_parts_on_a_phone(
+    cart_page: ReportPage, page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    (chart, *_) = cart_page.charts
+    far, wide = ("vehicle.front_left." * 4 + name for name in ("way", "room"))
+    series = (
+        replace(chart.series[0], name=far, panel=far),
+        replace(chart.series[1], name=wide, panel=wide, values=1e5 * chart.series[1].values),
+    )
+    path = write_html(
+        replace(cart_page, charts=(replace(chart, series=series),)), tmp_path / "a.html"
+    )
+    assert stumbled(path, page) == {}
+    names = "[...document.querySelectorAll('.annotation text')].map((e) => e.textContent).join(' ')"
+    assert re.search(r"…(vehicle\.|front_left\.)*way / ", page.value(names))
+    page.size(1300, 900)
+    page.open(path.as_uri())
+    page.wait(DRAWN)
+    assert far in page.value(names)
+
+
+def decided(page: ReportPage, count: int) -> ReportPage:
+    (chart, *_) = page.charts
+    return replace(page, charts=(replace(chart, decisions=(chart.decisions[0],) * count),))
+
+
+def test_few_decisions_are_seen_whole_and_many_scroll(
+    cart_page: ReportPage, page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    table = "document.querySelector('.events').parentElement"
+    for count, scrolls in ((12, False), (60, True)):
+        path = write_html(decided(cart_page, count), tmp_path / f"{count}.html")
+        for width in (420, 1300):
+            page.size(width, 900)
+            page.open(path.as_uri())
+            page.wait(DRAWN)
+            assert page.value(f"{table}.scrollHeight > {table}.clientHeight + 1") is scrolls
+
+
+def test_a_drawing_that_nearly_fits_a_phone_is_made_to_fit(
+    page: browser.Page, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    drawing = "document.querySelector('.program .scroll svg')"
+    page.size(420, 900)
+    page.open(run_page(tmp_path).as_uri())
+    page.wait(DRAWN)
+    wide = page.value(f"{drawing}.viewBox.baseVal.width")
+    assert page.value(f"{drawing}.clientWidth") < wide < 450
+    assert page.value(f"{drawing}.parentElement.scrollWidth <= {drawing}.parentElement.clientWidth")
+    page.size(1300, 900)
+    assert page.value(f"{drawing}.clientWidth") == wide
+
+
 def test_a_table_with_long_cells_says_its_heads_on_a_phone(
     page: browser.Page, tmp_path: Path
 ) -> None:

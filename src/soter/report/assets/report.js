@@ -85,8 +85,6 @@
     const layout = themed(figure.layout, style);
     if (narrow.matches) {
       layout.margin = { ...layout.margin, r: 12 };
-      const width = place.clientWidth - layout.margin.l - layout.margin.r - 4;
-      layout.annotations = (layout.annotations ?? []).map((note) => fitted(note, width));
     }
     if (layout.yaxis && layout.yaxis.scaleanchor) {
       place.style.height = mapHeight(place.clientWidth, layout) + "px";
@@ -98,7 +96,14 @@
     if (!layout.height) {
       layout.height = place.clientHeight;
     }
-    Plotly.react(place, data, layout, config(figure.key));
+    const drawn = Plotly.react(place, data, layout, config(figure.key));
+    if (narrow.matches && layout.annotations) {
+      // The numbers of the axes have taken their room by then.
+      drawn.then(() => {
+        const width = place._fullLayout._size.w - 4;
+        Plotly.relayout(place, { annotations: layout.annotations.map((note) => fitted(note, width)) });
+      });
+    }
   }
 
   function drawAll() {

@@ -9,7 +9,6 @@ Non-goals: drawing (`timeline`, a `SceneView`, `soter.diagram`), what is shown o
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,11 +62,9 @@ def program_section(
         return ""
     live = picture.live if picture.live and picture.live.end_s > 0 else None
     data = live_json(live, drawn) if live else {}
-    wide = re.search(r'<svg[^>]* width="(\d+)', picture.svg)
     return filled(
         "report/run/program.html.j2",
         picture=picture,
-        wide=int(wide[1]) if wide else 0,
         live=live,
         data=data,
         kept=_kept(data, live.end_s, drawn) if live else "",
