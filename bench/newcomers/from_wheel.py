@@ -4,10 +4,11 @@
 
 Purpose: the wheel of the last commit in an empty environment and an empty folder, with nothing of
 Soter compiled before: `pip install`, `soter new`, and then, word for word, what that prints, up to
-where the robot is proved, re-checked and flown, and to the end. Beside it what is on the disk: bytes of files, without
-pip and setuptools; with --everything also of the extra `all`. With --tools the same wheel is run
-by `pipx run` and installed by `uv tool install`. Times are of a wall clock, and with them goes the
-load of the machine; packages of others come from an index, or from pip's cache of it.
+where the robot is proved, re-checked and flown, and to the end. Beside it what is on the disk:
+bytes of files, without pip and setuptools; with --everything also of the extra `all`. With --tools
+the same wheel is run by `pipx run` and installed by `uv tool install`. Times are of a wall clock,
+and with them goes the load of the machine; packages of others come from an index, or from pip's
+cache of it.
 Non-goals: what a stranger understands of it.
 """
 
